@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+/// A rectangular array of pixels that owns its memory. Row-major, rows are contiguous (stride
+/// equals width). Pixel (0,0) is the top left one; integer coordinates are pixel centres.
+template <typename T>
+class ImageOf {
+ public:
+  ImageOf() = default;
+  ImageOf(int width, int height, T fill = T{})
+      : width_(width),
+        height_(height),
+        data_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), fill) {}
+
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+  [[nodiscard]] bool empty() const { return data_.empty(); }
+  [[nodiscard]] std::size_t size() const { return data_.size(); }
+
+  [[nodiscard]] T* data() { return data_.data(); }
+  [[nodiscard]] const T* data() const { return data_.data(); }
+  [[nodiscard]] T* row(int y) { return data_.data() + static_cast<std::size_t>(y) * width_; }
+  [[nodiscard]] const T* row(int y) const {
+    return data_.data() + static_cast<std::size_t>(y) * width_;
+  }
+  [[nodiscard]] T& at(int x, int y) { return row(y)[x]; }
+  [[nodiscard]] const T& at(int x, int y) const { return row(y)[x]; }
+
+  [[nodiscard]] bool contains(int x, int y) const {
+    return x >= 0 && y >= 0 && x < width_ && y < height_;
+  }
+
+  friend bool operator==(const ImageOf&, const ImageOf&) = default;
+
+ private:
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<T> data_;
+};
+
+using GrayImage = ImageOf<std::uint8_t>;
+
+}  // namespace kys_slam

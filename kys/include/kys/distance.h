@@ -1,0 +1,37 @@
+#pragma once
+
+#include <kys/descriptor.h>
+
+#include <cstdint>
+#include <limits>
+
+namespace kys {
+
+/// Segment label of a keypoint outside every labelled segment: such a keypoint keeps the native
+/// distance to everything, in every mode.
+inline constexpr std::uint16_t kVoidLabel = 0xFFFF;
+
+/// The prior tuple of one keypoint or map point: (label, instance, scale, motion) of the paper's
+/// Sec. 3.4. 20 bytes; a default-constructed one has no valid label.
+struct Prior {
+  std::uint16_t label = kVoidLabel;  ///< class in the label space of the prior file
+  std::uint16_t dynamic = 0;         ///< 1: the segment is flagged as moving (mode `mask`)
+  std::int32_t instance = -1;        ///< temporally consistent identity, disjoint between cameras
+  float scale = 0;                   ///< a, area x (mean depth)^2, px^2 m^2 (Eq. 3)
+  float motion = 0;                  ///< mu, 0..100 (exported motion prior)
+  float log_motion = 0;              ///< ln(1 + mu), taken once per keypoint
+
+  friend bool operator==(const Prior&, const Prior&) = default;
+};
+
+/// Where a comparison happens: the two differ in the motion gate (Sec. 3.4).
+enum class Context : std::uint8_t { kStereo, kTemporal };
+
+/// How the structural factor of a pair was chosen (Eq. 5). `kBypassed`: a keypoint without a valid
+/// label, or a mode without tiers.
+enum class Tier : std::uint8_t { kSameInstance, kCrossInstance, kCrossClass, kBypassed };
+
+/// Distance of a pair that a gate or filter rejects.
+inline constexpr float kRejected = std::numeric_limits<float>::infinity();
+
+}  // namespace kys

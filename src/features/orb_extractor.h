@@ -1,0 +1,54 @@
+#pragma once
+
+#include <kys_slam/features.h>
+#include <kys_slam/image.h>
+
+#include <memory>
+#include <vector>
+
+namespace kys_slam {
+
+/// Settings of the ORB extractor (ORB-SLAM, Sec. III-C).
+struct OrbOptions {
+  int features = 2000;         ///< keypoints wanted per image
+  double scale_factor = 1.2;   ///< between two pyramid levels
+  int levels = 8;              ///< pyramid levels
+  int fast_threshold = 20;     ///< grey levels
+  int fast_min_threshold = 7;  ///< grey levels, used in cells where the first finds nothing
+
+  /// \throws InputError naming the setting that makes no sense.
+  void check() const;
+  /// scale_factor^octave: size of a level-0 pixel's worth at that octave, px.
+  [[nodiscard]] std::vector<float> scales() const;
+};
+
+/// Grey image pyramid: level l is the input reduced by scale_factor^l (bilinear), not blurred.
+class ImagePyramid {
+ public:
+  std::vector<GrayImage> levels;
+};
+
+/// Extracts oriented FAST corners with steered BRIEF descriptors: image pyramid, FAST with two
+/// thresholds, quadtree distribution, intensity-centroid orientation, 256-bit rotated BRIEF on a
+/// blurred image. Keeps its buffers between calls; one instance per thread. The result depends on
+/// the image and the options alone.
+class OrbExtractor {
+ public:
+  explicit OrbExtractor(const OrbOptions& options);
+  ~OrbExtractor();
+  OrbExtractor(OrbExtractor&&) noexcept;
+  OrbExtractor& operator=(OrbExtractor&&) noexcept;
+
+  /// Fills `features`, ordered by octave and then as the quadtree leaves them. An image without
+  /// texture gives none; it is not an error.
+  void extract(const GrayImage& image, FeatureSet& features);
+
+  /// Pyramid of the last image extracted; valid until the next call.
+  [[nodiscard]] const ImagePyramid& pyramid() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+#include <kys_slam/stereo_camera.h>
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace kys_slam {
+
+/// A landmark of known position seen in one frame.
+struct PoseObservation {
+  Eigen::Vector3d p_w;  ///< m, world frame
+  float u = 0;          ///< px, left image
+  float v = 0;          ///< px
+  float u_right = 0;    ///< px, right image; NaN for a monocular observation
+  float inv_sigma = 1;  ///< 1/px, inverse standard deviation (1 / scale of the octave)
+};
+
+struct PoseOptions {
+  int rounds = 4;              ///< outliers are classified anew after each
+  int iterations = 10;         ///< per round, at most
+  double chi2_mono = 5.991;    ///< 95 %, 2 degrees of freedom
+  double chi2_stereo = 7.815;  ///< 95 %, 3 degrees of freedom
+};
+
+struct PoseResult {
+  Rigid3 T_c_w;
+  std::vector<std::uint8_t> outlier;  ///< per observation, 1 = outlier
+  int inliers = 0;
+  Eigen::Matrix<double, 6, 6> information =
+      Eigen::Matrix<double, 6, 6>::Zero();  ///< J^T W J at the solution, [rotation; translation]
+};
+
+/// Pose of a frame from landmarks of fixed position: Huber-weighted reprojection error, outliers
+/// set aside and reconsidered between rounds (ORB-SLAM2, Sec. III-C "motion-only BA"). A point
+/// behind the camera is an outlier. With fewer than three usable observations the initial pose is
+/// returned and every observation is an outlier.
+PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
+                         std::span<const PoseObservation> observations,
+                         const PoseOptions& options = {});
+
+}  // namespace kys_slam

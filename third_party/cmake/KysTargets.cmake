@@ -1,0 +1,82 @@
+# How every target of this project is made: one warning level, one set of compile options.
+
+set(KYS_WARNING_OPTIONS -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wno-psabi)
+if(KYS_WARNINGS_AS_ERRORS)
+  list(APPEND KYS_WARNING_OPTIONS -Werror)
+endif()
+
+# Floating-point contraction depends on the target machine; without it a result does not.
+set(KYS_COMPILE_OPTIONS -ffp-contract=off)
+if(KYS_NATIVE)
+  list(APPEND KYS_COMPILE_OPTIONS -march=native)
+endif()
+if(KYS_SANITIZE)
+  list(APPEND KYS_COMPILE_OPTIONS -fsanitize=${KYS_SANITIZE} -fno-omit-frame-pointer -g)
+  add_link_options(-fsanitize=${KYS_SANITIZE})
+endif()
+
+# kys_add_library(NAME SOURCES... [DEPENDS targets...] [SYSTEM_DEPENDS imported targets...])
+# A static library called kys_slam_NAME whose headers are included as "NAME/header.h".
+function(kys_add_library name)
+  cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
+  set(target kys_slam_${name})
+  if(ARG_UNPARSED_ARGUMENTS)
+    add_library(${target} STATIC ${ARG_UNPARSED_ARGUMENTS})
+    set(scope PUBLIC)
+    target_compile_options(${target} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
+    set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  else()
+    add_library(${target} INTERFACE)
+    set(scope INTERFACE)
+  endif()
+  target_include_directories(${target} ${scope}
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src>
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
+    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  target_link_libraries(${target} ${scope} ${ARG_DEPENDS})
+endfunction()
+
+# kys_add_program(NAME SOURCES... DEPENDS targets...): an installed command line program.
+function(kys_add_program name)
+  cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
+  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
+  target_compile_options(${name} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
+  target_link_libraries(${name} PRIVATE ${ARG_DEPENDS})
+  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endfunction()
+
+# kys_add_test(NAME SOURCES... DEPENDS targets... [LABELS labels...]): a GoogleTest program, one
+# ctest entry per TEST. Tests find data of the tree under KYS_SOURCE_DIR and real excerpts, when
+# they are there, under KYS_SHARED_DATA_DIR (see tests/README.md).
+function(kys_add_test name)
+  if(NOT KYS_BUILD_TESTS)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "" "DEPENDS;LABELS" ${ARGN})
+  if(NOT ARG_LABELS)
+    set(ARG_LABELS unit)
+  endif()
+  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
+  target_compile_options(${name} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
+  target_compile_definitions(${name} PRIVATE
+    KYS_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
+    KYS_BINARY_DIR="${PROJECT_BINARY_DIR}"
+    KYS_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}"
+    KYS_SHARED_DATA_DIR="${PROJECT_SOURCE_DIR}/../shared/data")
+  target_link_libraries(${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gtest_main)
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
+  gtest_discover_tests(${name} TEST_PREFIX "${name}/" PROPERTIES LABELS "${ARG_LABELS}"
+                       DISCOVERY_TIMEOUT 60)
+endfunction()
+
+# kys_add_benchmark(NAME SOURCES... DEPENDS targets...): a Google Benchmark program, run by hand.
+function(kys_add_benchmark name)
+  if(NOT KYS_BUILD_BENCHMARKS)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
+  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
+  target_compile_options(${name} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
+  target_link_libraries(${name} PRIVATE ${ARG_DEPENDS} benchmark::benchmark)
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/benchmarks)
+endfunction()
