@@ -1,0 +1,63 @@
+#pragma once
+
+#include <kys_slam/frame_source.h>
+#include <kys_slam/report.h>
+#include <kys_slam/settings.h>
+
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+namespace kys_slam {
+
+class Map;
+class PriorProvider;
+
+/// When the back end runs and when the tracker sees what it did.
+enum class Schedule : std::uint8_t {
+  kSequential,  ///< in program order, in the caller's thread
+  kPipelined,   ///< beside the tracker; its changes arrive a fixed number of frames later
+  kRealtime,    ///< beside the tracker; its changes arrive when they are ready
+};
+/// \throws InputError for an unknown name.
+Schedule parse_schedule(std::string_view name);
+const char* to_string(Schedule schedule);
+
+/// The SLAM system: feed rectified stereo frames in order, get poses; ask for trajectory and map at
+/// the end. With the schedules `sequential` and `pipelined` the results depend on the input and the
+/// settings alone. Two systems can run in one process.
+class System {
+ public:
+  /// \param priors where the priors of keypoints come from; null: none
+  /// \throws InputError when a setting makes no sense
+  System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
+         std::unique_ptr<PriorProvider> priors = nullptr);
+  ~System();
+  System(const System&) = delete;
+  System& operator=(const System&) = delete;
+
+  /// Tracks the next frame. Images have to be of the camera's size.
+  /// \throws InputError when they are not, or when time stamps do not increase.
+  FrameReport feed(const StereoFrame& frame);
+
+  /// Waits for the back end; what follows is final. No frame can be fed afterwards.
+  void finish();
+  /// Asks optimisation under way to stop early; `finish` then returns soon. From any thread.
+  void interrupt();
+
+  /// One entry per frame fed.
+  [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
+  /// Keyframes of the map, by time.
+  [[nodiscard]] std::vector<TimedPose> keyframes() const;
+  /// Reports of all frames, those of the back end filled in.
+  [[nodiscard]] const std::vector<FrameReport>& reports() const;
+  /// The map itself (src/map/map.h); valid after `finish`.
+  [[nodiscard]] const Map& map() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace kys_slam

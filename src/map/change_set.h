@@ -1,0 +1,56 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "map/frame_features.h"
+#include "map/ids.h"
+#include "map/keyframe.h"
+#include "map/landmark.h"
+
+namespace kys_slam {
+
+/// What the tracker knows of a landmark.
+struct LandmarkView {
+  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+  float min_distance = 0;
+  float max_distance = 0;
+  kys::Descriptor descriptor;
+  kys::Prior prior;
+  std::vector<KeyFrameId> observers;  ///< by id
+  friend bool operator==(const LandmarkView&, const LandmarkView&) = default;
+};
+
+/// What the tracker knows of a keyframe.
+struct KeyFrameView {
+  Rigid3 T_c_w;
+  std::shared_ptr<const FrameFeatures> features;
+  std::vector<LandmarkId> landmarks;   ///< per feature
+  std::vector<KeyFrameId> neighbours;  ///< best covisible ones, heaviest first
+  KeyFrameId parent;
+  std::vector<KeyFrameId> children;
+};
+
+/// A keyframe that was culled: frames that refer to it go on through its parent.
+struct CulledKeyFrame {
+  KeyFrameId id;
+  KeyFrameId parent;
+  Rigid3 T_c_parent;  ///< fixed at the time of culling
+};
+
+/// Everything that changed in the map since the last change set, as the tracker needs it. Applied
+/// to a replica of the earlier state it gives a replica of the later one.
+struct ChangeSet {
+  std::vector<std::pair<LandmarkId, LandmarkView>> landmarks;    ///< new or changed, by id
+  std::vector<LandmarkId> erased_landmarks;                      ///< by id
+  std::vector<std::pair<LandmarkId, LandmarkId>> replaced;       ///< old (erased) -> its successor
+  std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;    ///< new or changed, by id
+  std::vector<CulledKeyFrame> culled_keyframes;                  ///< in the order of culling
+  KeyFrameId up_to;  ///< last keyframe the back end had taken in
+};
+
+}  // namespace kys_slam

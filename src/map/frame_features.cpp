@@ -1,0 +1,57 @@
+#include "map/frame_features.h"
+
+#include <limits>
+#include <stdexcept>
+
+namespace kys_slam {
+
+ScaleLevels::ScaleLevels(double scale_factor, int levels)
+    : log_factor(static_cast<float>(std::log(scale_factor))) {
+  double s = 1;
+  for (int i = 0; i < levels; ++i, s *= scale_factor) scale.push_back(static_cast<float>(s));
+}
+
+int ScaleLevels::predict_octave(float max_distance, float distance) const {
+  const float ratio = max_distance / distance;
+  if (!(ratio > 1)) return 0;
+  const int octave = static_cast<int>(std::ceil(std::log(ratio) / log_factor));
+  return std::clamp(octave, 0, levels() - 1);
+}
+
+FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
+                             std::vector<float> u_right, std::vector<kys::Prior> priors)
+    : set_(std::move(left)), u_right_(std::move(u_right)), priors_(std::move(priors)) {
+  const std::size_t n = set_.size();
+  if (set_.descriptors.size() != n || u_right_.size() != n ||
+      (!priors_.empty() && priors_.size() != n)) {
+    throw std::logic_error("features of a frame differ in number");
+  }
+  if (n > std::numeric_limits<std::uint16_t>::max()) {
+    throw std::logic_error("more than 65535 features in a frame");
+  }
+  depth_.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const float disparity = set_.keypoints[i].x - u_right_[i];
+    depth_[i] = disparity > 0 ? static_cast<float>(camera.bf() / disparity) : -1.0f;
+  }
+
+  cell_width_inv_ = static_cast<float>(kColumns) / static_cast<float>(camera.width);
+  cell_height_inv_ = static_cast<float>(kRows) / static_cast<float>(camera.height);
+  std::vector<std::uint16_t> cell(n);
+  cell_start_.assign(kRows * kColumns + 1, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Keypoint& k = set_.keypoints[i];
+    const int c = std::clamp(static_cast<int>(k.x * cell_width_inv_), 0, kColumns - 1);
+    const int r = std::clamp(static_cast<int>(k.y * cell_height_inv_), 0, kRows - 1);
+    cell[i] = static_cast<std::uint16_t>(r * kColumns + c);
+    ++cell_start_[cell[i] + 1u];
+  }
+  for (std::size_t c = 1; c < cell_start_.size(); ++c) {
+    cell_start_[c] = static_cast<std::uint16_t>(cell_start_[c] + cell_start_[c - 1]);
+  }
+  cell_feature_.resize(n);
+  std::vector<std::uint16_t> next(cell_start_.begin(), cell_start_.end() - 1);
+  for (std::size_t i = 0; i < n; ++i) cell_feature_[next[cell[i]]++] = static_cast<std::uint16_t>(i);
+}
+
+}  // namespace kys_slam

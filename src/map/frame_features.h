@@ -1,0 +1,106 @@
+#pragma once
+
+#include <kys/distance.h>
+#include <kys_slam/features.h>
+#include <kys_slam/stereo_camera.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace kys_slam {
+
+/// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.
+struct ScaleLevels {
+  std::vector<float> scale;
+  float log_factor = 0;  ///< ln(scale_factor)
+
+  ScaleLevels() = default;
+  ScaleLevels(double scale_factor, int levels);
+  [[nodiscard]] int levels() const { return static_cast<int>(scale.size()); }
+  [[nodiscard]] float inv_sigma(int octave) const {
+    return 1.0f / scale[static_cast<std::size_t>(octave)];
+  }
+  /// Octave at which a landmark of this largest distance appears when seen from `distance`.
+  [[nodiscard]] int predict_octave(float max_distance, float distance) const;
+};
+
+/// Features of the left image of one frame with what stereo and priors add to them. Made once by
+/// the front end, never changed afterwards, shared by frame, keyframe and replica.
+class FrameFeatures {
+ public:
+  FrameFeatures() = default;
+  /// \param u_right px, NaN where there is no stereo match
+  /// \param priors one per keypoint, or empty: no priors for this frame
+  FrameFeatures(const StereoCamera& camera, FeatureSet left, std::vector<float> u_right,
+                std::vector<kys::Prior> priors);
+
+  [[nodiscard]] std::size_t size() const { return set_.size(); }
+  [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return set_.keypoints[i]; }
+  [[nodiscard]] const kys::Descriptor& descriptor(std::size_t i) const {
+    return set_.descriptors[i];
+  }
+  [[nodiscard]] const kys::Prior& prior(std::size_t i) const {
+    return priors_.empty() ? kNoPrior : priors_[i];
+  }
+  [[nodiscard]] std::span<const Keypoint> keypoints() const { return set_.keypoints; }
+  [[nodiscard]] std::span<const kys::Descriptor> descriptors() const { return set_.descriptors; }
+  [[nodiscard]] std::span<const kys::Prior> priors() const { return priors_; }
+  [[nodiscard]] float u_right(std::size_t i) const { return u_right_[i]; }
+  /// m, along the optical axis; negative without stereo match.
+  [[nodiscard]] float depth(std::size_t i) const { return depth_[i]; }
+  [[nodiscard]] bool has_stereo(std::size_t i) const { return depth_[i] > 0; }
+
+  /// Calls f(i) for the features in the square of half side `radius` px around (u, v) whose octave
+  /// lies in [min_octave, max_octave], in an order that depends on the features alone.
+  template <typename F>
+  void for_each_near(float u, float v, float radius, int min_octave, int max_octave, F&& f) const;
+
+ private:
+  static constexpr int kColumns = 64;
+  static constexpr int kRows = 32;
+  static inline const kys::Prior kNoPrior{};
+
+  FeatureSet set_;
+  std::vector<float> u_right_;
+  std::vector<float> depth_;
+  std::vector<kys::Prior> priors_;
+  float cell_width_inv_ = 0;  // 1/px
+  float cell_height_inv_ = 0;
+  std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major
+  std::vector<std::uint16_t> cell_feature_;  // feature indices grouped by cell
+};
+
+template <typename F>
+void FrameFeatures::for_each_near(float u, float v, float radius, int min_octave, int max_octave,
+                                  F&& f) const {
+  if (cell_start_.empty()) return;
+  // Conversions of far-away coordinates are clamped while they are still floats.
+  const auto column = [&](float x) {
+    return static_cast<int>(std::clamp(x * cell_width_inv_, -1.0f, static_cast<float>(kColumns)));
+  };
+  const auto line = [&](float y) {
+    return static_cast<int>(std::clamp(y * cell_height_inv_, -1.0f, static_cast<float>(kRows)));
+  };
+  const int c0 = std::max(0, column(u - radius));
+  const int c1 = std::min(kColumns - 1, column(u + radius));
+  const int r0 = std::max(0, line(v - radius));
+  const int r1 = std::min(kRows - 1, line(v + radius));
+  for (int r = r0; r <= r1; ++r) {
+    // Cells of one row are neighbours in the list, so a row of cells is one run.
+    if (c0 > c1) break;
+    const std::size_t first = cell_start_[static_cast<std::size_t>(r * kColumns + c0)];
+    const std::size_t last = cell_start_[static_cast<std::size_t>(r * kColumns + c1 + 1)];
+    for (std::size_t k = first; k < last; ++k) {
+      const std::size_t i = cell_feature_[k];
+      const Keypoint& keypoint = set_.keypoints[i];
+      if (keypoint.octave < min_octave || keypoint.octave > max_octave) continue;
+      if (std::abs(keypoint.x - u) > radius || std::abs(keypoint.y - v) > radius) continue;
+      f(i);
+    }
+  }
+}
+
+}  // namespace kys_slam

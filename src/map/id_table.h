@@ -1,0 +1,92 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace kys_slam {
+
+/// Objects owned by value, found by their id in constant time, visited in id order. Slots of erased
+/// objects are used again, so memory follows the number of living objects (plus four bytes per id
+/// ever used). References stay valid until their object is erased.
+template <typename IdType, typename T>
+class IdTable {
+ public:
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] bool empty() const { return size_ == 0; }
+  /// One past the largest id that was ever in the table.
+  [[nodiscard]] std::uint32_t id_end() const { return static_cast<std::uint32_t>(slot_.size()); }
+
+  [[nodiscard]] bool contains(IdType id) const {
+    return id.value < slot_.size() && slot_[id.value] >= 0;
+  }
+  [[nodiscard]] const T* find(IdType id) const {
+    return contains(id) ? &objects_[static_cast<std::size_t>(slot_[id.value])] : nullptr;
+  }
+  [[nodiscard]] T* find(IdType id) {
+    return contains(id) ? &objects_[static_cast<std::size_t>(slot_[id.value])] : nullptr;
+  }
+  /// \throws std::out_of_range when there is no such object.
+  [[nodiscard]] const T& at(IdType id) const {
+    const T* object = find(id);
+    if (object == nullptr) throw std::out_of_range("no object with this id in the map");
+    return *object;
+  }
+  [[nodiscard]] T& at(IdType id) { return const_cast<T&>(std::as_const(*this).at(id)); }
+
+  /// Inserts, or replaces the object that has this id.
+  T& put(IdType id, T object) {
+    if (T* old = find(id)) {
+      *old = std::move(object);
+      return *old;
+    }
+    if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, -1);
+    ++size_;
+    if (!free_.empty()) {
+      const std::int32_t slot = free_.back();
+      free_.pop_back();
+      slot_[id.value] = slot;
+      return objects_[static_cast<std::size_t>(slot)] = std::move(object);
+    }
+    slot_[id.value] = static_cast<std::int32_t>(objects_.size());
+    return objects_.emplace_back(std::move(object));
+  }
+
+  /// Returns whether there was such an object.
+  bool erase(IdType id) {
+    if (!contains(id)) return false;
+    const std::int32_t slot = slot_[id.value];
+    objects_[static_cast<std::size_t>(slot)] = T{};
+    free_.push_back(slot);
+    slot_[id.value] = -1;
+    --size_;
+    return true;
+  }
+
+  void clear() { *this = IdTable{}; }
+
+  /// Calls f(id, object) in id order.
+  template <typename F>
+  void for_each(F&& f) const {
+    for (std::uint32_t i = 0; i < slot_.size(); ++i) {
+      if (slot_[i] >= 0) f(IdType{i}, objects_[static_cast<std::size_t>(slot_[i])]);
+    }
+  }
+  /// Ids of the living objects, increasing.
+  [[nodiscard]] std::vector<IdType> ids() const {
+    std::vector<IdType> all;
+    all.reserve(size_);
+    for_each([&](IdType id, const T&) { all.push_back(id); });
+    return all;
+  }
+
+ private:
+  std::vector<std::int32_t> slot_;  // by id, -1: none
+  std::deque<T> objects_;
+  std::vector<std::int32_t> free_;
+  std::size_t size_ = 0;
+};
+
+}  // namespace kys_slam

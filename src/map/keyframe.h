@@ -1,0 +1,35 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "map/frame_features.h"
+#include "map/ids.h"
+
+namespace kys_slam {
+
+/// Another keyframe and the number of landmarks seen by both.
+struct Covisible {
+  KeyFrameId keyframe;
+  int weight = 0;
+  friend bool operator==(const Covisible&, const Covisible&) = default;
+};
+
+/// A frame kept in the map.
+struct KeyFrame {
+  KeyFrameId id;
+  std::int64_t frame_index = 0;
+  double timestamp = 0;  ///< s
+  Rigid3 T_c_w;
+  std::shared_ptr<const FrameFeatures> features;
+  std::vector<LandmarkId> landmarks;      ///< per feature; invalid: none
+  std::vector<Covisible> covisible;       ///< all with weight >= 1, by id
+  KeyFrameId parent;                      ///< in the spanning tree; invalid at its root
+  std::vector<KeyFrameId> children;       ///< by id
+  std::vector<KeyFrameId> loop_edges;     ///< by id
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "map/frame_features.h"
+#include "map/ids.h"
+
+namespace kys_slam {
+
+/// A landmark made by the tracker from one stereo feature of a new keyframe.
+struct NewLandmark {
+  LandmarkId id;
+  std::uint32_t feature = 0;
+  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();  ///< m
+};
+
+/// In how many frames a landmark was predicted and matched since the last message.
+struct VisibilityCount {
+  LandmarkId id;
+  std::uint32_t visible = 0;
+  std::uint32_t found = 0;
+};
+
+/// What the tracker tells the back end: a keyframe, what it saw, what it made.
+struct KeyFrameMessage {
+  KeyFrameId id;
+  std::int64_t frame_index = 0;
+  double timestamp = 0;  ///< s
+  Rigid3 T_c_w;
+  std::shared_ptr<const FrameFeatures> features;
+  std::vector<LandmarkId> tracked;        ///< per feature; landmarks seen again
+  std::vector<NewLandmark> new_landmarks; ///< by feature
+  std::vector<VisibilityCount> counts;    ///< by landmark
+  KeyFrameId reference;                   ///< the keyframe tracked against; parent if none covisible
+  Rigid3 T_c_reference;                   ///< measured motion from it: poses may have moved meanwhile
+};
+
+}  // namespace kys_slam

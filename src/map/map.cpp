@@ -1,0 +1,349 @@
+#include "map/map.h"
+
+#include <kys/hamming.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace kys_slam {
+
+namespace {
+
+template <typename IdType>
+void insert_sorted(std::vector<IdType>& ids, IdType id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at == ids.end() || *at != id) ids.insert(at, id);
+}
+
+template <typename IdType>
+void erase_sorted(std::vector<IdType>& ids, IdType id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at != ids.end() && *at == id) ids.erase(at);
+}
+
+std::vector<Observation>::iterator lower_observation(std::vector<Observation>& observations,
+                                                     KeyFrameId keyframe) {
+  return std::lower_bound(
+      observations.begin(), observations.end(), keyframe,
+      [](const Observation& o, KeyFrameId wanted) { return o.keyframe < wanted; });
+}
+
+Eigen::Vector3d camera_centre(const KeyFrame& keyframe) {
+  return keyframe.T_c_w.rotation.conjugate() * -keyframe.T_c_w.translation;
+}
+
+/// Index of the observation whose descriptor has the least median distance to all of them.
+std::size_t representative(const std::vector<const kys::Descriptor*>& descriptors) {
+  const std::size_t n = descriptors.size();
+  if (n <= 2) return 0;
+  std::size_t best = 0;
+  int best_median = std::numeric_limits<int>::max();
+  std::vector<int> distances(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t j = 0; j < n; ++j) {
+      distances[j] = kys::hamming(*descriptors[i], *descriptors[j]);
+    }
+    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>((n - 1) / 2);
+    std::nth_element(distances.begin(), middle, distances.end());
+    if (*middle < best_median) {
+      best_median = *middle;
+      best = i;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+Map::Map(const StereoCamera& camera, const ScaleLevels& scales)
+    : camera_(camera), scales_(scales) {}
+
+std::vector<KeyFrameId> Map::best_covisible(KeyFrameId id, std::size_t count,
+                                            int min_weight) const {
+  std::vector<Covisible> all = keyframe(id).covisible;
+  const auto heavier = [](const Covisible& a, const Covisible& b) {
+    return a.weight != b.weight ? a.weight > b.weight : a.keyframe < b.keyframe;
+  };
+  std::sort(all.begin(), all.end(), heavier);
+  std::vector<KeyFrameId> best;
+  for (const Covisible& c : all) {
+    if (best.size() >= count || (c.weight < min_weight && !best.empty())) break;
+    best.push_back(c.keyframe);
+  }
+  return best;
+}
+
+int Map::observation_weight(LandmarkId id) const {
+  int weight = 0;
+  for (const Observation& o : landmark(id).observations) {
+    weight += keyframe(o.keyframe).features->has_stereo(o.feature) ? 2 : 1;
+  }
+  return weight;
+}
+
+LandmarkId Map::resolve(LandmarkId id) const {
+  while (!landmarks_.contains(id)) {
+    const LandmarkId* next = successor_.find(id);
+    if (next == nullptr) return {};
+    id = *next;
+  }
+  return id;
+}
+
+std::optional<Rigid3> Map::pose(KeyFrameId id) const {
+  Rigid3 T_c_k;  // from the keyframe reached so far to the one asked for
+  while (!keyframes_.contains(id)) {
+    const CulledKeyFrame* culled = culled_.find(id);
+    if (culled == nullptr) return std::nullopt;
+    T_c_k = T_c_k * culled->T_c_parent;
+    id = culled->parent;
+  }
+  return T_c_k * keyframe(id).T_c_w;
+}
+
+void Map::add_keyframe(KeyFrame keyframe) {
+  if (!keyframe.features) throw std::logic_error("keyframe without features");
+  const KeyFrameId id = keyframe.id;
+  keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
+  keyframe.covisible.clear();
+  keyframe.children.clear();
+  keyframe.loop_edges.clear();
+  keyframe.parent = {};
+  keyframes_.put(id, std::move(keyframe));
+  touch(id);
+}
+
+void Map::connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise) {
+  KeyFrameId parent = otherwise;
+  int best_weight = 0;
+  for (const Covisible& c : keyframe(id).covisible) {
+    if (c.keyframe < id && c.weight >= best_weight) {
+      parent = c.keyframe;
+      best_weight = c.weight;
+    }
+  }
+  if (!has(parent) || parent == id) return;
+  keyframes_.at(id).parent = parent;
+  insert_sorted(keyframes_.at(parent).children, id);
+  touch(id);
+  touch(parent);
+}
+
+void Map::add_loop_edge(KeyFrameId a, KeyFrameId b) {
+  insert_sorted(keyframes_.at(a).loop_edges, b);
+  insert_sorted(keyframes_.at(b).loop_edges, a);
+}
+
+void Map::set_pose(KeyFrameId id, const Rigid3& T_c_w) {
+  keyframes_.at(id).T_c_w = T_c_w;
+  touch(id);
+}
+
+bool Map::cull_keyframe(KeyFrameId id) {
+  const KeyFrame& doomed = keyframe(id);
+  if (!doomed.parent.valid()) return false;
+  const KeyFrameId grandparent = doomed.parent;
+
+  // Each child joins the heaviest covisible keyframe among the grandparent and the children that
+  // have been placed already; one without such a neighbour joins the grandparent.
+  std::vector<KeyFrameId> placed{grandparent};
+  const std::vector<KeyFrameId> children = doomed.children;
+  erase_sorted(keyframes_.at(grandparent).children, id);
+  for (const KeyFrameId child : children) {
+    KeyFrameId parent = grandparent;
+    int best_weight = 0;
+    for (const Covisible& c : keyframe(child).covisible) {
+      const bool candidate = std::find(placed.begin(), placed.end(), c.keyframe) != placed.end();
+      if (candidate && c.weight > best_weight) {
+        best_weight = c.weight;
+        parent = c.keyframe;
+      }
+    }
+    keyframes_.at(child).parent = parent;
+    insert_sorted(keyframes_.at(parent).children, child);
+    touch(child);
+    touch(parent);
+    placed.push_back(child);
+  }
+  for (const KeyFrameId other : doomed.loop_edges) {
+    erase_sorted(keyframes_.at(other).loop_edges, id);
+  }
+
+  const std::vector<LandmarkId> seen = doomed.landmarks;
+  for (const LandmarkId landmark : seen) {
+    if (landmark.valid() && has(landmark)) remove_observation(landmark, id);
+  }
+  const CulledKeyFrame record{id, grandparent,
+                              doomed.T_c_w * keyframe(grandparent).T_c_w.inverse()};
+  keyframes_.erase(id);
+  culled_.put(id, record);
+  newly_culled_.push_back(record);
+  dirty_keyframes_.erase(id);
+  touch(grandparent);
+  return true;
+}
+
+void Map::add_landmark(Landmark landmark) {
+  const LandmarkId id = landmark.id;
+  landmark.observations.clear();
+  landmarks_.put(id, std::move(landmark));
+  touch(id);
+}
+
+void Map::set_position(LandmarkId id, const Eigen::Vector3d& p_w) {
+  landmarks_.at(id).p_w = p_w;
+  touch(id);
+}
+
+void Map::add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found) {
+  Landmark& landmark = landmarks_.at(id);
+  landmark.visible += visible;
+  landmark.found += found;
+}
+
+void Map::change_covisibility(KeyFrameId a, KeyFrameId b, int by) {
+  for (int side = 0; side < 2; ++side, std::swap(a, b)) {
+    std::vector<Covisible>& list = keyframes_.at(a).covisible;
+    const auto at =
+        std::lower_bound(list.begin(), list.end(), b,
+                         [](const Covisible& c, KeyFrameId id) { return c.keyframe < id; });
+    if (at == list.end() || at->keyframe != b) {
+      list.insert(at, Covisible{b, by});
+    } else if ((at->weight += by) == 0) {
+      list.erase(at);
+    }
+    touch(a);
+  }
+}
+
+bool Map::add_observation(LandmarkId landmark_id, KeyFrameId keyframe_id, std::uint32_t feature) {
+  Landmark& landmark = landmarks_.at(landmark_id);
+  KeyFrame& keyframe = keyframes_.at(keyframe_id);
+  if (keyframe.landmarks.at(feature).valid()) return false;
+  const auto at = lower_observation(landmark.observations, keyframe_id);
+  if (at != landmark.observations.end() && at->keyframe == keyframe_id) return false;
+  for (const Observation& other : landmark.observations) {
+    change_covisibility(keyframe_id, other.keyframe, +1);
+  }
+  landmark.observations.insert(at, Observation{keyframe_id, feature});
+  keyframe.landmarks[feature] = landmark_id;
+  if (!landmark.reference.valid()) landmark.reference = keyframe_id;
+  touch(landmark_id);
+  touch(keyframe_id);
+  return true;
+}
+
+void Map::remove_observation(LandmarkId landmark_id, KeyFrameId keyframe_id) {
+  Landmark& landmark = landmarks_.at(landmark_id);
+  const auto at = lower_observation(landmark.observations, keyframe_id);
+  if (at == landmark.observations.end() || at->keyframe != keyframe_id) return;
+  keyframes_.at(keyframe_id).landmarks[at->feature] = {};
+  landmark.observations.erase(at);
+  for (const Observation& other : landmark.observations) {
+    change_covisibility(keyframe_id, other.keyframe, -1);
+  }
+  touch(landmark_id);
+  touch(keyframe_id);
+  if (landmark.reference == keyframe_id && !landmark.observations.empty()) {
+    landmark.reference = landmark.observations.front().keyframe;
+  }
+  if (observation_weight(landmark_id) <= 2) erase_landmark(landmark_id);
+}
+
+void Map::erase_landmark(LandmarkId id) {
+  const std::vector<Observation> observations = landmark(id).observations;
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    keyframes_.at(observations[i].keyframe).landmarks[observations[i].feature] = {};
+    touch(observations[i].keyframe);
+    for (std::size_t j = 0; j < i; ++j) {
+      change_covisibility(observations[i].keyframe, observations[j].keyframe, -1);
+    }
+  }
+  landmarks_.erase(id);
+  erased_landmarks_.push_back(id);
+}
+
+void Map::replace_landmark(LandmarkId from, LandmarkId into) {
+  if (from == into) return;
+  const Landmark old = landmark(from);
+  erase_landmark(from);
+  successor_.put(from, into);
+  replaced_.emplace_back(from, into);
+  for (const Observation& o : old.observations) add_observation(into, o.keyframe, o.feature);
+  add_visible(into, old.visible, old.found);
+  refresh_landmark(into);
+}
+
+void Map::refresh_landmark(LandmarkId id) {
+  Landmark& landmark = landmarks_.at(id);
+  if (landmark.observations.empty()) return;
+  std::vector<const kys::Descriptor*> descriptors;
+  descriptors.reserve(landmark.observations.size());
+  for (const Observation& o : landmark.observations) {
+    descriptors.push_back(&keyframe(o.keyframe).features->descriptor(o.feature));
+  }
+  const Observation& best = landmark.observations[representative(descriptors)];
+  const Observation& recent = landmark.observations.back();
+  landmark.descriptor = keyframe(best.keyframe).features->descriptor(best.feature);
+  landmark.prior = kys::landmark_prior(keyframe(best.keyframe).features->prior(best.feature),
+                                       keyframe(recent.keyframe).features->prior(recent.feature));
+  refresh_geometry(id);
+}
+
+void Map::refresh_geometry(LandmarkId id) {
+  Landmark& landmark = landmarks_.at(id);
+  if (landmark.observations.empty()) return;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  const Observation* reference = &landmark.observations.front();
+  for (const Observation& o : landmark.observations) {
+    sum += (landmark.p_w - camera_centre(keyframe(o.keyframe))).normalized();
+    if (o.keyframe == landmark.reference) reference = &o;
+  }
+  landmark.normal = sum.normalized().cast<float>();
+  const KeyFrame& keyframe = keyframes_.at(reference->keyframe);
+  const int octave = keyframe.features->keypoint(reference->feature).octave;
+  const double distance = (landmark.p_w - camera_centre(keyframe)).norm();
+  landmark.max_distance =
+      static_cast<float>(distance) * scales_.scale[static_cast<std::size_t>(octave)];
+  landmark.min_distance = landmark.max_distance / scales_.scale.back();
+  touch(id);
+}
+
+LandmarkView Map::view(LandmarkId id) const {
+  const Landmark& l = landmark(id);
+  LandmarkView view{l.p_w, l.normal, l.min_distance, l.max_distance, l.descriptor, l.prior, {}};
+  view.observers.reserve(l.observations.size());
+  for (const Observation& o : l.observations) view.observers.push_back(o.keyframe);
+  return view;
+}
+
+KeyFrameView Map::view(KeyFrameId id) const {
+  const KeyFrame& k = keyframe(id);
+  return {k.T_c_w, k.features, k.landmarks, best_covisible(id, kViewNeighbours), k.parent,
+          k.children};
+}
+
+ChangeSet Map::take_changes() {
+  ChangeSet changes;
+  std::sort(dirty_landmarks_.begin(), dirty_landmarks_.end());
+  dirty_landmarks_.erase(std::unique(dirty_landmarks_.begin(), dirty_landmarks_.end()),
+                         dirty_landmarks_.end());
+  for (const LandmarkId id : dirty_landmarks_) {
+    if (has(id)) changes.landmarks.emplace_back(id, view(id));
+  }
+  for (const KeyFrameId id : dirty_keyframes_) {
+    if (has(id)) changes.keyframes.emplace_back(id, view(id));
+  }
+  std::sort(erased_landmarks_.begin(), erased_landmarks_.end());
+  changes.erased_landmarks = std::move(erased_landmarks_);
+  changes.replaced = std::move(replaced_);
+  changes.culled_keyframes = std::move(newly_culled_);
+  dirty_landmarks_.clear();
+  dirty_keyframes_.clear();
+  erased_landmarks_.clear();
+  replaced_.clear();
+  newly_culled_.clear();
+  return changes;
+}
+
+}  // namespace kys_slam

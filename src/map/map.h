@@ -1,0 +1,108 @@
+#pragma once
+
+#include <kys_slam/stereo_camera.h>
+
+#include <optional>
+#include <set>
+#include <vector>
+
+#include "map/change_set.h"
+#include "map/id_table.h"
+#include "map/keyframe.h"
+#include "map/landmark.h"
+
+namespace kys_slam {
+
+/// Keyframes, landmarks, who sees whom: covisibility graph, spanning tree, loop edges. A value: it
+/// owns everything in it, and every change goes through its member functions, which keep
+/// observations and the covisibility graph in agreement and note what changed for the next
+/// change set. Not thread-safe: the back end is its only writer and reader.
+class Map {
+ public:
+  Map(const StereoCamera& camera, const ScaleLevels& scales);
+
+  [[nodiscard]] const StereoCamera& camera() const { return camera_; }
+  [[nodiscard]] const ScaleLevels& scales() const { return scales_; }
+  [[nodiscard]] const IdTable<KeyFrameId, KeyFrame>& keyframes() const { return keyframes_; }
+  [[nodiscard]] const IdTable<LandmarkId, Landmark>& landmarks() const { return landmarks_; }
+  [[nodiscard]] const KeyFrame& keyframe(KeyFrameId id) const { return keyframes_.at(id); }
+  [[nodiscard]] const Landmark& landmark(LandmarkId id) const { return landmarks_.at(id); }
+  [[nodiscard]] bool has(KeyFrameId id) const { return keyframes_.contains(id); }
+  [[nodiscard]] bool has(LandmarkId id) const { return landmarks_.contains(id); }
+
+  /// Neighbours sharing at least `min_weight` landmarks, heaviest first (ties: lower id), at most
+  /// `count`. When none is that heavy, the heaviest alone.
+  [[nodiscard]] std::vector<KeyFrameId> best_covisible(KeyFrameId id, std::size_t count,
+                                                       int min_weight = kCovisibilityMin) const;
+  /// Observations of a landmark, a stereo one counting twice.
+  [[nodiscard]] int observation_weight(LandmarkId id) const;
+  /// Successor of a landmark that was replaced, itself when alive, invalid when gone.
+  [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
+  /// Parent of a culled keyframe at the time of its culling; invalid for any other.
+  [[nodiscard]] KeyFrameId culled_parent(KeyFrameId id) const {
+    const CulledKeyFrame* culled = culled_.find(id);
+    return culled != nullptr ? culled->parent : KeyFrameId{};
+  }
+  /// Pose of a keyframe, alive or culled (then through its parents).
+  [[nodiscard]] std::optional<Rigid3> pose(KeyFrameId id) const;
+
+  /// Adds a keyframe without observations, covisibility, parent or children.
+  void add_keyframe(KeyFrame keyframe);
+  /// Makes the heaviest covisible older keyframe the parent (the given one when there is none).
+  void connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise);
+  void add_loop_edge(KeyFrameId a, KeyFrameId b);
+  void set_pose(KeyFrameId id, const Rigid3& T_c_w);
+  /// Removes a keyframe and its observations; its children find a new parent among its own parent
+  /// and each other. The root of the spanning tree stays: returns false.
+  bool cull_keyframe(KeyFrameId id);
+
+  /// Adds a landmark without observations.
+  void add_landmark(Landmark landmark);
+  void set_position(LandmarkId id, const Eigen::Vector3d& p_w);
+  void add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found);
+  /// A keyframe's feature sees a landmark. Both have to be free of such a bond: returns false
+  /// otherwise.
+  bool add_observation(LandmarkId landmark, KeyFrameId keyframe, std::uint32_t feature);
+  /// Takes an observation back; a landmark left with an observation weight of 2 or less is erased.
+  void remove_observation(LandmarkId landmark, KeyFrameId keyframe);
+  void erase_landmark(LandmarkId id);
+  /// Merges `from` into `into`: observations move where `into` has none in that keyframe.
+  void replace_landmark(LandmarkId from, LandmarkId into);
+  /// Brings viewing direction, distance range, representative descriptor and prior of a landmark
+  /// up to date with its observations (ORB-SLAM, Sec. III-C).
+  void refresh_landmark(LandmarkId id);
+  /// The cheaper part, after poses or points moved: direction and distance range alone.
+  void refresh_geometry(LandmarkId id);
+
+  /// What changed since the last call.
+  [[nodiscard]] ChangeSet take_changes();
+  [[nodiscard]] LandmarkView view(LandmarkId id) const;
+  [[nodiscard]] KeyFrameView view(KeyFrameId id) const;
+
+  /// Checks every invariant: bonds in both directions, weights recounted, tree connected, finite
+  /// numbers. \throws std::logic_error with the first violation.
+  void check_consistency() const;
+
+  static constexpr int kCovisibilityMin = 15;      ///< landmarks shared by covisible keyframes
+  static constexpr std::size_t kViewNeighbours = 10;
+
+ private:
+  void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
+  void touch(KeyFrameId id) { dirty_keyframes_.insert(id); }
+  void touch(LandmarkId id) { dirty_landmarks_.push_back(id); }
+
+  StereoCamera camera_;
+  ScaleLevels scales_;
+  IdTable<KeyFrameId, KeyFrame> keyframes_;
+  IdTable<LandmarkId, Landmark> landmarks_;
+  IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks
+  IdTable<KeyFrameId, CulledKeyFrame> culled_;
+
+  std::set<KeyFrameId> dirty_keyframes_;
+  std::vector<LandmarkId> dirty_landmarks_;  // with repetitions
+  std::vector<LandmarkId> erased_landmarks_;
+  std::vector<std::pair<LandmarkId, LandmarkId>> replaced_;
+  std::vector<CulledKeyFrame> newly_culled_;
+};
+
+}  // namespace kys_slam

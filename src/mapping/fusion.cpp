@@ -1,0 +1,127 @@
+#include "mapping/fusion.h"
+
+#include <algorithm>
+
+#include "matching/landmark_search.h"
+
+namespace kys_slam {
+
+namespace {
+
+/// Keyframes to fuse with: the best covisible ones and their own.
+std::vector<KeyFrameId> fusion_targets(const Map& map, KeyFrameId current,
+                                       const FusionOptions& options) {
+  std::vector<KeyFrameId> targets = map.best_covisible(current, options.neighbours);
+  const std::size_t first = targets.size();
+  for (std::size_t k = 0; k < first; ++k) {
+    if (options.second_neighbours == 0) break;
+    for (const KeyFrameId id : map.best_covisible(targets[k], options.second_neighbours)) {
+      if (id != current && std::find(targets.begin(), targets.end(), id) == targets.end()) {
+        targets.push_back(id);
+      }
+    }
+  }
+  return targets;
+}
+
+bool make_query(const Map& map, const KeyFrame& keyframe, const Eigen::Vector3d& centre,
+                const Landmark& landmark, float radius, SearchQuery& query) {
+  const Eigen::Vector3d p_c = keyframe.T_c_w * landmark.p_w;
+  if (p_c.z() <= 0) return false;
+  const Eigen::Vector3d pixel = map.camera().project_stereo(p_c);
+  if (!map.camera().in_image(pixel.x(), pixel.y())) return false;
+  const Eigen::Vector3d ray = landmark.p_w - centre;
+  const auto distance = static_cast<float>(ray.norm());
+  if (distance < 0.8f * landmark.min_distance || distance > 1.2f * landmark.max_distance) {
+    return false;
+  }
+  if (ray.cast<float>().dot(landmark.normal) < 0.5f * distance) return false;
+  const int octave = map.scales().predict_octave(landmark.max_distance, distance);
+  query.u = static_cast<float>(pixel.x());
+  query.v = static_cast<float>(pixel.y());
+  query.u_right = static_cast<float>(pixel.z());
+  query.radius = radius * map.scales().scale[static_cast<std::size_t>(octave)];
+  query.min_octave = octave - 1;
+  query.max_octave = octave;
+  query.descriptor = &landmark.descriptor;
+  query.prior = &landmark.prior;
+  return true;
+}
+
+bool is_seen_by(const Landmark& landmark, KeyFrameId keyframe) {
+  return std::any_of(landmark.observations.begin(), landmark.observations.end(),
+                     [&](const Observation& o) { return o.keyframe == keyframe; });
+}
+
+std::vector<LandmarkId> landmarks_of(const KeyFrame& keyframe) {
+  std::vector<LandmarkId> all;
+  for (const LandmarkId id : keyframe.landmarks) {
+    if (id.valid()) all.push_back(id);
+  }
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+}  // namespace
+
+int fuse_into(Map& map, KeyFrameId keyframe_id, const std::vector<LandmarkId>& landmarks,
+              const FusionOptions& options, const kys::DistanceModel& model,
+              kys::Statistics& statistics) {
+  const KeyFrame& keyframe = map.keyframe(keyframe_id);
+  const Eigen::Vector3d centre =
+      keyframe.T_c_w.rotation.conjugate() * -keyframe.T_c_w.translation;
+  std::vector<SearchQuery> queries;
+  std::vector<LandmarkId> asked;
+  for (const LandmarkId id : landmarks) {
+    if (!map.has(id)) continue;
+    const Landmark& landmark = map.landmark(id);
+    SearchQuery query;
+    if (!make_query(map, keyframe, centre, landmark, options.radius, query)) continue;
+    if (is_seen_by(landmark, keyframe_id)) continue;
+    queries.push_back(query);
+    asked.push_back(id);
+  }
+  SearchOptions search;
+  search.max_distance = options.max_distance;
+  search.check_error = true;
+  const std::vector<SearchMatch> matches =
+      search_features(*keyframe.features, map.scales(), queries, search, model, statistics);
+  int fused = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0 || !map.has(asked[q])) continue;
+    const auto feature = static_cast<std::uint32_t>(matches[q].feature);
+    const LandmarkId there = map.keyframe(keyframe_id).landmarks[feature];
+    if (!there.valid()) {
+      if (map.add_observation(asked[q], keyframe_id, feature)) {
+        map.refresh_landmark(asked[q]);
+        ++fused;
+      }
+      continue;
+    }
+    if (there == asked[q]) continue;
+    const bool keep_asked = map.observation_weight(asked[q]) > map.observation_weight(there);
+    map.replace_landmark(keep_asked ? there : asked[q], keep_asked ? asked[q] : there);
+    ++fused;
+  }
+  return fused;
+}
+
+int fuse_landmarks(Map& map, KeyFrameId current, const FusionOptions& options,
+                   const kys::DistanceModel& model, kys::Statistics& statistics) {
+  const std::vector<KeyFrameId> targets = fusion_targets(map, current, options);
+  int fused = 0;
+  const std::vector<LandmarkId> own = landmarks_of(map.keyframe(current));
+  for (const KeyFrameId target : targets) {
+    fused += fuse_into(map, target, own, options, model, statistics);
+  }
+  std::vector<LandmarkId> theirs;
+  for (const KeyFrameId target : targets) {
+    const std::vector<LandmarkId> seen = landmarks_of(map.keyframe(target));
+    theirs.insert(theirs.end(), seen.begin(), seen.end());
+  }
+  std::sort(theirs.begin(), theirs.end());
+  theirs.erase(std::unique(theirs.begin(), theirs.end()), theirs.end());
+  return fused + fuse_into(map, current, theirs, options, model, statistics);
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <kys/distance_model.h>
+
+#include "map/map.h"
+
+namespace kys_slam {
+
+struct FusionOptions {
+  std::size_t neighbours = 10;         ///< covisible keyframes
+  std::size_t second_neighbours = 5;   ///< of each of those
+  float radius = 3;                    ///< px at octave 0
+  float max_distance = 50;             ///< bits
+};
+
+/// Finds landmarks of `current` in its neighbours and theirs in it; two landmarks at one feature
+/// become one, the better observed (ORB-SLAM, Sec. VI-C). Returns merges and new observations.
+int fuse_landmarks(Map& map, KeyFrameId current, const FusionOptions& options,
+                   const kys::DistanceModel& model, kys::Statistics& statistics);
+
+/// Projects landmarks into one keyframe and merges or adds what matches. Returns how many.
+int fuse_into(Map& map, KeyFrameId keyframe, const std::vector<LandmarkId>& landmarks,
+              const FusionOptions& options, const kys::DistanceModel& model,
+              kys::Statistics& statistics);
+
+}  // namespace kys_slam

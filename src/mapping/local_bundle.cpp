@@ -1,0 +1,125 @@
+#include "mapping/local_bundle.h"
+
+#include <algorithm>
+#include <limits>
+#include <map>
+
+namespace kys_slam {
+
+namespace {
+
+struct Window {
+  std::vector<KeyFrameId> free;      // by id
+  std::vector<KeyFrameId> fixed;     // by id
+  std::vector<LandmarkId> landmarks; // by id
+};
+
+Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOptions& options) {
+  Window window;
+  window.free = map.best_covisible(current, options.max_keyframes - 1);
+  window.free.push_back(current);
+  std::sort(window.free.begin(), window.free.end());
+  for (const KeyFrameId id : window.free) {
+    for (const LandmarkId landmark : map.keyframe(id).landmarks) {
+      if (landmark.valid()) window.landmarks.push_back(landmark);
+    }
+  }
+  std::sort(window.landmarks.begin(), window.landmarks.end());
+  window.landmarks.erase(std::unique(window.landmarks.begin(), window.landmarks.end()),
+                         window.landmarks.end());
+
+  std::map<KeyFrameId, int> shared;
+  for (const LandmarkId landmark : window.landmarks) {
+    for (const Observation& o : map.landmark(landmark).observations) {
+      if (!std::binary_search(window.free.begin(), window.free.end(), o.keyframe)) {
+        ++shared[o.keyframe];
+      }
+    }
+  }
+  std::vector<std::pair<int, KeyFrameId>> order;
+  for (const auto& [id, count] : shared) order.emplace_back(-count, id);
+  std::sort(order.begin(), order.end());
+  order.resize(std::min(order.size(), options.max_fixed));
+  for (const auto& entry : order) window.fixed.push_back(entry.second);
+  std::sort(window.fixed.begin(), window.fixed.end());
+  return window;
+}
+
+struct Bond {
+  LandmarkId landmark;
+  KeyFrameId keyframe;
+};
+
+}  // namespace
+
+LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundleOptions& options,
+                                 const std::atomic<bool>* stop) {
+  const Window window = choose_window(map, current, options);
+  std::vector<KeyFrameId> poses = window.free;
+  poses.insert(poses.end(), window.fixed.begin(), window.fixed.end());
+  std::sort(poses.begin(), poses.end());
+
+  BundleProblem problem;
+  problem.camera = map.camera();
+  std::size_t free_poses = 0;
+  for (const KeyFrameId id : poses) {
+    const KeyFrame& keyframe = map.keyframe(id);
+    const bool in_window = std::binary_search(window.free.begin(), window.free.end(), id);
+    const bool fixed = !in_window || !keyframe.parent.valid();  // a root holds its map in place
+    problem.T_c_w.push_back(keyframe.T_c_w);
+    problem.pose_fixed.push_back(fixed ? 1 : 0);
+    free_poses += fixed ? 0 : 1;
+  }
+  if (free_poses == poses.size()) problem.pose_fixed.front() = 1;
+
+  const auto pose_index = [&](KeyFrameId id) {
+    const auto at = std::lower_bound(poses.begin(), poses.end(), id);
+    return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
+  };
+  std::vector<Bond> bonds;
+  for (const LandmarkId id : window.landmarks) {
+    const Landmark& landmark = map.landmark(id);
+    const auto point = static_cast<std::int32_t>(problem.points.size());
+    problem.points.push_back(landmark.p_w);
+    for (const Observation& o : landmark.observations) {
+      const std::int32_t pose = pose_index(o.keyframe);
+      if (pose < 0) continue;
+      const FrameFeatures& features = *map.keyframe(o.keyframe).features;
+      const Keypoint& k = features.keypoint(o.feature);
+      const float u_right = features.has_stereo(o.feature)
+                                ? features.u_right(o.feature)
+                                : std::numeric_limits<float>::quiet_NaN();
+      problem.observations.push_back(
+          {pose, point, k.x, k.y, u_right, map.scales().inv_sigma(k.octave)});
+      bonds.push_back({id, o.keyframe});
+    }
+  }
+
+  BundleOptions bundle = options.bundle;
+  bundle.stop = stop;
+  const BundleSummary summary = adjust_bundle(problem, bundle);
+
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    if (problem.pose_fixed[k] == 0) map.set_pose(poses[k], problem.T_c_w[k]);
+  }
+  for (std::size_t k = 0; k < window.landmarks.size(); ++k) {
+    map.set_position(window.landmarks[k], problem.points[k]);
+  }
+  LocalBundleReport report;
+  for (std::size_t k = 0; k < bonds.size(); ++k) {
+    if (summary.outlier[k] == 0) continue;
+    ++report.outliers;
+    if (map.has(bonds[k].landmark)) map.remove_observation(bonds[k].landmark, bonds[k].keyframe);
+  }
+  for (const LandmarkId id : window.landmarks) {
+    if (map.has(id)) map.refresh_geometry(id);
+  }
+  report.keyframes = static_cast<int>(window.free.size());
+  report.fixed = static_cast<int>(window.fixed.size());
+  report.landmarks = static_cast<int>(window.landmarks.size());
+  report.observations = static_cast<int>(bonds.size());
+  report.iterations = summary.iterations;
+  return report;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+
+#include "map/map.h"
+#include "optimization/bundle_adjustment.h"
+
+namespace kys_slam {
+
+struct LocalBundleOptions {
+  std::size_t max_keyframes = 20;   ///< optimised, the current one included
+  std::size_t max_fixed = 20;       ///< fixed ones that see the same landmarks, most shared first
+  BundleOptions bundle;
+};
+
+struct LocalBundleReport {
+  int keyframes = 0;
+  int fixed = 0;
+  int landmarks = 0;
+  int observations = 0;
+  int outliers = 0;
+  int iterations = 0;
+};
+
+/// Bundle adjustment of a keyframe, its covisible ones and all landmarks they see; other keyframes
+/// that see these landmarks stay fixed (ORB-SLAM, Sec. VI-D). Observations that do not fit are
+/// taken out of the map.
+LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundleOptions& options,
+                                 const std::atomic<bool>* stop = nullptr);
+
+}  // namespace kys_slam

@@ -1,0 +1,80 @@
+#include "mapping/local_mapper.h"
+
+#include "util/stopwatch.h"
+
+namespace kys_slam {
+
+LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)
+    : options_(options), model_(&model) {}
+
+LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
+                                       const std::atomic<bool>* stop) {
+  LocalMapperReport report;
+  Stopwatch watch;
+  const KeyFrameId id = message.id;
+  insert_keyframe(map, message);
+  for (const NewLandmark& landmark : message.new_landmarks) recent_.add(landmark.id);
+  report.landmarks_culled = recent_.cull(map, id, options_.landmark_culling);
+  report.insert = watch.lap_ms();
+
+  const std::vector<LandmarkId> made =
+      triangulate_landmarks(map, id, next_landmark_, options_.triangulation, *model_,
+                            report.statistics);
+  for (const LandmarkId landmark : made) recent_.add(landmark);
+  report.triangulated = static_cast<int>(made.size());
+  report.triangulate = watch.lap_ms();
+
+  report.fused = fuse_landmarks(map, id, options_.fusion, *model_, report.statistics);
+  report.fuse = watch.lap_ms();
+
+  if (map.keyframes().size() > 2) {
+    report.bundle_report = adjust_locally(map, id, options_.bundle, stop);
+  }
+  report.bundle = watch.lap_ms();
+
+  report.keyframes_culled = cull_keyframes(map, id, options_.keyframe_culling);
+  report.cull = watch.lap_ms();
+  return report;
+}
+
+void insert_keyframe(Map& map, const KeyFrameMessage& message) {
+  KeyFrame keyframe;
+  keyframe.id = message.id;
+  keyframe.frame_index = message.frame_index;
+  keyframe.timestamp = message.timestamp;
+  keyframe.features = message.features;
+  keyframe.T_c_w = message.T_c_w;
+  if (const auto T_r_w = map.pose(message.reference)) {
+    keyframe.T_c_w = message.T_c_reference * *T_r_w;
+  }
+  const Rigid3 T_w_c = keyframe.T_c_w.inverse();
+  map.add_keyframe(std::move(keyframe));
+
+  for (const VisibilityCount& count : message.counts) {
+    const LandmarkId id = map.resolve(count.id);
+    if (id.valid()) map.add_visible(id, count.visible, count.found);
+  }
+  for (std::size_t i = 0; i < message.tracked.size(); ++i) {
+    if (!message.tracked[i].valid()) continue;
+    const LandmarkId id = map.resolve(message.tracked[i]);
+    if (!id.valid() || !map.add_observation(id, message.id, static_cast<std::uint32_t>(i))) continue;
+    map.refresh_landmark(id);
+  }
+  for (const NewLandmark& made : message.new_landmarks) {
+    Landmark landmark;
+    landmark.id = made.id;
+    landmark.p_w = T_w_c * (message.T_c_w * made.p_w);
+    landmark.first_keyframe = message.id;
+    map.add_landmark(std::move(landmark));
+    if (!map.add_observation(made.id, message.id, made.feature)) {
+      map.erase_landmark(made.id);  // its feature was taken by a landmark seen again
+      continue;
+    }
+    map.refresh_landmark(made.id);
+  }
+  KeyFrameId otherwise = message.reference;
+  while (otherwise.valid() && !map.has(otherwise)) otherwise = map.culled_parent(otherwise);
+  map.connect_to_spanning_tree(message.id, otherwise);
+}
+
+}  // namespace kys_slam

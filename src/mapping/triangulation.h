@@ -1,0 +1,29 @@
+#pragma once
+
+#include <kys/distance_model.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "map/map.h"
+#include "matching/epipolar_matcher.h"
+
+namespace kys_slam {
+
+struct TriangulationOptions {
+  std::size_t neighbours = 10;      ///< covisible keyframes matched against
+  double min_parallax_cos = 0.9998; ///< rays of two monocular features must differ by more
+  double scale_tolerance = 1.8;     ///< distance ratio against octave ratio, factor either way
+  EpipolarOptions matching;
+};
+
+/// New landmarks from features of `current` and its best covisible keyframes that have none yet
+/// (ORB-SLAM, Sec. VI-C; ORB-SLAM2: the wider of ray and stereo parallax gives the depth).
+/// Ids are odd: 2 * next_landmark++ + 1.
+std::vector<LandmarkId> triangulate_landmarks(Map& map, KeyFrameId current,
+                                              std::uint32_t& next_landmark,
+                                              const TriangulationOptions& options,
+                                              const kys::DistanceModel& model,
+                                              kys::Statistics& statistics);
+
+}  // namespace kys_slam

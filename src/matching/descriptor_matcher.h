@@ -1,0 +1,36 @@
+#pragma once
+
+#include <kys/distance_model.h>
+
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "map/frame_features.h"
+
+namespace kys_slam {
+
+/// One thing to be found anywhere in a frame.
+struct DescriptorQuery {
+  const kys::Descriptor* descriptor = nullptr;
+  const kys::Prior* prior = nullptr;
+  float angle = 0;  ///< rad
+};
+
+struct DescriptorMatchOptions {
+  float max_distance = 50;      ///< bits
+  float ratio = 0.7f;           ///< best / second best
+  bool check_rotation = true;
+};
+
+/// Matches by descriptor alone, without any prediction of where: every query against every feature,
+/// with ratio test and consistent turns of orientation. For a frame whose pose is not known.
+/// \return feature per query, -1: none. A feature is used at most once.
+std::vector<std::int32_t> match_descriptors(std::span<const DescriptorQuery> queries,
+                                            const FrameFeatures& features,
+                                            const DescriptorMatchOptions& options,
+                                            const kys::DistanceModel& model,
+                                            kys::Statistics& statistics);
+
+}  // namespace kys_slam

@@ -1,0 +1,183 @@
+#include "matching/epipolar_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "matching/landmark_search.h"
+
+namespace kys_slam {
+
+namespace {
+
+/// The part of an epipolar line between two depths, in pixels of the other image.
+struct Stretch {
+  Eigen::Vector2f near;
+  Eigen::Vector2f far;
+};
+
+class EpipolarSearch {
+ public:
+  EpipolarSearch(const StereoCamera& camera, const ScaleLevels& scales, const FrameFeatures& b,
+                 std::span<const std::uint8_t> free_b, const Rigid3& T_b_a,
+                 const EpipolarOptions& options)
+      : camera_(camera), scales_(scales), b_(b), free_b_(free_b), T_b_a_(T_b_a), options_(options) {
+    // The epipole: where the other camera sees this one.
+    const Eigen::Vector3d& t = T_b_a.translation;
+    epipole_ahead_ = t.z() > 1e-6;
+    if (epipole_ahead_) epipole_ = camera.project(t).cast<float>();
+  }
+
+  /// Best free feature of b on the epipolar line of a feature of a; -1: none.
+  struct Found {
+    std::int32_t feature = -1;
+    float distance = std::numeric_limits<float>::infinity();
+  };
+  [[nodiscard]] Found find(const FrameFeatures& a, std::size_t i, const kys::DistanceModel& model,
+                           kys::Statistics& statistics) const {
+    Stretch stretch;
+    if (!stretch_of(a, i, stretch)) return {};
+    const Keypoint& keypoint = a.keypoint(i);
+    Found best;
+    best.distance = std::nextafter(options_.max_distance, std::numeric_limits<float>::infinity());
+    kys::Tier tier = kys::Tier::kBypassed;
+    const auto consider = [&](std::size_t j) {
+      if (free_b_[j] == 0 || !near_line(stretch, j, !a.has_stereo(i))) return;
+      const kys::Distance d =
+          model.evaluate(a.descriptor(i), a.prior(i), b_.descriptor(j), b_.prior(j),
+                         kys::Context::kTemporal, best.distance, statistics);
+      if (d.value < best.distance) {
+        best = {static_cast<std::int32_t>(j), d.value};
+        tier = d.tier;
+      }
+    };
+    visit_along(stretch, keypoint.octave, consider);
+    if (best.feature < 0) return {};
+    statistics.accept(tier);
+    return best;
+  }
+
+ private:
+  bool stretch_of(const FrameFeatures& a, std::size_t i, Stretch& stretch) const {
+    const Keypoint& k = a.keypoint(i);
+    double nearest = options_.min_depth;
+    double farthest = options_.max_depth;
+    if (a.has_stereo(i)) {
+      const double disparity = k.x - a.u_right(i);
+      const double reach = 2.0 * options_.depth_sigma_px *
+                           static_cast<double>(scales_.scale[k.octave]);
+      nearest = camera_.bf() / (disparity + reach);
+      farthest = disparity > reach ? camera_.bf() / (disparity - reach) : farthest;
+      farthest = std::max(farthest, nearest);
+    }
+    const auto project = [&](double depth, Eigen::Vector2f& pixel) {
+      const Eigen::Vector3d p_b = T_b_a_ * camera_.back_project(k.x, k.y, depth);
+      if (p_b.z() < 0.1) return false;
+      pixel = camera_.project(p_b).cast<float>();
+      return true;
+    };
+    return project(nearest, stretch.near) && project(farthest, stretch.far);
+  }
+
+  /// Within 3.84 sigma^2 of the line, and not so near the epipole that depth cannot be had.
+  [[nodiscard]] bool near_line(const Stretch& stretch, std::size_t j, bool mono) const {
+    const Keypoint& k = b_.keypoint(j);
+    const float scale = scales_.scale[k.octave];
+    const Eigen::Vector2f pixel(k.x, k.y);
+    if (epipole_ahead_ && mono && !b_.has_stereo(j) &&
+        (pixel - epipole_).squaredNorm() < 100 * scale) {
+      return false;
+    }
+    const Eigen::Vector2f along = stretch.far - stretch.near;
+    const float length = along.norm();
+    const Eigen::Vector2f offset = pixel - stretch.near;
+    const float bound = options_.chi2_line * scale * scale;
+    if (length < 1e-3f) return offset.squaredNorm() < bound;
+    const float position = along.dot(offset) / length;
+    const float slack = std::sqrt(bound);
+    if (position < -slack || position > length + slack) return false;
+    const float across = (along.x() * offset.y() - along.y() * offset.x()) / length;
+    return across * across < bound;
+  }
+
+  /// Visits the features around the stretch, square by square; each one once.
+  template <typename F>
+  void visit_along(const Stretch& stretch, int octave, F&& f) const {
+    const int min_octave = octave - 1;
+    const int max_octave = octave + 1;
+    const float radius = std::sqrt(options_.chi2_line) *
+                         scales_.scale[static_cast<std::size_t>(
+                             std::min(max_octave, scales_.levels() - 1))];
+    const Eigen::Vector2f along = stretch.far - stretch.near;
+    const float length = std::max(std::abs(along.x()), std::abs(along.y()));
+    const float step = 2 * std::max(radius, 8.0f);
+    const int squares = std::clamp(static_cast<int>(std::ceil(length / step)), 1, 200);
+    const Eigen::Vector2f advance = along / static_cast<float>(squares);
+    const float half = 0.5f * std::max(std::abs(advance.x()), std::abs(advance.y())) + radius;
+    // Squares of neighbouring steps overlap; a feature belongs to the step nearest to it.
+    const float advance_sq = advance.squaredNorm();
+    for (int s = 0; s < squares; ++s) {
+      const Eigen::Vector2f centre = stretch.near + (static_cast<float>(s) + 0.5f) * advance;
+      b_.for_each_near(centre.x(), centre.y(), half, min_octave, max_octave, [&](std::size_t j) {
+        if (squares > 1) {
+          const Eigen::Vector2f offset =
+              Eigen::Vector2f(b_.keypoint(j).x, b_.keypoint(j).y) - stretch.near;
+          const int at = std::clamp(static_cast<int>(std::floor(offset.dot(advance) / advance_sq)),
+                                    0, squares - 1);
+          if (at != s) return;
+        }
+        f(j);
+      });
+    }
+  }
+
+  const StereoCamera& camera_;
+  const ScaleLevels& scales_;
+  const FrameFeatures& b_;
+  std::span<const std::uint8_t> free_b_;
+  const Rigid3& T_b_a_;
+  const EpipolarOptions& options_;
+  bool epipole_ahead_ = false;
+  Eigen::Vector2f epipole_ = Eigen::Vector2f::Zero();
+};
+
+}  // namespace
+
+std::vector<FeaturePair> match_epipolar(const StereoCamera& camera, const ScaleLevels& scales,
+                                        const FrameFeatures& a, std::span<const std::uint8_t> free_a,
+                                        const FrameFeatures& b, std::span<const std::uint8_t> free_b,
+                                        const Rigid3& T_b_a, const EpipolarOptions& options,
+                                        const kys::DistanceModel& model,
+                                        kys::Statistics& statistics) {
+  const EpipolarSearch search(camera, scales, b, free_b, T_b_a, options);
+  std::vector<std::int32_t> owner(b.size(), -1);  // feature of a that holds a feature of b
+  std::vector<float> distance(b.size(), 0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (free_a[i] == 0) continue;
+    const auto found = search.find(a, i, model, statistics);
+    if (found.feature < 0) continue;
+    const auto j = static_cast<std::size_t>(found.feature);
+    if (owner[j] >= 0 && distance[j] <= found.distance) continue;
+    owner[j] = static_cast<std::int32_t>(i);
+    distance[j] = found.distance;
+  }
+  std::vector<FeaturePair> pairs;
+  std::vector<float> turns;
+  for (std::size_t j = 0; j < b.size(); ++j) {
+    if (owner[j] < 0) continue;
+    const auto i = static_cast<std::size_t>(owner[j]);
+    pairs.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(j)});
+    turns.push_back(a.keypoint(i).angle - b.keypoint(j).angle);
+  }
+  const std::vector<std::uint8_t> kept = consistent_rotations(turns);
+  std::size_t n = 0;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (kept[k] != 0) pairs[n++] = pairs[k];
+  }
+  pairs.resize(n);
+  std::sort(pairs.begin(), pairs.end(),
+            [](const FeaturePair& x, const FeaturePair& y) { return x.a < y.a; });
+  return pairs;
+}
+
+}  // namespace kys_slam

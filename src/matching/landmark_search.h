@@ -1,0 +1,53 @@
+#pragma once
+
+#include <kys/distance_model.h>
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "map/frame_features.h"
+
+namespace kys_slam {
+
+/// A landmark (or a feature of another frame) looked for around a predicted pixel.
+struct SearchQuery {
+  float u = 0;              ///< px, predicted in the left image
+  float v = 0;              ///< px
+  float u_right = 0;        ///< px, predicted in the right image; NaN: not compared
+  float radius = 0;         ///< px, half side of the search square
+  int min_octave = 0;
+  int max_octave = 0;
+  float angle = 0;          ///< rad, orientation of the feature looked for
+  const kys::Descriptor* descriptor = nullptr;
+  const kys::Prior* prior = nullptr;
+};
+
+struct SearchOptions {
+  float max_distance = 100;        ///< bits, largest modulated distance accepted
+  float ratio = 1.0f;              ///< best / second best of the same octave; 1: not tested
+  bool check_rotation = false;     ///< keep matches of the three most frequent turns of orientation
+  bool check_error = false;        ///< candidates must reproject within the 95 % chi-square bound
+  std::span<const std::uint8_t> taken;  ///< features left out, one flag each; empty: none
+};
+
+struct SearchMatch {
+  std::int32_t feature = -1;  ///< -1: none
+  float distance = 0;
+};
+
+/// For every query the best feature around its predicted pixel. A feature is given to the nearest
+/// of the queries that chose it (ties: the first). Every distance comes from `model`, in the
+/// temporal context.
+std::vector<SearchMatch> search_features(const FrameFeatures& features, const ScaleLevels& scales,
+                                         std::span<const SearchQuery> queries,
+                                         const SearchOptions& options,
+                                         const kys::DistanceModel& model,
+                                         kys::Statistics& statistics);
+
+/// Matches of features whose orientation turned by an unusual angle are cut: of 30 bins the three
+/// fullest are kept (those with at least a tenth of the fullest one). Angles in rad.
+std::vector<std::uint8_t> consistent_rotations(std::span<const float> turns);
+
+}  // namespace kys_slam

@@ -1,0 +1,197 @@
+#include "matching/stereo_matcher.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <optional>
+
+namespace kys_slam {
+
+namespace {
+
+constexpr int kHalfPatch = 5;   // px at the keypoint's octave
+constexpr int kSlide = 5;       // px to either side
+constexpr int kPatch = 2 * kHalfPatch + 1;
+const kys::Prior kNoPrior{};
+
+const kys::Prior& prior_of(const StereoView& view, std::size_t i) {
+  return view.priors.empty() ? kNoPrior : view.priors[i];
+}
+
+/// Right keypoints by the image rows on which their left partners may lie.
+class RowIndex {
+ public:
+  RowIndex(const FeatureSet& right, int height, const ScaleLevels& scales, float tolerance)
+      : start_(static_cast<std::size_t>(height) + 1, 0) {
+    const auto rows = [&](std::size_t i) {
+      const Keypoint& k = right.keypoints[i];
+      const float reach = tolerance * scales.scale[k.octave];
+      return std::array<int, 2>{
+          std::clamp(static_cast<int>(std::floor(k.y - reach)), 0, height - 1),
+          std::clamp(static_cast<int>(std::ceil(k.y + reach)), 0, height - 1)};
+    };
+    for (std::size_t i = 0; i < right.size(); ++i) {
+      const auto [first, last] = rows(i);
+      for (int r = first; r <= last; ++r) ++start_[static_cast<std::size_t>(r) + 1];
+    }
+    for (std::size_t r = 1; r < start_.size(); ++r) start_[r] += start_[r - 1];
+    index_.resize(start_.back());
+    std::vector<std::uint32_t> next(start_.begin(), start_.end() - 1);
+    for (std::size_t i = 0; i < right.size(); ++i) {
+      const auto [first, last] = rows(i);
+      for (int r = first; r <= last; ++r) {
+        index_[next[static_cast<std::size_t>(r)]++] = static_cast<std::uint32_t>(i);
+      }
+    }
+  }
+  [[nodiscard]] std::span<const std::uint32_t> at(float y) const {
+    const auto last_row = static_cast<float>(start_.size() - 2);
+    const auto row = static_cast<std::size_t>(std::clamp(y, 0.0f, last_row));
+    return {index_.data() + start_[row], index_.data() + start_[row + 1]};
+  }
+
+ private:
+  std::vector<std::uint32_t> start_;
+  std::vector<std::uint32_t> index_;
+};
+
+struct Refined {
+  float u_right = 0;    // px, level 0
+  int difference = 0;   // sum of absolute grey differences, means removed
+};
+
+/// Sum of absolute differences of two 11x11 patches after their central pixels were made equal.
+int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int xr, int y) {
+  const int offset = static_cast<int>(left.at(xl, y)) - static_cast<int>(right.at(xr, y));
+  int sum = 0;
+  for (int dy = -kHalfPatch; dy <= kHalfPatch; ++dy) {
+    const std::uint8_t* l = left.row(y + dy) + xl - kHalfPatch;
+    const std::uint8_t* r = right.row(y + dy) + xr - kHalfPatch;
+    for (int dx = 0; dx < kPatch; ++dx) sum += std::abs(l[dx] - r[dx] - offset);
+  }
+  return sum;
+}
+
+/// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
+/// and puts a parabola through the least difference and its neighbours.
+std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
+                              const ImagePyramid& left_pyramid, const ImagePyramid& right_pyramid,
+                              const ScaleLevels& scales) {
+  const std::size_t octave = left.octave;
+  if (octave >= left_pyramid.levels.size() || octave >= right_pyramid.levels.size()) return {};
+  const GrayImage& l = left_pyramid.levels[octave];
+  const GrayImage& r = right_pyramid.levels[octave];
+  const float scale = scales.scale[octave];
+  const int xl = static_cast<int>(std::lround(left.x / scale));
+  const int y = static_cast<int>(std::lround(left.y / scale));
+  const int xr = static_cast<int>(std::lround(right.x / scale));
+  const bool fits = y - kHalfPatch >= 0 && y + kHalfPatch < std::min(l.height(), r.height()) &&
+                    xl - kHalfPatch >= 0 && xl + kHalfPatch < l.width() &&
+                    xr - kSlide - kHalfPatch >= 0 && xr + kSlide + kHalfPatch < r.width();
+  if (!fits) return {};
+  std::array<int, 2 * kSlide + 1> difference{};
+  std::size_t best = 0;
+  for (int s = -kSlide; s <= kSlide; ++s) {
+    const auto k = static_cast<std::size_t>(s + kSlide);
+    difference[k] = patch_difference(l, r, xl, xr + s, y);
+    if (difference[k] < difference[best]) best = k;
+  }
+  if (best == 0 || best + 1 == difference.size()) return {};  // no minimum inside the range
+  const auto before = static_cast<float>(difference[best - 1]);
+  const auto at = static_cast<float>(difference[best]);
+  const auto after = static_cast<float>(difference[best + 1]);
+  const float curvature = before + after - 2 * at;
+  const float shift = curvature > 0 ? 0.5f * (before - after) / curvature : 0.0f;
+  if (!(std::abs(shift) <= 1)) return {};
+  // The left patch was taken around the rounded left pixel: its remainder moves both alike.
+  const float remainder = left.x / scale - static_cast<float>(xl);
+  const float column = static_cast<float>(xr + static_cast<int>(best) - kSlide) + shift + remainder;
+  return Refined{scale * column, difference[best]};
+}
+
+std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
+                               std::span<const std::uint32_t> candidates, float max_disparity,
+                               const StereoOptions& options, const kys::DistanceModel& model,
+                               kys::Statistics& statistics) {
+  const Keypoint& l = left.features->keypoints[i];
+  float best = options.max_distance;
+  std::int32_t chosen = -1;
+  kys::Tier tier = kys::Tier::kBypassed;
+  for (const std::uint32_t j : candidates) {
+    const Keypoint& r = right.features->keypoints[j];
+    if (std::abs(static_cast<int>(l.octave) - static_cast<int>(r.octave)) > 1) continue;
+    if (r.x > l.x || r.x < l.x - max_disparity) continue;
+    const kys::Distance d = model.evaluate(
+        left.features->descriptors[i], prior_of(left, i), right.features->descriptors[j],
+        prior_of(right, j), kys::Context::kStereo, best, statistics);
+    if (d.value < best) {
+      best = d.value;
+      chosen = static_cast<std::int32_t>(j);
+      tier = d.tier;
+    }
+  }
+  if (chosen >= 0) statistics.accept(tier);
+  return chosen;
+}
+
+}  // namespace
+
+void StereoOptions::check() const {
+  if (!(max_distance > 0)) throw InputError("stereo.max_distance must be positive");
+  if (!(row_tolerance > 0)) throw InputError("stereo.row_tolerance must be positive");
+  if (!(median_cut > 0)) throw InputError("stereo.median_cut must be positive");
+  if (!std::isfinite(added_disparity)) throw InputError("stereo.added_disparity must be finite");
+}
+
+std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
+                                const StereoView& left, const StereoView& right,
+                                const StereoOptions& options, const kys::DistanceModel& model,
+                                kys::Statistics& statistics) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  const std::size_t n = left.features->size();
+  std::vector<float> u_right(n, kNone);
+  if (n == 0 || right.features->size() == 0) return u_right;
+  const RowIndex rows(*right.features, camera.height, scales, options.row_tolerance);
+  // Nothing is nearer than the baseline.
+  const auto max_disparity = static_cast<float>(camera.fx);
+  const bool with_images =
+      options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
+
+  std::vector<int> difference(n, -1);
+  std::vector<int> differences;
+  for (std::size_t i = 0; i < n; ++i) {
+    const Keypoint& l = left.features->keypoints[i];
+    const std::int32_t j = nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options,
+                                             model, statistics);
+    if (j < 0) continue;
+    const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
+    float u = r.x;
+    if (with_images) {
+      const std::optional<Refined> refined =
+          refine(l, r, *left.pyramid, *right.pyramid, scales);
+      if (!refined) continue;
+      u = refined->u_right;
+      difference[i] = refined->difference;
+      differences.push_back(refined->difference);
+    }
+    const float disparity = l.x - u + options.added_disparity;
+    if (!(disparity >= 0 && disparity < max_disparity)) continue;
+    // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
+    u_right[i] = l.x - std::max(disparity, 0.01f);
+  }
+  if (!differences.empty()) {
+    const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+    std::nth_element(differences.begin(), middle, differences.end());
+    const float bound = options.median_cut * static_cast<float>(*middle);
+    for (std::size_t i = 0; i < n; ++i) {
+      if (static_cast<float>(difference[i]) > bound) u_right[i] = kNone;
+    }
+  }
+  return u_right;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <kys/distance_model.h>
+#include <kys_slam/features.h>
+#include <kys_slam/stereo_camera.h>
+
+#include <span>
+#include <vector>
+
+#include "features/orb_extractor.h"
+#include "map/frame_features.h"
+
+namespace kys_slam {
+
+struct StereoOptions {
+  float max_distance = 75;        ///< bits, largest modulated distance accepted
+  float row_tolerance = 2;        ///< px at the octave of the right keypoint
+  bool refine = true;             ///< sub-pixel disparity by correlation of image patches
+  float median_cut = 2.1f;        ///< matches of a patch difference over this times the median go
+  float added_disparity = 0;      ///< px, a deliberate fault for testing the regression suite
+
+  /// \throws InputError naming the setting that makes no sense.
+  void check() const;
+};
+
+/// One side of a rectified pair.
+struct StereoView {
+  const FeatureSet* features = nullptr;
+  std::span<const kys::Prior> priors;        ///< one per keypoint, or empty
+  const ImagePyramid* pyramid = nullptr;     ///< null: no refinement (features without images)
+};
+
+/// Column of every left keypoint in the right image (ORB-SLAM2, Sec. III-A): candidates on the same
+/// row band and neighbouring octaves, nearest modulated descriptor, sub-pixel refinement by sliding
+/// an 11x11 patch, and a cut of poor correlations.
+/// \return px, NaN where there is no match.
+std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
+                                const StereoView& left, const StereoView& right,
+                                const StereoOptions& options, const kys::DistanceModel& model,
+                                kys::Statistics& statistics);
+
+}  // namespace kys_slam

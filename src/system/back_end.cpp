@@ -1,0 +1,114 @@
+#include "system/back_end.h"
+
+#include <utility>
+
+namespace kys_slam {
+
+BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
+                 const LocalMapperOptions& options, const kys::DistanceModel& model)
+    : map_(camera, scales), mapper_(options, model) {}
+
+BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<bool>* stop) {
+  BackEndStep step;
+  step.frame_index = message.frame_index;
+  step.report = mapper_.process(map_, message, stop);
+  step.changes = map_.take_changes();
+  step.changes.up_to = message.id;
+#ifndef NDEBUG
+  map_.check_consistency();
+#endif
+  return step;
+}
+
+BackEndRunner::BackEndRunner(BackEnd back_end, Schedule schedule, int delay)
+    : back_end_(std::move(back_end)), schedule_(schedule), delay_(delay) {
+  if (schedule_ != Schedule::kSequential) thread_ = std::thread([this] { run(); });
+}
+
+BackEndRunner::~BackEndRunner() {
+  if (!thread_.joinable()) return;
+  stop_ = true;
+  {
+    const std::lock_guard lock(mutex_);
+    quit_ = true;
+    inbox_.clear();
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+void BackEndRunner::submit(KeyFrameMessage message) {
+  ++waiting_;
+  submitted_.push_back(message.frame_index);
+  if (schedule_ == Schedule::kSequential) {
+    done_.push_back(back_end_.process(message, &stop_));
+    return;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    inbox_.push_back(std::move(message));
+  }
+  changed_.notify_all();
+}
+
+/// The oldest step, waited for.
+BackEndStep BackEndRunner::take(std::unique_lock<std::mutex>& lock) {
+  changed_.wait(lock, [&] { return !done_.empty() || failure_; });
+  if (done_.empty()) std::rethrow_exception(failure_);
+  BackEndStep step = std::move(done_.front());
+  done_.pop_front();
+  submitted_.pop_front();
+  --waiting_;
+  return step;
+}
+
+std::vector<BackEndStep> BackEndRunner::collect(std::int64_t frame_index) {
+  std::vector<BackEndStep> steps;
+  std::unique_lock lock(mutex_);
+  while (!submitted_.empty()) {
+    bool due = false;
+    switch (schedule_) {
+      case Schedule::kSequential: due = true; break;
+      case Schedule::kPipelined: due = submitted_.front() + delay_ < frame_index; break;
+      case Schedule::kRealtime: due = !done_.empty() || failure_; break;
+    }
+    if (!due) break;
+    steps.push_back(take(lock));
+  }
+  return steps;
+}
+
+std::vector<BackEndStep> BackEndRunner::drain() {
+  std::vector<BackEndStep> steps;
+  std::unique_lock lock(mutex_);
+  while (!submitted_.empty()) steps.push_back(take(lock));
+  return steps;
+}
+
+void BackEndRunner::run() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [&] { return quit_ || !inbox_.empty(); });
+    if (quit_) return;
+    const KeyFrameMessage message = std::move(inbox_.front());
+    inbox_.pop_front();
+    lock.unlock();
+    std::exception_ptr failure;
+    BackEndStep step;
+    try {
+      step = back_end_.process(message, &stop_);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    lock.lock();
+    if (failure) {
+      failure_ = failure;
+      changed_.notify_all();
+      return;
+    }
+    done_.push_back(std::move(step));
+    changed_.notify_all();
+  }
+}
+
+}  // namespace kys_slam

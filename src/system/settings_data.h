@@ -1,0 +1,116 @@
+#pragma once
+
+#include <kys/mode_options.h>
+
+#include <string>
+
+#include "features/orb_extractor.h"
+#include "mapping/local_mapper.h"
+#include "matching/stereo_matcher.h"
+#include "tracking/tracker.h"
+
+namespace kys_slam {
+
+struct ControlOptions {
+  int pipeline_delay = 3;  ///< frames after which the tracker sees what the back end did
+  int stall_ms = 0;        ///< ms slept in every frame, to study the back end's budget
+  std::string label_space = "coco_panoptic_133";
+};
+
+/// The settings as the parts of the system take them.
+struct SettingsData {
+  OrbOptions orb;
+  StereoOptions stereo;
+  TrackerOptions tracking;
+  LocalMapperOptions mapping;
+  kys::ModeOptions kys;
+  ControlOptions control;
+};
+
+/// Calls visit(key, reference to the value, unit, meaning) for every setting but those of kys.
+template <typename Data, typename Visitor>
+void visit_settings(Data& s, Visitor&& visit) {
+  visit("orb.features", s.orb.features, "", "keypoints wanted per image");
+  visit("orb.scale_factor", s.orb.scale_factor, "", "size ratio of two pyramid levels");
+  visit("orb.levels", s.orb.levels, "", "pyramid levels");
+  visit("orb.fast_threshold", s.orb.fast_threshold, "grey levels", "FAST threshold");
+  visit("orb.fast_min_threshold", s.orb.fast_min_threshold, "grey levels",
+        "FAST threshold where a cell finds nothing with the first");
+
+  visit("stereo.max_distance", s.stereo.max_distance, "bits", "largest distance of a stereo match");
+  visit("stereo.row_tolerance", s.stereo.row_tolerance, "px", "half width of the row band, octave 0");
+  visit("stereo.refine", s.stereo.refine, "", "sub-pixel disparity by correlation");
+  visit("stereo.median_cut", s.stereo.median_cut, "",
+        "matches whose patches differ by more than this times the median go");
+  visit("stereo.added_disparity", s.stereo.added_disparity, "px",
+        "a deliberate fault, to see that tests notice");
+
+  visit("tracking.min_start_points", s.tracking.min_start_points, "", "stereo points to start a map");
+  visit("tracking.close_baselines", s.tracking.close_baselines, "baselines",
+        "points nearer than this are close: stereo alone places them well");
+  visit("tracking.motion_radius", s.tracking.motion_radius, "px",
+        "search radius around a prediction by constant velocity, octave 0");
+  visit("tracking.min_motion_matches", s.tracking.min_motion_matches, "",
+        "matches below which the radius is doubled, then the prediction dropped");
+  visit("tracking.min_reference_matches", s.tracking.min_reference_matches, "",
+        "matches with the reference keyframe below which a frame is lost");
+  visit("tracking.min_pose_inliers", s.tracking.min_pose_inliers, "",
+        "inliers of a predicted pose below which it is dropped");
+  visit("tracking.min_local_inliers", s.tracking.min_local_inliers, "",
+        "inliers with the local map below which a frame is lost");
+  visit("tracking.local_radius", s.tracking.local_radius, "",
+        "factor on the search radius of local landmarks (2.5 or 4 px, octave 0)");
+  visit("tracking.local_ratio", s.tracking.local_ratio, "", "best over second best distance");
+  visit("tracking.max_distance", s.tracking.max_distance, "bits", "largest distance of a match");
+  visit("tracking.reference_distance", s.tracking.reference_distance, "bits",
+        "largest distance of a match without prediction");
+  visit("tracking.reference_ratio", s.tracking.reference_ratio, "",
+        "best over second best distance without prediction");
+
+  auto& k = s.tracking.keyframes;
+  visit("keyframes.min_frames", k.min_frames, "frames", "between two keyframes at least");
+  visit("keyframes.max_frames", k.max_frames, "frames", "after which one is made anyway");
+  visit("keyframes.reference_ratio", k.reference_ratio, "",
+        "share of the reference keyframe's landmarks below which one is due");
+  visit("keyframes.starved_ratio", k.starved_ratio, "",
+        "share below which one is made though the back end is busy");
+  visit("keyframes.tracked_close", k.tracked_close, "", "close points that should be tracked");
+  visit("keyframes.untracked_close", k.untracked_close, "",
+        "close points waiting to be added that call for a keyframe");
+  visit("keyframes.min_inliers", k.min_inliers, "", "inliers below which none is made");
+  visit("keyframes.max_waiting", k.max_waiting, "", "keyframes the back end may have in hand");
+
+  auto& m = s.mapping;
+  visit("mapping.min_found_ratio", m.landmark_culling.min_found_ratio, "",
+        "share of frames in view that must match a new landmark");
+  visit("mapping.min_observation_weight", m.landmark_culling.min_observation_weight, "",
+        "observations (stereo counts twice) a landmark needs two keyframes after its making");
+  visit("mapping.triangulation_neighbours", m.triangulation.neighbours, "",
+        "keyframes matched against for new landmarks");
+  visit("mapping.min_parallax_cos", m.triangulation.min_parallax_cos, "",
+        "largest cosine between two monocular rays");
+  visit("mapping.scale_tolerance", m.triangulation.scale_tolerance, "",
+        "distance ratio against octave ratio, factor either way");
+  visit("mapping.triangulation_distance", m.triangulation.matching.max_distance, "bits",
+        "largest distance of a match along an epipolar line");
+  visit("mapping.fusion_neighbours", m.fusion.neighbours, "", "keyframes fused with");
+  visit("mapping.fusion_second_neighbours", m.fusion.second_neighbours, "", "and of each of these");
+  visit("mapping.fusion_radius", m.fusion.radius, "px", "search radius, octave 0");
+  visit("mapping.fusion_distance", m.fusion.max_distance, "bits", "largest distance of a match");
+  visit("mapping.bundle_keyframes", m.bundle.max_keyframes, "", "keyframes optimised together");
+  visit("mapping.bundle_fixed", m.bundle.max_fixed, "", "keyframes held fixed around them");
+  visit("mapping.bundle_iterations", m.bundle.bundle.iterations, "", "of the robust round");
+  visit("mapping.bundle_refine_iterations", m.bundle.bundle.refine_iterations, "",
+        "after outliers are set aside");
+  visit("mapping.redundant_share", m.keyframe_culling.redundant_share, "",
+        "share of redundant landmarks above which a keyframe goes");
+  visit("mapping.redundant_observers", m.keyframe_culling.min_observers, "",
+        "other keyframes that make a landmark redundant");
+
+  visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
+        "after which the tracker sees what the back end did (pipelined)");
+  visit("control.stall_ms", s.control.stall_ms, "ms", "slept in every frame, a study of budgets");
+  visit("control.label_space", s.control.label_space, "", "label space of the prior files");
+}
+
+}  // namespace kys_slam

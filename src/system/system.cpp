@@ -1,0 +1,225 @@
+#include <kys/label_space.h>
+#include <kys_slam/error.h>
+#include <kys_slam/system.h>
+
+#include <array>
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "system/back_end.h"
+#include "system/settings_data.h"
+#include "tracking/front_end.h"
+#include "tracking/tracker.h"
+#include "util/process_stats.h"
+#include "util/stopwatch.h"
+
+namespace kys_slam {
+
+namespace {
+
+kys::DistanceModel make_model(const SettingsData& settings) {
+  try {
+    if (!kys::needs_label_space(settings.kys)) return kys::DistanceModel(settings.kys);
+    return {settings.kys, kys::load_label_space(settings.control.label_space)};
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+}
+
+LocalMapperOptions mapper_options(const SettingsData& settings) {
+  LocalMapperOptions options = settings.mapping;
+  options.keyframe_culling.close_baselines = settings.tracking.close_baselines;
+  return options;
+}
+
+}  // namespace
+
+const char* to_string(FrameStatus status) {
+  switch (status) {
+    case FrameStatus::kStarted: return "started";
+    case FrameStatus::kTracked: return "tracked";
+    case FrameStatus::kLost: break;
+  }
+  return "lost";
+}
+
+namespace {
+constexpr std::array<std::pair<const char*, Schedule>, 3> kSchedules{
+    {{"sequential", Schedule::kSequential},
+     {"pipelined", Schedule::kPipelined},
+     {"realtime", Schedule::kRealtime}}};
+}  // namespace
+
+Schedule parse_schedule(std::string_view name) {
+  for (const auto& [known, schedule] : kSchedules) {
+    if (name == known) return schedule;
+  }
+  throw InputError("unknown schedule '" + std::string(name) +
+                   "': sequential, pipelined or realtime");
+}
+
+const char* to_string(Schedule schedule) {
+  for (const auto& [name, known] : kSchedules) {
+    if (schedule == known) return name;
+  }
+  return "";
+}
+
+struct System::Impl {
+  Impl(const StereoCamera& camera_in, const Settings& settings, Schedule schedule,
+       std::unique_ptr<PriorProvider> priors_in)
+      : camera(camera_in),
+        options(settings.data()),
+        model(make_model(options)),
+        priors(std::move(priors_in)),
+        scales(options.orb.scale_factor, options.orb.levels),
+        front_end(camera, options.orb, options.stereo, model, priors.get()),
+        tracker(camera, scales, options.tracking, model),
+        runner(BackEnd(camera, scales, mapper_options(options), model), schedule,
+               options.control.pipeline_delay) {}
+
+  void check_input(const StereoFrame& frame) const;
+  void apply(std::vector<BackEndStep> steps);
+  void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
+
+  StereoCamera camera;
+  SettingsData options;
+  kys::DistanceModel model;
+  std::unique_ptr<PriorProvider> priors;
+  ScaleLevels scales;
+  FrontEnd front_end;
+  Tracker tracker;
+  BackEndRunner runner;
+  std::vector<FrameReport> reports;
+  std::vector<FramePose> poses;  // per frame fed
+  std::int64_t count = 0;        // frames fed: the index everything inside goes by
+};
+
+System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
+               std::unique_ptr<PriorProvider> priors) {
+  settings.check();
+  if (!camera.is_valid()) throw InputError("the camera's calibration makes no sense");
+  impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
+}
+
+System::~System() = default;
+
+void System::Impl::check_input(const StereoFrame& frame) const {
+  const std::string name = frame.name.empty() ? std::to_string(frame.index) : frame.name;
+  if (!std::isfinite(frame.timestamp)) throw InputError("frame " + name + ": time is not finite");
+  if (!reports.empty() && !(frame.timestamp > reports.back().timestamp)) {
+    throw InputError("frame " + name + ": its time stamp does not follow the one before");
+  }
+  if (frame.left_features.has_value() != frame.right_features.has_value()) {
+    throw InputError("frame " + name + ": features of one image only");
+  }
+  if (frame.left_features) return;
+  for (const GrayImage* image : {&frame.left, &frame.right}) {
+    if (image->width() != camera.width || image->height() != camera.height) {
+      throw InputError("frame " + name + ": an image of " + std::to_string(image->width()) + "x" +
+                       std::to_string(image->height()) + " px where the calibration says " +
+                       std::to_string(camera.width) + "x" + std::to_string(camera.height));
+    }
+  }
+}
+
+/// Steps of the back end reach the tracker, their figures the report of their keyframe.
+void System::Impl::apply(std::vector<BackEndStep> steps) {
+  for (const BackEndStep& step : steps) {
+    tracker.apply(step.changes);
+    FrameReport& report = reports.at(static_cast<std::size_t>(step.frame_index));
+    report.times.local_mapping = step.report.total();
+    report.times.local_bundle = step.report.bundle;
+    report.statistics += step.report.statistics;
+  }
+}
+
+void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
+                        FrameReport& report) const {
+  switch (tracked.status) {
+    case TrackingStatus::kStarted: report.status = FrameStatus::kStarted; break;
+    case TrackingStatus::kTracked: report.status = FrameStatus::kTracked; break;
+    case TrackingStatus::kLost: report.status = FrameStatus::kLost; break;
+  }
+  report.reason = tracked.reason;
+  if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
+    report.reason = "the image has no corners";
+  }
+  report.T_w_c = tracked.T_c_w.inverse();
+  report.keypoints = static_cast<int>(seen.features->size());
+  report.stereo_matches = seen.stereo_matches;
+  report.matches = tracked.matches;
+  report.inliers = tracked.inliers;
+  report.prior_coverage = seen.prior_coverage;
+  report.masked = seen.masked;
+  report.statistics = seen.statistics;
+  report.statistics += tracked.statistics;
+  report.times.extract = seen.times.extract;
+  report.times.priors = seen.times.priors;
+  report.times.stereo = seen.times.stereo;
+  report.times.predict = tracked.times.predict;
+  report.times.local_map = tracked.times.local_map;
+  report.resident_mb = resident_memory_mb();
+}
+
+FrameReport System::feed(const StereoFrame& frame) {
+  Impl& s = *impl_;
+  s.check_input(frame);
+  Stopwatch watch;
+  if (s.options.control.stall_ms > 0) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(s.options.control.stall_ms));
+    watch.lap_ms();  // the paper's delay stands outside the tracking time
+  }
+  FrontEndResult seen = s.front_end.process(frame);
+  Stopwatch track_watch;
+  s.apply(s.runner.collect(s.count));
+  TrackResult tracked =
+      s.tracker.track(s.count, frame.timestamp, seen.features, s.runner.waiting());
+
+  FrameReport report;
+  report.index = frame.index;
+  report.name = frame.name;
+  report.timestamp = frame.timestamp;
+  report.keyframe = tracked.keyframe.has_value();
+  s.note(tracked, seen, report);
+  report.times.track = track_watch.lap_ms();
+  report.times.total = watch.elapsed_ms();
+  s.reports.push_back(report);
+  s.poses.push_back(tracked.pose);
+  ++s.count;
+  if (tracked.keyframe) s.runner.submit(std::move(*tracked.keyframe));
+  return report;
+}
+
+void System::finish() { impl_->apply(impl_->runner.drain()); }
+
+void System::interrupt() { impl_->runner.interrupt(); }
+
+std::vector<FrameEstimate> System::trajectory() const {
+  std::vector<FrameEstimate> estimates;
+  for (std::size_t k = 0; k < impl_->reports.size(); ++k) {
+    const FrameReport& report = impl_->reports[k];
+    FrameEstimate estimate{report.index, report.timestamp, false, {}};
+    if (const auto T_r_w = map().pose(impl_->poses[k].reference)) {
+      estimate.connected = true;
+      estimate.T_w_c = (impl_->poses[k].T_c_reference * *T_r_w).inverse();
+    }
+    estimates.push_back(estimate);
+  }
+  return estimates;
+}
+
+std::vector<TimedPose> System::keyframes() const {
+  std::vector<TimedPose> poses;
+  map().keyframes().for_each([&](KeyFrameId, const KeyFrame& keyframe) {
+    poses.push_back({keyframe.timestamp, keyframe.T_c_w.inverse()});
+  });
+  return poses;
+}
+
+const std::vector<FrameReport>& System::reports() const { return impl_->reports; }
+
+const Map& System::map() const { return impl_->runner.map(); }
+
+}  // namespace kys_slam

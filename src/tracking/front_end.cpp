@@ -1,0 +1,96 @@
+#include "tracking/front_end.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "util/stopwatch.h"
+
+namespace kys_slam {
+
+namespace {
+
+/// Removes the features whose prior the mode does not keep; returns how many.
+int drop_masked(FeatureSet& features, std::vector<kys::Prior>& priors,
+                const kys::DistanceModel& model) {
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    if (!model.keeps_keypoint(priors[i])) continue;
+    features.keypoints[n] = features.keypoints[i];
+    features.descriptors[n] = features.descriptors[i];
+    priors[n] = priors[i];
+    ++n;
+  }
+  const auto dropped = static_cast<int>(features.size() - n);
+  features.keypoints.resize(n);
+  features.descriptors.resize(n);
+  priors.resize(n);
+  return dropped;
+}
+
+}  // namespace
+
+FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
+                   const kys::DistanceModel& model, PriorProvider* priors)
+    : camera_(camera),
+      scales_(orb.scale_factor, orb.levels),
+      stereo_(stereo),
+      model_(&model),
+      prior_provider_(priors),
+      extractors_{OrbExtractor(orb), OrbExtractor(orb)} {
+  stereo.check();
+}
+
+void FrontEnd::extract(const StereoFrame& frame) {
+  right_worker_.start([&] { extractors_[1].extract(frame.right, features_[1]); });
+  extractors_[0].extract(frame.left, features_[0]);
+  right_worker_.wait();
+}
+
+bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
+  if (prior_provider_ == nullptr || !model_->uses_priors()) return false;
+  if (!prior_provider_->look_up(frame, features_[0].keypoints, features_[1].keypoints, priors_[0],
+                                priors_[1])) {
+    return false;
+  }
+  for (std::size_t side = 0; side < 2; ++side) {
+    result.masked += drop_masked(features_[side], priors_[side], *model_);
+  }
+  std::size_t labelled = 0;
+  for (const kys::Prior& prior : priors_[0]) labelled += prior.label != kys::kVoidLabel ? 1 : 0;
+  result.prior_coverage =
+      priors_[0].empty() ? 0 : static_cast<double>(labelled) / static_cast<double>(priors_[0].size());
+  return true;
+}
+
+FrontEndResult FrontEnd::process(const StereoFrame& frame) {
+  FrontEndResult result;
+  Stopwatch watch;
+  const bool from_images = !frame.left_features;
+  if (from_images) {
+    extract(frame);
+  } else {
+    features_ = {*frame.left_features, *frame.right_features};
+  }
+  result.times.extract = watch.lap_ms();
+
+  const bool with_priors = attach_priors(frame, result);
+  if (!with_priors) priors_ = {};
+  result.times.priors = watch.lap_ms();
+
+  const auto view = [&](std::size_t side) {
+    return StereoView{&features_[side], priors_[side],
+                      from_images ? &extractors_[side].pyramid() : nullptr};
+  };
+  std::vector<float> u_right =
+      match_stereo(camera_, scales_, view(0), view(1), stereo_, *model_, result.statistics);
+  result.stereo_matches = static_cast<int>(
+      std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); }));
+  result.features = std::make_shared<const FrameFeatures>(
+      camera_, std::move(features_[0]), std::move(u_right), std::move(priors_[0]));
+  features_[0] = {};
+  priors_[0].clear();
+  result.times.stereo = watch.lap_ms();
+  return result;
+}
+
+}  // namespace kys_slam

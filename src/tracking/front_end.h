@@ -1,0 +1,73 @@
+#pragma once
+
+#include <kys/distance_model.h>
+#include <kys_slam/frame_source.h>
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "features/orb_extractor.h"
+#include "map/frame_features.h"
+#include "matching/stereo_matcher.h"
+#include "util/worker.h"
+
+namespace kys_slam {
+
+/// Where the priors of keypoints come from. Called once per frame.
+class PriorProvider {
+ public:
+  PriorProvider() = default;
+  PriorProvider(const PriorProvider&) = delete;
+  PriorProvider& operator=(const PriorProvider&) = delete;
+  virtual ~PriorProvider() = default;
+
+  /// Fills one prior per keypoint of either image; false: there are none for this frame.
+  /// \throws InputError when there are some and they are unusable.
+  virtual bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
+                       std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
+                       std::vector<kys::Prior>& right_priors) = 0;
+};
+
+/// ms of the steps of the front end.
+struct FrontEndTimes {
+  double extract = 0;
+  double priors = 0;
+  double stereo = 0;
+};
+
+struct FrontEndResult {
+  std::shared_ptr<const FrameFeatures> features;
+  FrontEndTimes times;
+  kys::Statistics statistics;   ///< of stereo matching
+  int stereo_matches = 0;
+  double prior_coverage = 0;    ///< share of keypoints with a valid label
+  int masked = 0;               ///< keypoints dropped because their segment moves (mode `mask`)
+};
+
+/// A stereo frame becomes features with disparities and priors: extraction of both images side by
+/// side, prior look-up, stereo matching.
+class FrontEnd {
+ public:
+  /// \param model has to outlive the front end, as has `priors` (null: none)
+  FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
+           const kys::DistanceModel& model, PriorProvider* priors);
+
+  FrontEndResult process(const StereoFrame& frame);
+
+ private:
+  void extract(const StereoFrame& frame);
+  bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
+
+  StereoCamera camera_;
+  ScaleLevels scales_;
+  StereoOptions stereo_;
+  const kys::DistanceModel* model_;
+  PriorProvider* prior_provider_;
+  std::array<OrbExtractor, 2> extractors_;   // left, right
+  std::array<FeatureSet, 2> features_;
+  std::array<std::vector<kys::Prior>, 2> priors_;
+  Worker right_worker_;
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,59 @@
+#include "tracking/local_map.h"
+
+#include <algorithm>
+
+namespace kys_slam {
+
+LocalMap LocalMapGatherer::gather(const Replica& replica,
+                                  std::span<const LandmarkId> frame_landmarks) {
+  LocalMap local;
+  votes_.resize(replica.keyframes().id_end(), 0);
+  for (const LandmarkId id : frame_landmarks) {
+    if (!id.valid()) continue;
+    const LandmarkView* landmark = replica.landmarks().find(id);
+    if (landmark == nullptr) continue;
+    for (const KeyFrameId observer : landmark->observers) {
+      if (!replica.keyframes().contains(observer)) continue;
+      if (votes_[observer.value]++ == 0) local.keyframes.push_back(observer);
+    }
+  }
+  std::sort(local.keyframes.begin(), local.keyframes.end());
+  int most = 0;
+  for (const KeyFrameId id : local.keyframes) {
+    if (votes_[id.value] >= most) {  // ties: the younger one
+      most = votes_[id.value];
+      local.reference = id;
+    }
+  }
+
+  const std::size_t voters = local.keyframes.size();
+  const auto add_first_new = [&](std::span<const KeyFrameId> candidates) {
+    for (const KeyFrameId id : candidates) {
+      if (!replica.keyframes().contains(id) || votes_[id.value] != 0) continue;
+      votes_[id.value] = 1;
+      local.keyframes.push_back(id);
+      return;
+    }
+  };
+  for (std::size_t k = 0; k < voters && local.keyframes.size() < max_keyframes_; ++k) {
+    const KeyFrameView& keyframe = replica.keyframes().at(local.keyframes[k]);
+    add_first_new(keyframe.neighbours);
+    add_first_new(keyframe.children);
+    if (keyframe.parent.valid()) add_first_new({&keyframe.parent, 1});
+  }
+  for (const KeyFrameId id : local.keyframes) votes_[id.value] = 0;
+
+  ++call_;
+  stamp_.resize(replica.landmarks().id_end(), 0);
+  for (const KeyFrameId id : local.keyframes) {
+    for (const LandmarkId landmark : replica.keyframes().at(id).landmarks) {
+      if (!landmark.valid() || !replica.landmarks().contains(landmark)) continue;
+      if (stamp_[landmark.value] == call_) continue;
+      stamp_[landmark.value] = call_;
+      local.landmarks.push_back(landmark);
+    }
+  }
+  return local;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "map/replica.h"
+
+namespace kys_slam {
+
+/// The part of the map around a frame.
+struct LocalMap {
+  std::vector<KeyFrameId> keyframes;  ///< those seeing its landmarks, then their neighbours
+  std::vector<LandmarkId> landmarks;  ///< of these keyframes, each once
+  KeyFrameId reference;               ///< shares most landmarks with the frame
+};
+
+/// Gathers the local map of a frame (ORB-SLAM, Sec. V-D): keyframes that see the frame's landmarks,
+/// and for each its best covisible neighbour, child and parent that are not in yet, `max_keyframes`
+/// in all. Empty when nothing sees the frame's landmarks.
+class LocalMapGatherer {
+ public:
+  explicit LocalMapGatherer(std::size_t max_keyframes = 80) : max_keyframes_(max_keyframes) {}
+  LocalMap gather(const Replica& replica, std::span<const LandmarkId> frame_landmarks);
+
+ private:
+  std::size_t max_keyframes_;
+  std::vector<int> votes_;              // by keyframe id, zero between calls
+  std::vector<std::uint32_t> stamp_;    // by landmark id, the call that saw it last
+  std::uint32_t call_ = 0;
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,438 @@
+#include "tracking/tracker.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "matching/descriptor_matcher.h"
+#include "util/stopwatch.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+Eigen::Vector3d camera_centre(const Rigid3& T_c_w) {
+  return T_c_w.rotation.conjugate() * -T_c_w.translation;
+}
+
+int count_landmarks(const std::vector<LandmarkId>& landmarks) {
+  return static_cast<int>(std::count_if(landmarks.begin(), landmarks.end(),
+                                        [](LandmarkId id) { return id.valid(); }));
+}
+
+}  // namespace
+
+void TrackerOptions::check() const {
+  const auto positive = [](double value, const char* name) {
+    if (!(value > 0)) throw InputError(std::string("tracking.") + name + " must be positive");
+  };
+  positive(min_start_points, "min_start_points");
+  positive(close_baselines, "close_baselines");
+  positive(motion_radius, "motion_radius");
+  positive(min_local_inliers, "min_local_inliers");
+  positive(local_radius, "local_radius");
+  positive(local_ratio, "local_ratio");
+  positive(max_distance, "max_distance");
+}
+
+Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
+                 const TrackerOptions& options, const kys::DistanceModel& model)
+    : camera_(camera),
+      scales_(scales),
+      options_(options),
+      model_(&model),
+      close_depth_(static_cast<float>(options.close_baselines * camera.baseline)) {
+  options.check();
+}
+
+TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
+                           std::shared_ptr<const FrameFeatures> features, int waiting) {
+  TrackResult result;
+  Stopwatch watch;
+  Frame frame{frame_index, timestamp, std::move(features), {}, {}, {}};
+  frame.landmarks.resize(frame.features->size());
+  if (!last_) {
+    start_map(frame, result);
+    return result;
+  }
+  refresh_last_frame();
+  bool tracked = predict(frame, result);
+  result.times.predict = watch.lap_ms();
+  tracked = tracked && track_local_map(frame, result);
+  result.times.local_map = watch.lap_ms();
+  if (!tracked) {
+    velocity_.reset();
+    result.status = TrackingStatus::kLost;
+    return result;
+  }
+  result.status = TrackingStatus::kTracked;
+  if (wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
+    result.keyframe = make_keyframe(frame);
+  }
+  result.times.keyframe = watch.lap_ms();
+  leave(std::move(frame), result);
+  return result;
+}
+
+/// The first frame with enough stereo points becomes the first keyframe, at the world's origin.
+void Tracker::start_map(Frame& frame, TrackResult& result) {
+  int stereo = 0;
+  for (std::size_t i = 0; i < frame.features->size(); ++i) stereo += frame.features->has_stereo(i);
+  if (stereo < options_.min_start_points) {
+    result.reason = "too few stereo points to start a map: " + std::to_string(stereo);
+    return;
+  }
+  result.status = TrackingStatus::kStarted;
+  result.reason = "start";
+  result.keyframe = make_keyframe(frame);
+  result.inliers = result.matches = static_cast<int>(result.keyframe->new_landmarks.size());
+  leave(std::move(frame), result);
+}
+
+/// What a frame leaves behind for the next one.
+void Tracker::leave(Frame frame, TrackResult& result) {
+  const Replica::Anchor anchor = replica_.resolve(reference_);
+  frame.pose.reference = anchor.keyframe;
+  frame.pose.T_c_reference =
+      frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
+  result.pose = frame.pose;
+  result.T_c_w = frame.T_c_w;
+  if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked) {
+    velocity_ = frame.T_c_w * last_->T_c_w.inverse();
+  } else {
+    velocity_.reset();
+  }
+  last_ = std::move(frame);
+}
+
+/// The map may have moved since the last frame: its pose follows its keyframe, its landmarks their
+/// successors.
+void Tracker::refresh_last_frame() {
+  const Replica::Anchor anchor = replica_.resolve(last_->pose.reference);
+  // The culled keyframe's own frame lies between: T_c_ref_old * T_ref_old_ref_new.
+  last_->pose = {anchor.keyframe, last_->pose.T_c_reference * anchor.T_c_k};
+  last_->T_c_w = last_->pose.T_c_reference * replica_.keyframes().at(anchor.keyframe).T_c_w;
+  for (LandmarkId& id : last_->landmarks) {
+    if (id.valid()) id = replica_.resolve(id);
+  }
+  reference_ = replica_.resolve(reference_).keyframe;
+}
+
+bool Tracker::predict(Frame& frame, TrackResult& result) {
+  if (velocity_ && predict_by_motion(frame, result)) return true;
+  return predict_by_reference(frame, result);
+}
+
+/// Constant velocity, and the last frame's landmarks searched where it puts them.
+bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
+  frame.T_c_w = *velocity_ * last_->T_c_w;
+  int matches = match_last_frame(frame, options_.motion_radius, result);
+  if (matches < options_.min_motion_matches) {
+    matches = match_last_frame(frame, 2 * options_.motion_radius, result);
+  }
+  if (matches < options_.min_motion_matches) {
+    result.reason = "motion model: " + std::to_string(matches) + " matches";
+    return false;
+  }
+  const int inliers = refine_pose(frame);
+  result.reason = "motion model";
+  if (inliers >= options_.min_pose_inliers) return true;
+  result.reason += ": " + std::to_string(inliers) + " inliers";
+  return false;
+}
+
+int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
+  const Rigid3 T_c_last = frame.T_c_w * last_->T_c_w.inverse();
+  const double forward = -(T_c_last.rotation.conjugate() * T_c_last.translation).z();
+  const bool moving = std::abs(forward) > camera_.baseline;
+
+  std::vector<SearchQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  for (std::size_t i = 0; i < last_->landmarks.size(); ++i) {
+    const LandmarkId id = last_->landmarks[i];
+    if (!id.valid()) continue;
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    const Eigen::Vector3d p_c = frame.T_c_w * landmark.p_w;
+    if (p_c.z() <= 0) continue;
+    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
+    if (!camera_.in_image(pixel.x(), pixel.y())) continue;
+    const Keypoint& seen = last_->features->keypoint(i);
+    SearchQuery query;
+    query.u = static_cast<float>(pixel.x());
+    query.v = static_cast<float>(pixel.y());
+    query.u_right = static_cast<float>(pixel.z());
+    query.radius = radius * scales_.scale[seen.octave];
+    // Things grow when one drives towards them.
+    query.min_octave = moving && forward < 0 ? 0 : seen.octave - (moving ? 0 : 1);
+    query.max_octave = moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
+    query.angle = seen.angle;
+    query.descriptor = &landmark.descriptor;
+    query.prior = &landmark.prior;
+    queries.push_back(query);
+    landmarks.push_back(id);
+  }
+  SearchOptions options;
+  options.max_distance = options_.max_distance;
+  options.check_rotation = true;
+  const std::vector<SearchMatch> matches = search_features(*frame.features, scales_, queries,
+                                                           options, *model_, result.statistics);
+  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0) continue;
+    frame.landmarks[static_cast<std::size_t>(matches[q].feature)] = landmarks[q];
+    ++count;
+  }
+  return count;
+}
+
+/// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
+/// from the last pose.
+bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
+  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
+  const KeyFrameView& reference = replica_.keyframes().at(reference_);
+  std::vector<DescriptorQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
+    const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
+    if (landmark == nullptr) continue;
+    queries.push_back({&reference.features->descriptor(i), &landmark->prior,
+                       reference.features->keypoint(i).angle});
+    landmarks.push_back(reference.landmarks[i]);
+  }
+  const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio, true};
+  const std::vector<std::int32_t> matches =
+      match_descriptors(queries, *frame.features, options, *model_, result.statistics);
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q] < 0) continue;
+    frame.landmarks[static_cast<std::size_t>(matches[q])] = landmarks[q];
+    ++count;
+  }
+  const std::string before = result.reason.empty() ? "" : result.reason + "; ";
+  if (count < options_.min_reference_matches) {
+    result.reason = before + "reference keyframe: " + std::to_string(count) + " matches";
+    return false;
+  }
+  frame.T_c_w = last_->T_c_w;
+  const int inliers = refine_pose(frame);
+  result.reason = before + "reference keyframe";
+  if (inliers >= options_.min_pose_inliers) return true;
+  result.reason += ": " + std::to_string(inliers) + " inliers";
+  return false;
+}
+
+/// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers.
+int Tracker::refine_pose(Frame& frame) const {
+  std::vector<PoseObservation> observations;
+  std::vector<std::size_t> features;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (!frame.landmarks[i].valid()) continue;
+    const Keypoint& keypoint = frame.features->keypoint(i);
+    const float u_right = frame.features->has_stereo(i) ? frame.features->u_right(i) : kNaN;
+    observations.push_back({replica_.landmarks().at(frame.landmarks[i]).p_w, keypoint.x, keypoint.y,
+                            u_right, scales_.inv_sigma(keypoint.octave)});
+    features.push_back(i);
+  }
+  const PoseResult result = optimize_pose(camera_, frame.T_c_w, observations);
+  frame.T_c_w = result.T_c_w;
+  for (std::size_t k = 0; k < features.size(); ++k) {
+    if (result.outlier[k] != 0) frame.landmarks[features[k]] = {};
+  }
+  return result.inliers;
+}
+
+bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
+  const LocalMap local = local_map_gatherer_.gather(replica_, frame.landmarks);
+  if (local.reference.valid()) reference_ = local.reference;
+  const std::vector<LandmarkId> predicted = frame.landmarks;
+  match_local_landmarks(frame, local, result);
+  result.matches = count_landmarks(frame.landmarks);
+  const std::vector<LandmarkId> matched = frame.landmarks;
+  result.inliers = refine_pose(frame);
+  for (const LandmarkId id : predicted) {
+    if (id.valid()) count_visible(id, 0);
+  }
+  for (std::size_t i = 0; i < matched.size(); ++i) {
+    if (frame.landmarks[i].valid()) counts_.at(frame.landmarks[i]).found += 1;
+  }
+  if (result.inliers >= options_.min_local_inliers) return true;
+  result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
+  return false;
+}
+
+/// Landmarks of the local map that should be in view and are not matched yet.
+int Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result) {
+  std::vector<std::uint8_t> taken(frame.landmarks.size(), 0);
+  std::vector<LandmarkId> held;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (!frame.landmarks[i].valid()) continue;
+    taken[i] = 1;
+    held.push_back(frame.landmarks[i]);
+  }
+  std::sort(held.begin(), held.end());
+  const Eigen::Vector3d centre = camera_centre(frame.T_c_w);
+  std::vector<SearchQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  for (const LandmarkId id : local.landmarks) {
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    const Eigen::Vector3d p_c = frame.T_c_w * landmark.p_w;
+    if (p_c.z() <= 0) continue;
+    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
+    if (!camera_.in_image(pixel.x(), pixel.y())) continue;
+    const Eigen::Vector3d ray = landmark.p_w - centre;
+    const auto distance = static_cast<float>(ray.norm());
+    if (distance < 0.8f * landmark.min_distance || distance > 1.2f * landmark.max_distance) continue;
+    const float cosine = ray.cast<float>().dot(landmark.normal) / distance;
+    if (cosine < 0.5f) continue;
+    if (std::binary_search(held.begin(), held.end(), id)) continue;
+    const int octave = scales_.predict_octave(landmark.max_distance, distance);
+    SearchQuery query;
+    query.u = static_cast<float>(pixel.x());
+    query.v = static_cast<float>(pixel.y());
+    query.u_right = static_cast<float>(pixel.z());
+    // The straighter the view, the better the prediction.
+    query.radius = (cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius *
+                   scales_.scale[static_cast<std::size_t>(octave)];
+    query.min_octave = octave - 1;
+    query.max_octave = octave;
+    query.descriptor = &landmark.descriptor;
+    query.prior = &landmark.prior;
+    queries.push_back(query);
+    landmarks.push_back(id);
+    count_visible(id, 0);
+  }
+  SearchOptions options;
+  options.max_distance = options_.max_distance;
+  options.ratio = options_.local_ratio;
+  options.taken = taken;
+  const std::vector<SearchMatch> matches = search_features(*frame.features, scales_, queries,
+                                                           options, *model_, result.statistics);
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0) continue;
+    frame.landmarks[static_cast<std::size_t>(matches[q].feature)] = landmarks[q];
+    ++count;
+  }
+  return count;
+}
+
+void Tracker::count_visible(LandmarkId id, std::uint32_t found) {
+  if (VisibilityCount* count = counts_.find(id)) {
+    count->visible += 1;
+    count->found += found;
+  } else {
+    counts_.put(id, {id, 1, found});
+  }
+}
+
+KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waiting) const {
+  KeyFrameSituation s;
+  s.frames_since_keyframe = static_cast<int>(frame.index - last_keyframe_frame_);
+  s.keyframes_in_map = static_cast<int>(replica_.keyframes().size());
+  s.inliers = inliers;
+  s.waiting = waiting;
+  const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
+  for (const LandmarkId id : replica_.keyframes().at(reference_).landmarks) {
+    const LandmarkView* landmark = replica_.landmarks().find(id);
+    // A stereo observation counts twice, and most are: one observer less is enough.
+    if (landmark != nullptr && 2 * landmark->observers.size() >= min_observers) {
+      ++s.reference_landmarks;
+    }
+  }
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    const float depth = frame.features->depth(i);
+    if (depth <= 0 || depth > close_depth_) continue;
+    ++(frame.landmarks[i].valid() ? s.tracked_close : s.untracked_close);
+  }
+  return s;
+}
+
+KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
+  KeyFrameMessage message;
+  message.id = {next_keyframe_++};
+  message.frame_index = frame.index;
+  message.timestamp = frame.timestamp;
+  message.T_c_w = frame.T_c_w;
+  message.features = frame.features;
+  message.tracked = frame.landmarks;
+  message.reference = reference_;
+  if (reference_.valid()) {
+    message.T_c_reference = frame.T_c_w * replica_.keyframes().at(reference_).T_c_w.inverse();
+  }
+  add_stereo_landmarks(frame, message);
+  for (const NewLandmark& landmark : message.new_landmarks) {
+    frame.landmarks[landmark.feature] = landmark.id;
+  }
+  counts_.for_each([&](LandmarkId, const VisibilityCount& c) { message.counts.push_back(c); });
+  counts_.clear();
+
+  // The replica has it at once; the back end's view of it follows in a change set.
+  KeyFrameView view;
+  view.T_c_w = frame.T_c_w;
+  view.features = frame.features;
+  view.landmarks = frame.landmarks;
+  if (reference_.valid()) view.neighbours.push_back(reference_);
+  view.parent = reference_;
+  replica_.put(message.id, std::move(view));
+  for (const LandmarkId id : message.tracked) {
+    const LandmarkView* landmark = replica_.landmarks().find(id);
+    if (landmark == nullptr) continue;
+    LandmarkView seen = *landmark;
+    seen.observers.push_back(message.id);
+    replica_.put(id, std::move(seen));
+  }
+  reference_ = last_keyframe_ = message.id;
+  last_keyframe_frame_ = frame.index;
+  return message;
+}
+
+/// Every close stereo point without a landmark becomes one; where close ones are few, the nearest
+/// hundred.
+void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < frame.features->size(); ++i) {
+    if (frame.features->has_stereo(i)) order.push_back(i);
+  }
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return frame.features->depth(a) < frame.features->depth(b);
+  });
+  const bool first = message.id.value == 0;
+  constexpr std::size_t kNearest = 100;
+  const Rigid3 T_w_c = frame.T_c_w.inverse();
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const std::size_t i = order[k];
+    const float depth = frame.features->depth(i);
+    // The first keyframe gives the map all it has: nothing else is there to track.
+    if (!first && depth > close_depth_ && k >= kNearest) break;
+    if (frame.landmarks[i].valid()) continue;
+    const Keypoint& keypoint = frame.features->keypoint(i);
+    const Eigen::Vector3d p_w = T_w_c * camera_.back_project(keypoint.x, keypoint.y, depth);
+    const LandmarkId id{2 * next_landmark_++};
+    message.new_landmarks.push_back({id, static_cast<std::uint32_t>(i), p_w});
+    replica_.put(id, first_view(frame, i, p_w, message.id));
+  }
+  std::sort(message.new_landmarks.begin(), message.new_landmarks.end(),
+            [](const NewLandmark& a, const NewLandmark& b) { return a.feature < b.feature; });
+}
+
+LandmarkView Tracker::first_view(const Frame& frame, std::size_t feature,
+                                 const Eigen::Vector3d& p_w, KeyFrameId keyframe) const {
+  const Eigen::Vector3d ray = p_w - camera_centre(frame.T_c_w);
+  LandmarkView view;
+  view.p_w = p_w;
+  view.normal = ray.normalized().cast<float>();
+  view.max_distance = static_cast<float>(ray.norm()) *
+                      scales_.scale[frame.features->keypoint(feature).octave];
+  view.min_distance = view.max_distance / scales_.scale.back();
+  view.descriptor = frame.features->descriptor(feature);
+  view.prior = frame.features->prior(feature);
+  view.observers = {keyframe};
+  return view;
+}
+
+}  // namespace kys_slam
