@@ -105,17 +105,20 @@ void ModeOptions::check() const {
   if (static_cast<std::size_t>(mode) >= kModeNames.size()) {
     throw Error("kys.mode is not one of the modes");
   }
+  // The upper limit keeps every product finite, the lower ones keep every quotient so.
+  constexpr double kLimit = 1e6;
   for_each_option(*this, [](std::string_view key, const auto& value) {
     if constexpr (std::is_same_v<std::decay_t<decltype(value)>, double>) {
-      require(std::isfinite(value) && value >= 0, key, "finite and not negative", value);
+      require(value >= 0 && value <= kLimit, key, "between 0 and 1e6", value);
     }
   });
-  require(s > 0, "kys.s", "above 0", s);
+  constexpr double kSmallest = 1e-3;
+  require(s >= kSmallest, "kys.s", "at least 0.001", s);
   require(tau > 0, "kys.tau", "above 0", tau);
   require(alpha <= 1, "kys.alpha", "between 0 and 1", alpha);
-  require(eta[0] > 0, "kys.eta1", "above 0", eta[0]);
-  require(gamma > 0, "kys.gamma", "above 0", gamma);
-  require(s_max > 0, "kys.s_max", "above 0", s_max);
+  require(eta[0] >= kSmallest, "kys.eta1", "at least 0.001", eta[0]);
+  require(gamma >= kSmallest, "kys.gamma", "at least 0.001", gamma);
+  require(s_max >= kSmallest, "kys.s_max", "at least 0.001", s_max);
 }
 
 bool needs_label_space(const ModeOptions& options) {
