@@ -2,6 +2,7 @@
 
 #include <kys/descriptor.h>
 
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 
@@ -12,9 +13,9 @@ namespace kys {
 inline constexpr std::uint16_t kVoidLabel = 0xFFFF;
 
 /// The prior tuple of one keypoint or map point: (label, instance, scale, motion) of the paper's
-/// Sec. 3.4. 20 bytes; a default-constructed one has no valid label.
+/// Sec. 3.4. 20 bytes; a default-constructed one has no valid label. Made by make_prior().
 struct Prior {
-  std::uint16_t label = kVoidLabel;  ///< class in the label space of the prior file
+  std::uint16_t label = kVoidLabel;  ///< dense class index in the label space of the prior file
   std::uint16_t dynamic = 0;         ///< 1: the segment is flagged as moving (mode `mask`)
   std::int32_t instance = -1;        ///< temporally consistent identity, disjoint between cameras
   float scale = 0;                   ///< a, area x (mean depth)^2, px^2 m^2 (Eq. 3)
@@ -27,11 +28,31 @@ struct Prior {
 /// Where a comparison happens: the two differ in the motion gate (Sec. 3.4).
 enum class Context : std::uint8_t { kStereo, kTemporal };
 
-/// How the structural factor of a pair was chosen (Eq. 5). `kBypassed`: a keypoint without a valid
-/// label, or a mode without tiers.
-enum class Tier : std::uint8_t { kSameInstance, kCrossInstance, kCrossClass, kBypassed };
+/// What became of a pair. The first three name its structural tier, i.e. how its factor was chosen
+/// (Eq. 5). `kBypassed`: native distance, because a keypoint has no valid label or the mode uses no
+/// priors. `kGated`: rejected by the motion gate. `kFiltered`: rejected by a label filter (modes
+/// `hard_mismatch`, `soft_filter`). `kSkipped`: its lower bound already was no better than the
+/// bound given by the caller, so no prior was looked at and its tier is not known.
+enum class Tier : std::uint8_t {
+  kSameInstance,
+  kCrossInstance,
+  kCrossClass,
+  kBypassed,
+  kGated,
+  kFiltered,
+  kSkipped,
+};
+inline constexpr std::size_t kTierCount = 7;
 
 /// Distance of a pair that a gate or filter rejects.
 inline constexpr float kRejected = std::numeric_limits<float>::infinity();
+
+/// The distance of a pair, in bits of the descriptor, and how it came about.
+struct Distance {
+  float value = kRejected;
+  Tier tier = Tier::kBypassed;
+
+  friend bool operator==(const Distance&, const Distance&) = default;
+};
 
 }  // namespace kys

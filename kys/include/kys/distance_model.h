@@ -1,0 +1,138 @@
+#pragma once
+
+#include <kys/distance.h>
+#include <kys/hamming.h>
+#include <kys/label_space.h>
+#include <kys/mode_options.h>
+#include <kys/statistics.h>
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+namespace kys {
+
+/// True in a build with the CMake option KYS_PLAIN_POPCOUNT: every distance is the plain popcount
+/// whatever the mode. Exists to show that mode `stock` changes nothing.
+#ifdef KYS_PLAIN_POPCOUNT
+inline constexpr bool kPriorsOff = true;
+#else
+inline constexpr bool kPriorsOff = false;
+#endif
+
+/// Result of a search through candidates. Equal distances: the candidate listed first wins.
+struct BestTwo {
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+
+  std::uint32_t index = kNone;         ///< of the best candidate; kNone: every one was rejected
+  std::uint32_t second_index = kNone;  ///< of the second best
+  Distance best;                       ///< value kRejected where there is none
+  Distance second;
+
+  friend bool operator==(const BestTwo&, const BestTwo&) = default;
+};
+
+/// The distance of two descriptors under a mode. Immutable once made; any number of threads may
+/// share one.
+///
+/// All modes are one formula with different numbers. For a pair of tier t whose keypoints both
+/// have a valid label, with S their semantic and da their scale discrepancy (Eq. 4),
+///
+///     value = (base_t + semantic_t S + scale_t da) (1 + lambda_t max(ln(1 + mu))) d + offset S
+///
+/// rejected when max(mu) is above the gate of the context, or when the labels differ and S reaches
+/// the filter's threshold. A pair with an end that has no valid label has value d and is never
+/// rejected, in every mode. A label that is none of the label space's counts as not valid.
+class DistanceModel {
+ public:
+  /// Mode stock.
+  DistanceModel() : DistanceModel(ModeOptions{}) {}
+  /// Throws Error when the options do not pass check() or need a label space.
+  explicit DistanceModel(const ModeOptions& options);
+  DistanceModel(const ModeOptions& options, const LabelSpace& space);
+
+  /// The distance of a pair. Given a `bound`, any value >= bound may stand for one: the pair's
+  /// lower bound, with tier kSkipped, and then no prior was looked at.
+  [[nodiscard]] Distance evaluate(const Descriptor& a, const Prior& pa, const Descriptor& b,
+                                  const Prior& pb, Context context, float bound = kRejected) const {
+    if constexpr (kPriorsOff) {
+      return {static_cast<float>(detail::popcount_portable(a, b)), Tier::kBypassed};
+    }
+    const int d = hamming(a, b);
+    const float native = static_cast<float>(d);
+    if (native_) {
+      return {native, Tier::kBypassed};
+    }
+    const float lower = floor_ * native;
+    if (lower >= bound) {
+      return {lower, Tier::kSkipped};
+    }
+    return modulate(d, pa, pb, context);
+  }
+
+  /// The same, and counts the pair.
+  [[nodiscard]] Distance evaluate(const Descriptor& a, const Prior& pa, const Descriptor& b,
+                                  const Prior& pb, Context context, float bound,
+                                  Statistics& statistics) const {
+    const Distance distance = evaluate(a, pa, b, pb, context, bound);
+    statistics.count(distance.tier);
+    return distance;
+  }
+
+  /// The distance of a pair whose Hamming distance d is known.
+  [[nodiscard]] Distance modulate(int d, const Prior& pa, const Prior& pb, Context context) const;
+
+  /// Best and second best of `candidates` (indices into `descriptors` and `priors`), as if each had
+  /// been given to evaluate() without a bound; pairs that can be neither are counted as skipped.
+  /// `priors` is either as long as `descriptors` or empty (nobody has a valid label). Indices are
+  /// not checked: a caller's index outside of `descriptors` is undefined behaviour.
+  [[nodiscard]] BestTwo best_two(const Descriptor& query, const Prior& query_prior,
+                                 std::span<const Descriptor> descriptors,
+                                 std::span<const Prior> priors,
+                                 std::span<const std::uint32_t> candidates, Context context,
+                                 Statistics& statistics) const;
+
+  /// False: drop this keypoint at extraction (mode mask, keypoint of a moving segment).
+  [[nodiscard]] bool keeps_keypoint(const Prior& prior) const {
+    return kPriorsOff || !drops_dynamic_ || prior.dynamic == 0 || prior.label >= label_limit_;
+  }
+
+  /// Whether the mode looks at priors at all: if not, the caller need not read any.
+  [[nodiscard]] bool uses_priors() const { return !kPriorsOff && uses_priors_; }
+
+  [[nodiscard]] const ModeOptions& options() const { return options_; }
+
+  /// No pair has a value below this times d.
+  [[nodiscard]] float lower_bound_factor() const { return native_ ? 1.0f : floor_; }
+
+ private:
+  /// What a structural tier contributes to the factor on d.
+  struct TierFactors {
+    float base = 1;      ///< constant
+    float semantic = 0;  ///< per bit of S
+    float scale = 0;     ///< per unit of scale discrepancy
+    float lambda = 0;    ///< per ln(1 + mu)
+  };
+
+  DistanceModel(const ModeOptions& options, const LabelSpace* space);
+  void set_factors();
+  void set_bases(double base);
+  void set_structure();
+  [[nodiscard]] int bound_in_bits(float bound) const;
+
+  ModeOptions options_;
+  std::array<TierFactors, 3> tiers_;                  ///< by Tier
+  std::array<float, 2> gates_{kRejected, kRejected};  ///< largest mu, by Context
+  float offset_ = 0;                                  ///< per bit of S, added to the product
+  float filter_from_ = kRejected;                     ///< S from which differing labels reject
+  float floor_ = 1;
+  std::uint32_t label_limit_ = kVoidLabel;  ///< labels from here on are not valid
+  bool native_ = true;                      ///< every value is d
+  bool drops_dynamic_ = false;
+  bool uses_priors_ = false;
+  std::vector<float> table_;  ///< S, label_limit_ squared, or empty: S does not matter
+};
+
+}  // namespace kys

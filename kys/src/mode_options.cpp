@@ -1,0 +1,158 @@
+#include <kys/error.h>
+#include <kys/mode_options.h>
+
+#include <charconv>
+#include <cmath>
+#include <system_error>
+#include <type_traits>
+
+namespace kys {
+
+namespace {
+
+constexpr std::array<std::string_view, 8> kModeNames = {
+    "stock", "scaled", "hard_mismatch", "soft_filter", "semantic", "panoptic", "kys", "mask"};
+
+/// Calls visit(key, member) for every option: the one place where keys and members meet.
+template <typename Options, typename Visit>
+void for_each_option(Options& o, Visit&& visit) {
+  visit("kys.mode", o.mode);
+  visit("kys.s", o.s);
+  visit("kys.tau", o.tau);
+  visit("kys.alpha", o.alpha);
+  visit("kys.eta1", o.eta[0]);
+  visit("kys.eta2", o.eta[1]);
+  visit("kys.eta3", o.eta[2]);
+  visit("kys.gamma", o.gamma);
+  visit("kys.s_max", o.s_max);
+  visit("kys.normalize", o.normalize);
+  visit("kys.lambda_cross_class", o.lambda[0]);
+  visit("kys.lambda_cross_instance", o.lambda[1]);
+  visit("kys.lambda_same_instance", o.lambda[2]);
+  visit("kys.gates", o.gates);
+  visit("kys.gate_stereo", o.gate_stereo);
+  visit("kys.gate_temporal", o.gate_temporal);
+  visit("kys.continuous", o.continuous);
+}
+
+void parse(std::string_view, std::string_view text, Mode& value) {
+  value = parse_mode(text);
+}
+
+void parse(std::string_view key, std::string_view text, bool& value) {
+  if (text == "true") {
+    value = true;
+  } else if (text == "false") {
+    value = false;
+  } else {
+    throw Error(std::string(key) + " must be true or false, is '" + std::string(text) + "'");
+  }
+}
+
+void parse(std::string_view key, std::string_view text, double& value) {
+  double parsed = 0;
+  const char* end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, parsed);
+  if (error != std::errc() || stop != end || !std::isfinite(parsed)) {
+    throw Error(std::string(key) + " must be a finite number, is '" + std::string(text) + "'");
+  }
+  value = parsed;
+}
+
+std::string text_of(Mode value) {
+  return std::string(mode_name(value));
+}
+std::string text_of(bool value) {
+  return value ? "true" : "false";
+}
+std::string text_of(double value) {
+  std::array<char, 32> buffer;
+  const auto result = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value);
+  return std::string(buffer.data(), result.ptr);
+}
+
+void require(bool good, std::string_view key, std::string_view rule, double value) {
+  if (!good) {
+    throw Error(std::string(key) + " must be " + std::string(rule) + ", is " + text_of(value));
+  }
+}
+
+}  // namespace
+
+std::string_view mode_name(Mode mode) {
+  return kModeNames.at(static_cast<std::size_t>(mode));
+}
+
+Mode parse_mode(std::string_view name) {
+  std::string known;
+  for (std::size_t i = 0; i < kModeNames.size(); ++i) {
+    if (name == kModeNames[i]) {
+      return static_cast<Mode>(i);
+    }
+    known += (i == 0 ? "" : ", ") + std::string(kModeNames[i]);
+  }
+  throw Error("unknown mode '" + std::string(name) + "' (known: " + known + ")");
+}
+
+const std::array<Mode, 8>& all_modes() {
+  static constexpr std::array<Mode, 8> kModes = {
+      Mode::kStock,    Mode::kScaled,   Mode::kHardMismatch, Mode::kSoftFilter,
+      Mode::kSemantic, Mode::kPanoptic, Mode::kKys,          Mode::kMask};
+  return kModes;
+}
+
+void ModeOptions::check() const {
+  if (static_cast<std::size_t>(mode) >= kModeNames.size()) {
+    throw Error("kys.mode is not one of the modes");
+  }
+  // The upper limit keeps every product finite, the lower ones keep every quotient so.
+  constexpr double kLimit = 1e6;
+  for_each_option(*this, [](std::string_view key, const auto& value) {
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, double>) {
+      require(value >= 0 && value <= kLimit, key, "between 0 and 1e6", value);
+    }
+  });
+  constexpr double kSmallest = 1e-3;
+  require(s >= kSmallest, "kys.s", "at least 0.001", s);
+  require(tau > 0, "kys.tau", "above 0", tau);
+  require(alpha <= 1, "kys.alpha", "between 0 and 1", alpha);
+  require(eta[0] >= kSmallest, "kys.eta1", "at least 0.001", eta[0]);
+  require(gamma >= kSmallest, "kys.gamma", "at least 0.001", gamma);
+  require(s_max >= kSmallest, "kys.s_max", "at least 0.001", s_max);
+}
+
+bool needs_label_space(const ModeOptions& options) {
+  switch (options.mode) {
+    case Mode::kSoftFilter:
+    case Mode::kSemantic:
+    case Mode::kPanoptic:
+      return true;
+    case Mode::kKys:
+      return options.continuous;
+    default:
+      return false;
+  }
+}
+
+void set_option(ModeOptions& options, std::string_view key, std::string_view value) {
+  bool found = false;
+  for_each_option(options, [&](std::string_view name, auto& member) {
+    if (name == key) {
+      parse(key, value, member);
+      found = true;
+    }
+  });
+  if (!found) {
+    throw Error("unknown setting '" + std::string(key) + "'");
+  }
+}
+
+std::vector<std::pair<std::string, std::string>> option_values(const ModeOptions& options) {
+  std::vector<std::pair<std::string, std::string>> values;
+  for_each_option(options, [&](std::string_view key, const auto& member) {
+    values.emplace_back(key, text_of(member));
+  });
+  return values;
+}
+
+}  // namespace kys

@@ -1,0 +1,133 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "test_support.h"
+
+namespace kys::test {
+namespace {
+
+TEST(Options, ModeNamesRoundTrip) {
+  for (const Mode mode : all_modes()) {
+    EXPECT_EQ(parse_mode(mode_name(mode)), mode);
+  }
+  EXPECT_EQ(mode_name(Mode::kHardMismatch), "hard_mismatch");
+  for (const char* bad : {"", "KYS", "kys ", "semantics"}) {
+    EXPECT_THROW((void)parse_mode(bad), Error);
+  }
+}
+
+TEST(Options, DefaultsAreThePapers) {
+  const ModeOptions o;
+  EXPECT_NO_THROW(o.check());
+  EXPECT_EQ(o.s, 0.75);
+  EXPECT_EQ(o.tau, 110);
+  EXPECT_EQ(o.alpha, 0.7);
+  EXPECT_EQ(o.eta, (std::array<double, 3>{0.70, 0.20, 0.10}));
+  EXPECT_EQ(o.gamma, 0.75);
+  EXPECT_EQ(o.s_max, 155);
+  EXPECT_EQ(o.lambda, (std::array<double, 3>{0.08, 0.05, 0.02}));
+  EXPECT_EQ(o.gate_stereo, 8);
+  EXPECT_EQ(o.gate_temporal, 20);
+  EXPECT_TRUE(o.normalize && o.gates && o.continuous);
+}
+
+TEST(Options, KeysReadBackWhatTheyWrite) {
+  ModeOptions changed;
+  changed.mode = Mode::kSoftFilter;
+  changed.alpha = 1.0 / 3.0;
+  changed.eta = {0.61, 0.31, 0.07};
+  changed.lambda = {1e-9, 0, 7};
+  changed.normalize = changed.gates = changed.continuous = false;
+  ModeOptions read;
+  for (const auto& [key, text] : option_values(changed)) {
+    set_option(read, key, text);
+  }
+  EXPECT_EQ(read, changed);
+}
+
+TEST(Options, BadKeysAndValues) {
+  ModeOptions o;
+  EXPECT_THROW(set_option(o, "kys.beta", "1"), Error);
+  EXPECT_THROW(set_option(o, "alpha", "1"), Error);
+  EXPECT_THROW(set_option(o, "kys.mode", "fast"), Error);
+  for (const char* bad : {"", "x", "1,5", "1 ", "nan", "inf", "0x10", "1e999"}) {
+    EXPECT_THROW(set_option(o, "kys.alpha", bad), Error) << bad;
+  }
+  for (const char* bad : {"", "1", "True", "yes"}) {
+    EXPECT_THROW(set_option(o, "kys.gates", bad), Error) << bad;
+  }
+  EXPECT_EQ(o, ModeOptions{});
+}
+
+TEST(Options, CheckNamesTheKey) {
+  const auto complaint = [](const char* key, double value) -> std::string {
+    ModeOptions o;
+    set_option(o, key, std::to_string(value));
+    try {
+      o.check();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "nothing";
+  };
+  EXPECT_EQ(complaint("kys.alpha", 1.5), "kys.alpha must be between 0 and 1, is 1.5");
+  EXPECT_EQ(complaint("kys.gamma", 0), "kys.gamma must be at least 0.001, is 0");
+  EXPECT_EQ(complaint("kys.tau", 0), "kys.tau must be above 0, is 0");
+  EXPECT_EQ(complaint("kys.lambda_cross_class", -1),
+            "kys.lambda_cross_class must be between 0 and 1e6, is -1");
+  EXPECT_EQ(complaint("kys.lambda_cross_class", 0), "nothing");
+  EXPECT_EQ(complaint("kys.gate_stereo", 0), "nothing");
+  ModeOptions o;
+  o.eta[1] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(o.check(), Error);
+  EXPECT_THROW(DistanceModel{o}, Error);
+}
+
+TEST(Options, ModesThatLookAtSNeedALabelSpace) {
+  for (const Mode mode : all_modes()) {
+    const bool needs = needs_label_space(options_of(mode));
+    EXPECT_EQ(needs, mode == Mode::kSoftFilter || mode == Mode::kSemantic ||
+                         mode == Mode::kPanoptic || mode == Mode::kKys);
+    if (needs) {
+      EXPECT_THROW(DistanceModel{options_of(mode)}, Error);
+    } else {
+      EXPECT_NO_THROW(DistanceModel{options_of(mode)});
+    }
+  }
+}
+
+TEST(Prior, IsCheckedClippedAndHasItsLogarithm) {
+  const Prior p = make_prior(7, 42, 12.5f, 3.0f, true);
+  EXPECT_EQ(p.label, 7);
+  EXPECT_EQ(p.instance, 42);
+  EXPECT_EQ(p.scale, 12.5f);
+  EXPECT_EQ(p.dynamic, 1);
+  EXPECT_FLOAT_EQ(p.log_motion, 1.3862944f);  // ln 4
+  EXPECT_EQ(make_prior(7, 42, 0, -5, false).motion, 0.0f);
+  EXPECT_EQ(make_prior(7, 42, 0, -5, false).log_motion, 0.0f);
+  EXPECT_EQ(make_prior(7, 42, 0, 250, false).motion, 100.0f);
+  EXPECT_FLOAT_EQ(make_prior(7, 42, 0, 250, false).log_motion, 4.6151205f);  // ln 101
+  const float nan = std::nanf("");
+  const float inf = std::numeric_limits<float>::infinity();
+  for (const float bad : {nan, inf, -inf, -1.0f}) {
+    EXPECT_THROW((void)make_prior(7, 42, bad, 0, false), Error);
+  }
+  for (const float bad : {nan, inf, -inf}) {
+    EXPECT_THROW((void)make_prior(7, 42, 0, bad, false), Error);
+  }
+  static_assert(sizeof(Prior) == 20);
+}
+
+TEST(Prior, OfALandmark) {
+  const Prior representative = make_prior(3, 11, 500, 40, true);
+  const Prior recent = make_prior(4, 12, 900, 2, false);
+  const Prior merged = landmark_prior(representative, recent);
+  EXPECT_EQ(merged, make_prior(3, 11, 500, 2, false));  // what, from one; how fast, from the other
+  EXPECT_EQ(landmark_prior(representative, Prior{}), make_prior(3, 11, 500, 0, false));
+  EXPECT_EQ(landmark_prior(Prior{}, recent).label, kVoidLabel);
+}
+
+}  // namespace
+}  // namespace kys::test

@@ -1,0 +1,82 @@
+"""Reading and writing the class and table files of a label space (formats: kys/README.md)."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+COLUMNS = "id,thing,vector,text,name"
+
+
+@dataclass
+class LabelClass:
+    id: int
+    thing: bool
+    vector: str  # "fasttext" or "surrogate"
+    text: str  # the words whose vectors are summed
+    name: str
+
+
+def read_classes(path):
+    """Returns (name of the space, list of LabelClass). Raises ValueError naming file and line."""
+    lines = [
+        (number, line.rstrip("\r\n"))
+        for number, line in enumerate(Path(path).read_text(encoding="utf-8").splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
+    if len(lines) < 2:
+        raise ValueError(f"{path}: empty or truncated")
+    head = lines[0][1].split(",")
+    if len(head) != 4 or head[0] != "kys-classes" or head[1] != "1" or not head[3].isdigit():
+        raise ValueError(f"{path}:{lines[0][0]}: does not begin with 'kys-classes,1,NAME,COUNT'")
+    if lines[1][1] != COLUMNS:
+        raise ValueError(f"{path}:{lines[1][0]}: the second line must be '{COLUMNS}'")
+    classes = []
+    for number, line in lines[2:]:
+        fields = line.split(",", 4)
+        if len(fields) != 5 or fields[1] not in ("0", "1"):
+            raise ValueError(f"{path}:{number}: not a class line ({COLUMNS})")
+        classes.append(LabelClass(int(fields[0]), fields[1] == "1", *fields[2:]))
+    if len(classes) != int(head[3]):
+        raise ValueError(f"{path}: has {len(classes)} classes, the first line says {head[3]}")
+    return head[2], classes
+
+
+def write_atomically(path, text):
+    temporary = Path(f"{path}.part")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def write_classes(path, name, classes, comments=()):
+    lines = [f"# {c}" for c in comments]
+    lines += [f"kys-classes,1,{name},{len(classes)}", COLUMNS]
+    lines += [f"{c.id},{int(c.thing)},{c.vector},{c.text},{c.name}" for c in classes]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def write_table(path, name, table, comments=()):
+    lines = [f"# {c}" for c in comments]
+    lines.append(f"kys-table,1,{name},{len(table)}")
+    lines += [",".join(f"{value:g}" for value in row) for row in table]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def summary(table, names, selection=None):
+    """Range and percentiles of the off-diagonal entries, as lines of text."""
+    n = len(table)
+    chosen = range(n) if selection is None else selection
+    pairs = sorted((table[i][j], i, j) for i in chosen for j in chosen if j < i)
+    if not pairs:
+        return ["a single class: no pairs"]
+    values = [p[0] for p in pairs]
+
+    def percentile(q):
+        return values[min(len(values) - 1, round(q / 100 * (len(values) - 1)))]
+
+    lines = [
+        f"{len(pairs)} pairs, off-diagonal range {values[0]:g}..{values[-1]:g}",
+        "percentiles " + ", ".join(f"{q}: {percentile(q):g}" for q in (1, 5, 25, 50, 75, 95, 99)),
+    ]
+    for title, (value, i, j) in (("closest", pairs[0]), ("farthest", pairs[-1])):
+        lines.append(f"{title}: {names[i]} - {names[j]} {value:g}")
+    return lines
