@@ -1,6 +1,7 @@
 #include "map/map.h"
 
 #include <kys/hamming.h>
+#include <kys/prior.h>
 
 #include <algorithm>
 #include <stdexcept>

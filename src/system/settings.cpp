@@ -1,0 +1,173 @@
+#include <kys/mode_options.h>
+#include <kys_slam/error.h>
+#include <kys_slam/settings.h>
+#include <yaml-cpp/yaml.h>
+
+#include <sstream>
+#include <type_traits>
+
+#include "kys/error.h"
+#include "system/settings_data.h"
+#include "util/names.h"
+#include "util/numbers.h"
+
+namespace kys_slam {
+
+namespace {
+
+std::string to_text(bool value) { return value ? "true" : "false"; }
+std::string to_text(const std::string& value) { return value; }
+template <typename T>
+std::string to_text(const T& value) {
+  std::ostringstream text;
+  text << value;
+  return text.str();
+}
+
+/// Throws InputError when `text` is not a value of the type.
+template <typename T>
+void from_text(std::string_view key, std::string_view text, T& value) {
+  const auto fail = [&](const char* what) {
+    throw InputError("setting " + std::string(key) + ": '" + std::string(text) + "' is not " + what);
+  };
+  if constexpr (std::is_same_v<T, std::string>) {
+    value = std::string(text);
+  } else if constexpr (std::is_same_v<T, bool>) {
+    if (text != "true" && text != "false") fail("true or false");
+    value = text == "true";
+  } else if constexpr (std::is_integral_v<T>) {
+    const auto number = parse_integer(text);
+    if (!number || *number < 0 || *number > 1000000000) fail("a whole number from 0 to 1e9");
+    value = static_cast<T>(*number);
+  } else {
+    const auto number = parse_double(text);
+    if (!number) fail("a finite number");
+    value = static_cast<T>(*number);
+  }
+}
+
+void flatten(const YAML::Node& node, const std::string& prefix,
+             std::vector<std::pair<std::string, std::string>>& entries) {
+  for (const auto& entry : node) {
+    const std::string key = prefix + entry.first.as<std::string>();
+    if (entry.second.IsMap()) {
+      flatten(entry.second, key + ".", entries);
+    } else if (entry.second.IsScalar()) {
+      entries.emplace_back(key, entry.second.as<std::string>());
+    } else {
+      throw InputError("setting " + key + " has no single value");
+    }
+  }
+}
+
+}  // namespace
+
+Settings::Settings() : data_(std::make_unique<SettingsData>()) {}
+Settings::~Settings() = default;
+Settings::Settings(const Settings& other) : data_(std::make_unique<SettingsData>(*other.data_)) {}
+Settings& Settings::operator=(const Settings& other) {
+  *data_ = *other.data_;
+  return *this;
+}
+Settings::Settings(Settings&&) noexcept = default;
+Settings& Settings::operator=(Settings&&) noexcept = default;
+
+Settings Settings::indoor() {
+  Settings settings;
+  settings.data_->orb.features = 1200;
+  settings.data_->tracking.close_baselines = 60;
+  settings.data_->tracking.keyframes.max_frames = 20;
+  return settings;
+}
+
+void Settings::set(std::string_view key, std::string_view value) {
+  bool found = false;
+  visit_settings(*data_, [&](const char* name, auto& place, const char*, const char*) {
+    if (key != name) return;
+    found = true;
+    from_text(key, value, place);
+  });
+  if (found) return;
+  std::vector<std::string> known;
+  for (const Description& d : describe()) {
+    if (d.key == key) found = true;
+    known.push_back(d.key);
+  }
+  if (!found) {
+    throw InputError("unknown setting '" + std::string(key) + "'; did you mean '" +
+                     nearest_name(key, known) + "'?");
+  }
+  try {
+    kys::set_option(data_->kys, key, value);
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+}
+
+std::string Settings::get(std::string_view key) const {
+  for (const Description& d : describe()) {
+    if (d.key == key) return d.value;
+  }
+  throw InputError("unknown setting '" + std::string(key) + "'");
+}
+
+void Settings::load(const std::filesystem::path& file) {
+  std::vector<std::pair<std::string, std::string>> entries;
+  try {
+    const YAML::Node root = YAML::LoadFile(file.string());
+    if (!root.IsNull() && !root.IsMap()) throw InputError("is not a list of settings");
+    if (root.IsMap()) flatten(root, "", entries);
+    for (const auto& [key, value] : entries) set(key, value);
+  } catch (const YAML::BadFile&) {
+    throw InputError(file.string() + ": cannot be read");
+  } catch (const YAML::Exception& error) {
+    throw InputError(file.string() + ": " + error.what());
+  } catch (const InputError& error) {
+    throw InputError(file.string() + ": " + error.what());
+  }
+}
+
+void Settings::check() const {
+  data_->orb.check();
+  data_->stereo.check();
+  data_->tracking.check();
+  if (data_->mapping.bundle.max_keyframes < 1) {
+    throw InputError("mapping.bundle_keyframes must be at least 1");
+  }
+  try {
+    data_->kys.check();
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+}
+
+std::vector<Settings::Description> Settings::describe() const {
+  std::vector<Description> all;
+  visit_settings(std::as_const(*data_),
+                 [&](const char* key, const auto& value, const char* unit, const char* meaning) {
+                   all.push_back({key, to_text(value), unit, meaning});
+                 });
+  for (const auto& [key, value] : kys::option_values(data_->kys)) {
+    all.push_back({key, value, "", "see kys/README.md"});
+  }
+  return all;
+}
+
+std::string Settings::to_yaml() const {
+  std::ostringstream text;
+  std::string section;
+  for (const Description& d : describe()) {
+    const std::size_t dot = d.key.find('.');
+    const std::string head = d.key.substr(0, dot);
+    if (head != section) {
+      text << (section.empty() ? "" : "\n") << head << ":\n";
+      section = head;
+    }
+    text << "  " << d.key.substr(dot + 1) << ": " << d.value << "  # ";
+    if (!d.unit.empty()) text << "[" << d.unit << "] ";
+    text << d.meaning << "\n";
+  }
+  return text.str();
+}
+
+}  // namespace kys_slam
