@@ -1,10 +1,10 @@
 #include "optimization/bundle_adjustment.h"
 
-#include "optimization/bundle_solver.h"
-#include "optimization/reprojection.h"
-
 #include <algorithm>
 #include <stdexcept>
+
+#include "optimization/bundle_solver.h"
+#include "optimization/reprojection.h"
 
 namespace kys_slam {
 namespace {
@@ -43,8 +43,7 @@ class Errors {
         rotations_[o.pose] * problem_.points[o.point] + problem_.T_c_w[o.pose].translation;
     in_front = p_c.z() >= kMinDepth;
     const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-    const double sum =
-        std::isnan(o.u_right) ? e.head<2>().squaredNorm() : e.squaredNorm();
+    const double sum = std::isnan(o.u_right) ? e.head<2>().squaredNorm() : e.squaredNorm();
     return sum * o.inv_sigma * o.inv_sigma;
   }
 
@@ -104,8 +103,7 @@ BundleSolver choose_solver(const BundleOptions& options, const std::vector<std::
 }
 
 BundleRoundSummary run_round(BundleProblem& problem, const BundleOptions& options,
-                             const std::vector<std::uint8_t>& active, bool robust,
-                             int iterations) {
+                             const std::vector<std::uint8_t>& active, bool robust, int iterations) {
   const std::vector<std::uint8_t> fixed = hold_gauge(problem, active);
   const BundleRound round{active, fixed, robust, iterations};
   return choose_solver(options, fixed) == BundleSolver::kSchur

@@ -51,7 +51,7 @@ struct BundleSummary {
   double initial_cost = 0;  ///< 1/2 sum of rho(chi2) before the first round
   double final_cost = 0;    ///< 1/2 sum of (rho of) chi2 over what the last round used
   int iterations = 0;       ///< of all rounds, steps that were rejected included
-  bool stopped = false;  ///< `stop` was set: the poses and points are still valid
+  bool stopped = false;     ///< `stop` was set: the poses and points are still valid
   std::vector<std::uint8_t>
       outlier;  ///< per observation: chi2 above the bound or behind the camera
 };

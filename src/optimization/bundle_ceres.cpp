@@ -1,7 +1,3 @@
-#include "optimization/bundle_solver.h"
-#include "optimization/ceres_support.h"
-#include "optimization/cost_functions.h"
-
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
@@ -10,6 +6,10 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+
+#include "optimization/bundle_solver.h"
+#include "optimization/ceres_support.h"
+#include "optimization/cost_functions.h"
 
 namespace kys_slam {
 namespace {

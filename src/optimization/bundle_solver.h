@@ -1,8 +1,8 @@
 #pragma once
 
-#include "optimization/bundle_adjustment.h"
-
 #include <span>
+
+#include "optimization/bundle_adjustment.h"
 
 namespace kys_slam {
 

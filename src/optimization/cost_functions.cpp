@@ -14,8 +14,7 @@ using JacobianMap = Eigen::Map<Eigen::Matrix<double, Rows, Cols, Eigen::RowMajor
 template <int Rows>
 void evaluate_reprojection(const StereoCamera& camera, const Rigid3& T_c_w,
                            const Eigen::Vector3d& observed, double inv_sigma,
-                           double const* const* parameters, double* residuals,
-                           double** jacobians) {
+                           double const* const* parameters, double* residuals, double** jacobians) {
   const Eigen::Map<const Eigen::Vector3d> w(parameters[0]);
   const Eigen::Map<const Eigen::Vector3d> v(parameters[0] + 3);
   const Eigen::Map<const Eigen::Vector3d> p_w(parameters[1]);

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <ceres/sized_cost_function.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
-
-#include <ceres/sized_cost_function.h>
 
 namespace kys_slam {
 

@@ -7,8 +7,11 @@ namespace kys_slam {
 /// Four doubles worked on together. GCC and Clang turn them into the vector instructions of the
 /// target, two or four at a time; every lane is rounded alike whichever they are, so results do not
 /// depend on the machine.
-using Lanes = double __attribute__((vector_size(32)));
-using LaneMask = long long __attribute__((vector_size(32)));
+// The alignment is stated since compilers take a smaller one where the target has no such vectors,
+// while the AVX2 clones below rely on it.
+using Lanes = double __attribute__((vector_size(32), aligned(32)));
+using LaneMask = long long __attribute__((vector_size(32), aligned(32)));
+static_assert(alignof(Lanes) == 32);
 inline constexpr int kLanes = 4;
 
 // A function marked so exists twice, and the loader takes the AVX2 one where the machine has it.

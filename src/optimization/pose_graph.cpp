@@ -1,8 +1,5 @@
 #include "optimization/pose_graph.h"
 
-#include "optimization/ceres_support.h"
-#include "optimization/cost_functions.h"
-
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
@@ -10,6 +7,9 @@
 #include <cmath>
 #include <deque>
 #include <stdexcept>
+
+#include "optimization/ceres_support.h"
+#include "optimization/cost_functions.h"
 
 namespace kys_slam {
 namespace {
@@ -21,8 +21,8 @@ void check(const std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fi
   if (fixed.size() != T_w_c.size()) {
     throw std::invalid_argument("optimize_pose_graph: fixed and T_w_c differ in length");
   }
-  if (!T_w_c.empty() && std::count(fixed.begin(), fixed.end(), 0) ==
-                            static_cast<std::ptrdiff_t>(fixed.size())) {
+  if (!T_w_c.empty() &&
+      std::count(fixed.begin(), fixed.end(), 0) == static_cast<std::ptrdiff_t>(fixed.size())) {
     throw std::invalid_argument("optimize_pose_graph: at least one pose has to be fixed");
   }
   const auto poses = static_cast<std::int64_t>(T_w_c.size());
@@ -42,8 +42,7 @@ bool is_usable(const PoseGraphEdge& edge, const std::vector<Rigid3>& T_w_c) {
 }  // namespace
 
 void optimize_pose_graph(std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
-                         const std::vector<PoseGraphEdge>& edges,
-                         const PoseGraphOptions& options) {
+                         const std::vector<PoseGraphEdge>& edges, const PoseGraphOptions& options) {
   check(T_w_c, fixed, edges);
   std::vector<Vector6d> increments(T_w_c.size(), Vector6d::Zero());
   std::deque<RelativePoseCost> costs;  // Ceres keeps pointers to them

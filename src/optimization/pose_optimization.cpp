@@ -1,12 +1,11 @@
 #include "optimization/pose_optimization.h"
 
-#include "optimization/lanes.h"
-#include "optimization/reprojection.h"
-
 #include <Eigen/Cholesky>
-
 #include <algorithm>
 #include <stdexcept>
+
+#include "optimization/lanes.h"
+#include "optimization/reprojection.h"
 
 namespace kys_slam {
 namespace {
@@ -21,11 +20,11 @@ constexpr double kCostTolerance = 1e-7;  // relative
 /// Four observations side by side. Weights are 1/px^2, and zero where there is nothing to weigh:
 /// lanes past the end, and the right image of monocular observations.
 struct ObservationLanes {
-  Lanes x{}, y{}, z{};            // p_w, m
-  Lanes u{}, v{}, u_right{};      // px
+  Lanes x{}, y{}, z{};        // p_w, m
+  Lanes u{}, v{}, u_right{};  // px
   Lanes weight{}, weight_right{};
-  Lanes bound{};                  // chi2 that separates outliers, and the square of Huber's delta
-  Lanes active{};                 // 1: takes part in this round
+  Lanes bound{};   // chi2 that separates outliers, and the square of Huber's delta
+  Lanes active{};  // 1: takes part in this round
 };
 
 /// The increment here is that of the camera frame, p_c -> exp(w) p_c + v, whose Jacobian is the
@@ -264,8 +263,8 @@ Rigid3 minimise(const PoseProblem& problem, Rigid3 T_c_w, bool robust, int itera
     const NormalEquations next = problem.linearise(candidate, robust);
     if (next.cost <= best.cost) {
       const double decrease = best.cost - next.cost;
-      const bool converged = step.lpNorm<Eigen::Infinity>() < kStepTolerance ||
-                             decrease <= kCostTolerance * best.cost;
+      const bool converged =
+          step.lpNorm<Eigen::Infinity>() < kStepTolerance || decrease <= kCostTolerance * best.cost;
       T_c_w = candidate;
       best = next;
       damping = std::max(damping * 0.1, 1e-9);
@@ -316,8 +315,8 @@ PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial
     result.outlier.assign(observations.size(), 1);
     return result;
   }
-  result.information = information_of_plus(problem.linearise(result.T_c_w, false).hessian,
-                                           result.T_c_w.translation);
+  result.information =
+      information_of_plus(problem.linearise(result.T_c_w, false).hessian, result.T_c_w.translation);
   return result;
 }
 

@@ -3,7 +3,6 @@
 #include <kys_slam/stereo_camera.h>
 
 #include <Eigen/Core>
-
 #include <cmath>
 
 namespace kys_slam {
@@ -38,8 +37,7 @@ inline bool is_usable(const Eigen::Vector3d& p_w) {
 inline bool is_usable(double u, double v, double u_right, double inv_sigma) {
   constexpr double kFarthest = 1e7;  // px
   return std::abs(u) < kFarthest && std::abs(v) < kFarthest &&
-         (std::isnan(u_right) || std::abs(u_right) < kFarthest) && inv_sigma > 0 &&
-         inv_sigma < 1e6;
+         (std::isnan(u_right) || std::abs(u_right) < kFarthest) && inv_sigma > 0 && inv_sigma < 1e6;
 }
 
 /// Predicted minus observed pixel (u_left, v, u_right) of point `p_c` in the left camera frame, in
@@ -59,7 +57,7 @@ inline Eigen::Matrix3d reprojection_jacobian(const StereoCamera& camera,
   const double fx_z = camera.fx * inverse.value;
   const double du_dz = camera.fx * p_c.x() * inverse.derivative;
   Eigen::Matrix3d J;
-  J << fx_z, 0, du_dz,                                              //
+  J << fx_z, 0, du_dz,                                                         //
       0, camera.fy * inverse.value, camera.fy * p_c.y() * inverse.derivative,  //
       fx_z, 0, du_dz - camera.bf() * inverse.derivative;
   return J;

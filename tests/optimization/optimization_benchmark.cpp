@@ -1,10 +1,10 @@
-#include "optimization/bundle_adjustment.h"
-#include "optimization/pose_optimization.h"
-#include "scene.h"
-
 #include <benchmark/benchmark.h>
 
 #include <string>
+
+#include "optimization/bundle_adjustment.h"
+#include "optimization/pose_optimization.h"
+#include "scene.h"
 
 namespace kys_slam::test {
 namespace {

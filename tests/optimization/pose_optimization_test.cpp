@@ -1,8 +1,8 @@
 #include "optimization/pose_optimization.h"
 
-#include "scene.h"
-
 #include <gtest/gtest.h>
+
+#include "scene.h"
 
 namespace kys_slam::test {
 namespace {

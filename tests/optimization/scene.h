@@ -1,13 +1,13 @@
 #pragma once
 
-#include "optimization/bundle_adjustment.h"
-#include "optimization/pose_optimization.h"
-
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <random>
 #include <vector>
+
+#include "optimization/bundle_adjustment.h"
+#include "optimization/pose_optimization.h"
 
 namespace kys_slam::test {
 
@@ -50,12 +50,12 @@ class Random {
 struct SceneOptions {
   std::uint64_t seed = 1;
   int poses = 20;
-  int fixed = 6;               ///< the first ones
+  int fixed = 6;  ///< the first ones
   int points = 2500;
-  double spacing = 1.0;        ///< m between keyframes
-  int max_track = 6;           ///< keyframes that see a point, at most
-  double mono_share = 0.3;     ///< of the observations
-  double noise = 0;            ///< standard deviation at inv_sigma 1, px
+  double spacing = 1.0;     ///< m between keyframes
+  int max_track = 6;        ///< keyframes that see a point, at most
+  double mono_share = 0.3;  ///< of the observations
+  double noise = 0;         ///< standard deviation at inv_sigma 1, px
 };
 
 /// A drive along z through a corridor of points, as a local window of a KITTI sequence sees it.
