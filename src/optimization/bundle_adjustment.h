@@ -27,26 +27,41 @@ struct BundleProblem {
   std::vector<Observation> observations;  ///< grouped by point makes it faster, not different
 };
 
+/// What solves the normal equations. All minimise the same cost.
+enum class BundleSolver : std::uint8_t {
+  kAuto,   ///< kSchur up to kSchurMaxPoses free poses, kCeres above
+  kSchur,  ///< own Levenberg-Marquardt, points eliminated, dense reduced system: local windows
+  kCeres,  ///< Ceres: DENSE_SCHUR for few free poses, SPARSE_SCHUR for many
+};
+inline constexpr int kSchurMaxPoses = 150;
+
 struct BundleOptions {
+  BundleSolver solver = BundleSolver::kAuto;
   int iterations = 5;                       ///< of the robust round
   int refine_iterations = 10;               ///< after outliers are set aside; 0: no second round
   double chi2_mono = 5.991;                 ///< 95 %, 2 degrees of freedom
   double chi2_stereo = 7.815;               ///< 95 %, 3 degrees of freedom
   bool robust = true;                       ///< Huber loss in the first round
+  double function_tolerance = 1e-6;         ///< stop when the cost falls by less than this share
   int threads = 1;                          ///< more than one gives no reproducible sums
   const std::atomic<bool>* stop = nullptr;  ///< asked between iterations
 };
 
 struct BundleSummary {
-  double initial_cost = 0;
-  double final_cost = 0;
-  int iterations = 0;
-  bool stopped = false;  ///< `stop` was set: the poses and points are still valid
+  double initial_cost = 0;  ///< 1/2 sum of rho(chi2) before the first round
+  double final_cost = 0;    ///< 1/2 sum of (rho of) chi2 over what the last round used
+  int iterations = 0;       ///< of all rounds, steps that were rejected included
+  bool stopped = false;     ///< `stop` was set: the poses and points are still valid
   std::vector<std::uint8_t>
       outlier;  ///< per observation: chi2 above the bound or behind the camera
 };
 
-/// Minimises the reprojection error over poses and points (ORB-SLAM2, Sec. III-D, III-F).
+/// Minimises the reprojection error over poses and points (ORB-SLAM2, Sec. III-D, III-F): a robust
+/// round (Huber at the chi2 bounds), then a plain one over the observations within the bounds.
+/// Observations that are not finite, or behind the camera to begin with, are outliers from the
+/// start; points and poses without usable observations do not move. If no pose is fixed the first
+/// observed one is held, as reprojection errors leave the place of the whole open.
+/// \throws std::invalid_argument for indices out of range, arrays of unequal length, a bad camera.
 BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options);
 
 }  // namespace kys_slam

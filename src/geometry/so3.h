@@ -1,0 +1,29 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+
+namespace kys_slam {
+
+/// Left Jacobian of SO(3): exp(w + d) = exp(J_l(w) d) exp(w) to first order in d.
+inline Eigen::Matrix3d so3_left_jacobian(const Eigen::Vector3d& w) {
+  const double angle_sq = w.squaredNorm();
+  const double angle = std::sqrt(angle_sq);
+  const Eigen::Matrix3d W = hat(w);
+  const bool small = angle < 1e-4;  // both series are exact to double precision here
+  const double a = small ? 0.5 - angle_sq / 24.0 : (1.0 - std::cos(angle)) / angle_sq;
+  const double b =
+      small ? 1.0 / 6.0 - angle_sq / 120.0 : (angle - std::sin(angle)) / (angle_sq * angle);
+  return Eigen::Matrix3d::Identity() + a * W + b * W * W;
+}
+
+/// Inverse of the left Jacobian, for |w| < 2 pi; the inverse right Jacobian is its transpose.
+inline Eigen::Matrix3d so3_left_jacobian_inverse(const Eigen::Vector3d& w) {
+  const double angle_sq = w.squaredNorm();
+  const double angle = std::sqrt(angle_sq);
+  const Eigen::Matrix3d W = hat(w);
+  const double c = angle < 1e-3 ? 1.0 / 12.0 + angle_sq / 720.0
+                                : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / angle_sq;
+  return Eigen::Matrix3d::Identity() - 0.5 * W + c * W * W;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,141 @@
+#include "optimization/bundle_adjustment.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "optimization/bundle_solver.h"
+#include "optimization/reprojection.h"
+
+namespace kys_slam {
+namespace {
+
+using Observation = BundleProblem::Observation;
+
+void check(const BundleProblem& problem) {
+  if (!problem.camera.is_valid()) throw std::invalid_argument("adjust_bundle: bad camera");
+  if (problem.pose_fixed.size() != problem.T_c_w.size()) {
+    throw std::invalid_argument("adjust_bundle: pose_fixed and T_c_w differ in length");
+  }
+  const auto poses = static_cast<std::int64_t>(problem.T_c_w.size());
+  const auto points = static_cast<std::int64_t>(problem.points.size());
+  for (const Observation& o : problem.observations) {
+    if (o.pose < 0 || o.pose >= poses || o.point < 0 || o.point >= points) {
+      throw std::invalid_argument("adjust_bundle: observation of a pose or point out of range");
+    }
+  }
+}
+
+/// Poses with rotations ready, and what an observation needs of them.
+class Errors {
+ public:
+  explicit Errors(const BundleProblem& problem) : problem_(problem) {
+    rotations_.reserve(problem.T_c_w.size());
+    for (const Rigid3& T : problem.T_c_w) rotations_.push_back(T.R());
+  }
+
+  [[nodiscard]] bool is_finite(const Observation& o) const {
+    return is_usable(o.u, o.v, o.u_right, o.inv_sigma) && is_usable(problem_.points[o.point]) &&
+           problem_.T_c_w[o.pose].is_finite();
+  }
+  /// Squared error over variance; `in_front` tells on which side of the camera the point is.
+  [[nodiscard]] double chi2(const Observation& o, bool& in_front) const {
+    const Eigen::Vector3d p_c =
+        rotations_[o.pose] * problem_.points[o.point] + problem_.T_c_w[o.pose].translation;
+    in_front = p_c.z() >= kMinDepth;
+    const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
+    const double sum = std::isnan(o.u_right) ? e.head<2>().squaredNorm() : e.squaredNorm();
+    return sum * o.inv_sigma * o.inv_sigma;
+  }
+
+ private:
+  const BundleProblem& problem_;
+  std::vector<Eigen::Matrix3d> rotations_;
+};
+
+/// Observations of the first round: finite, and in front of the camera.
+std::vector<std::uint8_t> usable_observations(const BundleProblem& problem) {
+  const Errors errors(problem);
+  std::vector<std::uint8_t> active(problem.observations.size(), 0);
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    const Observation& o = problem.observations[i];
+    bool in_front = false;
+    if (!errors.is_finite(o)) continue;
+    static_cast<void>(errors.chi2(o, in_front));
+    active[i] = in_front ? 1 : 0;
+  }
+  return active;
+}
+
+std::vector<std::uint8_t> find_outliers(const BundleProblem& problem,
+                                        const BundleOptions& options) {
+  const Errors errors(problem);
+  std::vector<std::uint8_t> outlier(problem.observations.size(), 1);
+  for (std::size_t i = 0; i < outlier.size(); ++i) {
+    const Observation& o = problem.observations[i];
+    if (!errors.is_finite(o)) continue;
+    bool in_front = false;
+    const double chi2 = errors.chi2(o, in_front);
+    const double bound = std::isnan(o.u_right) ? options.chi2_mono : options.chi2_stereo;
+    outlier[i] = in_front && chi2 <= bound ? 0 : 1;
+  }
+  return outlier;
+}
+
+/// The fixed poses, or if there are none, the first that is observed.
+std::vector<std::uint8_t> hold_gauge(const BundleProblem& problem,
+                                     const std::vector<std::uint8_t>& active) {
+  std::vector<std::uint8_t> fixed = problem.pose_fixed;
+  std::int32_t first = -1;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    if (active[i] == 0) continue;
+    const std::int32_t pose = problem.observations[i].pose;
+    if (fixed[pose] != 0) return fixed;
+    if (first < 0 || pose < first) first = pose;
+  }
+  if (first >= 0) fixed[first] = 1;
+  return fixed;
+}
+
+BundleSolver choose_solver(const BundleOptions& options, const std::vector<std::uint8_t>& fixed) {
+  if (options.solver != BundleSolver::kAuto) return options.solver;
+  const auto free_poses = std::count(fixed.begin(), fixed.end(), 0);
+  return free_poses <= kSchurMaxPoses ? BundleSolver::kSchur : BundleSolver::kCeres;
+}
+
+BundleRoundSummary run_round(BundleProblem& problem, const BundleOptions& options,
+                             const std::vector<std::uint8_t>& active, bool robust, int iterations) {
+  const std::vector<std::uint8_t> fixed = hold_gauge(problem, active);
+  const BundleRound round{active, fixed, robust, iterations};
+  return choose_solver(options, fixed) == BundleSolver::kSchur
+             ? solve_bundle_schur(problem, options, round)
+             : solve_bundle_ceres(problem, options, round);
+}
+
+}  // namespace
+
+BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options) {
+  check(problem);
+  BundleSummary summary;
+  const std::vector<std::uint8_t> usable = usable_observations(problem);
+  const BundleRoundSummary first =
+      run_round(problem, options, usable, options.robust, options.iterations);
+  summary.initial_cost = first.initial_cost;
+  summary.final_cost = first.final_cost;
+  summary.iterations = first.iterations;
+  summary.stopped = first.stopped;
+  summary.outlier = find_outliers(problem, options);
+
+  if (options.refine_iterations > 0 && !first.stopped) {
+    std::vector<std::uint8_t> active(usable.size());
+    for (std::size_t i = 0; i < active.size(); ++i) active[i] = summary.outlier[i] == 0 ? 1 : 0;
+    const BundleRoundSummary second =
+        run_round(problem, options, active, false, options.refine_iterations);
+    summary.final_cost = second.final_cost;
+    summary.iterations += second.iterations;
+    summary.stopped = second.stopped;
+    summary.outlier = find_outliers(problem, options);
+  }
+  return summary;
+}
+
+}  // namespace kys_slam

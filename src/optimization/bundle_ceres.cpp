@@ -1,0 +1,129 @@
+#include <ceres/loss_function.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <memory>
+
+#include "optimization/bundle_solver.h"
+#include "optimization/ceres_support.h"
+#include "optimization/cost_functions.h"
+
+namespace kys_slam {
+namespace {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+/// More free poses than this make a reduced system that is worth treating as sparse.
+constexpr int kDenseSchurMaxPoses = 60;
+
+class CeresBundle {
+ public:
+  CeresBundle(BundleProblem& bundle, const BundleOptions& options, const BundleRound& round)
+      : bundle_(bundle),
+        loss_stereo_(std::sqrt(options.chi2_stereo)),
+        loss_mono_(std::sqrt(options.chi2_mono)),
+        increments_(bundle.T_c_w.size(), Vector6d::Zero()),
+        pose_used_(bundle.T_c_w.size(), 0),
+        point_used_(bundle.points.size(), 0),
+        problem_(problem_options()) {
+    for (std::size_t i = 0; i < bundle.observations.size(); ++i) {
+      if (round.active[i] != 0) add(bundle.observations[i], round.robust);
+    }
+    for (std::size_t i = 0; i < pose_used_.size(); ++i) {
+      if (pose_used_[i] == 0) continue;
+      if (round.pose_fixed[i] != 0) {
+        problem_.SetParameterBlockConstant(increments_[i].data());
+      } else {
+        ++free_poses_;
+      }
+    }
+  }
+
+  BundleRoundSummary solve(const BundleOptions& options, int iterations) {
+    BundleRoundSummary summary;
+    if (problem_.NumResidualBlocks() == 0) return summary;
+    StopCallback stop(options.stop);
+    ceres::Solver::Options solver = quiet_solver_options(options.threads);
+    solver.linear_solver_type =
+        free_poses_ <= kDenseSchurMaxPoses ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    solver.linear_solver_ordering = points_first();
+    solver.max_num_iterations = iterations;
+    solver.function_tolerance = options.function_tolerance;
+    solver.callbacks.push_back(&stop);
+    ceres::Solver::Summary report;
+    ceres::Solve(solver, &problem_, &report);
+
+    summary.initial_cost = report.initial_cost;
+    summary.final_cost = report.final_cost;
+    summary.iterations = std::max(0, static_cast<int>(report.iterations.size()) - 1);
+    summary.stopped = stop.was_stopped();
+    if (report.IsSolutionUsable()) write_poses();
+    return summary;
+  }
+
+ private:
+  static ceres::Problem::Options problem_options() {
+    ceres::Problem::Options options;
+    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.disable_all_safety_checks = true;
+    return options;
+  }
+
+  void add(const BundleProblem::Observation& o, bool robust) {
+    const Rigid3* T_c_w = &bundle_.T_c_w[o.pose];
+    double* pose = increments_[o.pose].data();
+    double* point = bundle_.points[o.point].data();
+    pose_used_[o.pose] = 1;
+    point_used_[o.point] = 1;
+    if (std::isnan(o.u_right)) {
+      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), o.inv_sigma);
+      problem_.AddResidualBlock(&mono_costs_.back(), robust ? &loss_mono_ : nullptr, pose, point);
+    } else {
+      stereo_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector3d(o.u, o.v, o.u_right),
+                                 o.inv_sigma);
+      problem_.AddResidualBlock(&stereo_costs_.back(), robust ? &loss_stereo_ : nullptr, pose,
+                                point);
+    }
+  }
+
+  std::shared_ptr<ceres::ParameterBlockOrdering> points_first() {
+    auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    for (std::size_t i = 0; i < point_used_.size(); ++i) {
+      if (point_used_[i] != 0) ordering->AddElementToGroup(bundle_.points[i].data(), 0);
+    }
+    for (std::size_t i = 0; i < pose_used_.size(); ++i) {
+      if (pose_used_[i] != 0) ordering->AddElementToGroup(increments_[i].data(), 1);
+    }
+    return ordering;
+  }
+
+  void write_poses() {
+    for (std::size_t i = 0; i < increments_.size(); ++i) {
+      if (pose_used_[i] != 0) bundle_.T_c_w[i] = plus(bundle_.T_c_w[i], increments_[i]);
+    }
+  }
+
+  BundleProblem& bundle_;
+  ceres::HuberLoss loss_stereo_;
+  ceres::HuberLoss loss_mono_;
+  std::deque<StereoReprojectionCost> stereo_costs_;  // Ceres keeps pointers to them
+  std::deque<MonoReprojectionCost> mono_costs_;
+  std::vector<Vector6d> increments_;
+  std::vector<std::uint8_t> pose_used_;
+  std::vector<std::uint8_t> point_used_;
+  int free_poses_ = 0;
+  ceres::Problem problem_;
+};
+
+}  // namespace
+
+BundleRoundSummary solve_bundle_ceres(BundleProblem& problem, const BundleOptions& options,
+                                      const BundleRound& round) {
+  return CeresBundle(problem, options, round).solve(options, round.iterations);
+}
+
+}  // namespace kys_slam

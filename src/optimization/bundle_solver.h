@@ -1,0 +1,30 @@
+#pragma once
+
+#include <span>
+
+#include "optimization/bundle_adjustment.h"
+
+namespace kys_slam {
+
+/// One minimisation over a fixed set of observations: what the solvers behind adjust_bundle share.
+struct BundleRound {
+  std::span<const std::uint8_t> active;      ///< per observation: takes part
+  std::span<const std::uint8_t> pose_fixed;  ///< per pose, gauge taken care of
+  bool robust = true;
+  int iterations = 10;
+};
+
+struct BundleRoundSummary {
+  double initial_cost = 0;
+  double final_cost = 0;
+  int iterations = 0;
+  bool stopped = false;
+};
+
+/// Both change T_c_w and points of the problem in place, and leave them valid when stopped.
+BundleRoundSummary solve_bundle_ceres(BundleProblem& problem, const BundleOptions& options,
+                                      const BundleRound& round);
+BundleRoundSummary solve_bundle_schur(BundleProblem& problem, const BundleOptions& options,
+                                      const BundleRound& round);
+
+}  // namespace kys_slam

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cmath>
+
+namespace kys_slam {
+
+/// Four doubles worked on together. GCC and Clang turn them into the vector instructions of the
+/// target, two or four at a time; every lane is rounded alike whichever they are, so results do not
+/// depend on the machine.
+// The alignment is stated since compilers take a smaller one where the target has no such vectors,
+// while the AVX2 clones below rely on it.
+using Lanes = double __attribute__((vector_size(32), aligned(32)));
+using LaneMask = long long __attribute__((vector_size(32), aligned(32)));
+static_assert(alignof(Lanes) == 32);
+inline constexpr int kLanes = 4;
+
+// A function marked so exists twice, and the loader takes the AVX2 one where the machine has it.
+// Sanitizers do not start up before the loader chooses, hence not with them.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__AVX2__)
+#define KYS_AVX2_CLONES __attribute__((target_clones("avx2", "default")))
+#else
+#define KYS_AVX2_CLONES
+#endif
+
+#define KYS_ALWAYS_INLINE inline __attribute__((always_inline))
+
+KYS_ALWAYS_INLINE Lanes broadcast(double x) {
+  return Lanes{x, x, x, x};
+}
+/// Sum over the lanes, always in the same order.
+KYS_ALWAYS_INLINE double lane_sum(const Lanes& x) {
+  return (x[0] + x[1]) + (x[2] + x[3]);
+}
+KYS_ALWAYS_INLINE bool any(const LaneMask& m) {
+  return ((m[0] | m[1]) | (m[2] | m[3])) != 0;
+}
+KYS_ALWAYS_INLINE Lanes sqrt_lanes(const Lanes& x) {
+  return Lanes{__builtin_sqrt(x[0]), __builtin_sqrt(x[1]), __builtin_sqrt(x[2]),
+               __builtin_sqrt(x[3])};
+}
+
+}  // namespace kys_slam

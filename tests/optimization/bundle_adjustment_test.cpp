@@ -1,0 +1,263 @@
+#include "optimization/bundle_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "scene.h"
+
+namespace kys_slam::test {
+namespace {
+
+class AdjustBundle : public ::testing::TestWithParam<BundleSolver> {
+ protected:
+  static BundleOptions options() {
+    BundleOptions result;
+    result.solver = GetParam();
+    result.iterations = 20;
+    result.refine_iterations = 20;
+    result.function_tolerance = 1e-12;
+    return result;
+  }
+};
+
+SceneOptions small_scene() {
+  SceneOptions options;
+  options.poses = 10;
+  options.fixed = 3;
+  options.points = 400;
+  return options;
+}
+
+double worst_pose(const Scene& scene) {
+  double worst = 0;
+  for (std::size_t i = 0; i < scene.T_c_w.size(); ++i) {
+    worst = std::max(worst, minus(scene.problem.T_c_w[i], scene.T_c_w[i]).norm());
+  }
+  return worst;
+}
+
+/// Observations at double precision in effect: noise-free scenes keep what float rounding left, so
+/// the truth is moved to agree with the rounded observations only to about 1e-5 px.
+TEST_P(AdjustBundle, RecoversAPerturbedNoiseFreeScene) {
+  Scene scene = make_scene(small_scene());
+  perturb(scene, 0.005, 0.05, 0.1);
+  const auto summary = adjust_bundle(scene.problem, options());
+  EXPECT_LT(worst_pose(scene), 1e-6);
+  EXPECT_EQ(std::count(summary.outlier.begin(), summary.outlier.end(), 1), 0);
+  EXPECT_LT(summary.final_cost, 1e-4);
+  EXPECT_GT(summary.initial_cost, 100);
+}
+
+TEST_P(AdjustBundle, FixedPosesDoNotMove) {
+  Scene scene = make_scene(small_scene());
+  perturb(scene, 0.005, 0.05, 0.1);
+  adjust_bundle(scene.problem, options());
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(scene.problem.T_c_w[i].rotation.coeffs(), scene.T_c_w[i].rotation.coeffs());
+    EXPECT_EQ(scene.problem.T_c_w[i].translation, scene.T_c_w[i].translation);
+  }
+}
+
+TEST_P(AdjustBundle, CostOfANoisySceneIsHalfItsDegreesOfFreedom) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1.0;
+  Scene scene = make_scene(scene_options);
+  perturb(scene, 0.002, 0.03, 0.05);
+  BundleOptions bundle = options();
+  bundle.chi2_mono = bundle.chi2_stereo = 1e6;
+  const auto summary = adjust_bundle(scene.problem, bundle);
+  double freedom = -6.0 * 7 - 3.0 * static_cast<double>(scene.points.size());
+  for (const auto& o : scene.problem.observations) freedom += std::isnan(o.u_right) ? 2 : 3;
+  // 2*cost is chi-square distributed: standard deviation sqrt(2*freedom).
+  EXPECT_NEAR(2 * summary.final_cost, freedom, 4 * std::sqrt(2 * freedom));
+}
+
+TEST_P(AdjustBundle, SetsOutliersAside) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 0.2;
+  scene_options.mono_share = 0;
+  Scene scene = make_scene(scene_options);
+  std::vector<std::size_t> wrong;
+  std::vector<int> seen(scene.points.size(), 0);
+  for (const auto& o : scene.problem.observations) ++seen[o.point];
+  for (std::size_t i = 0; i < scene.problem.observations.size(); i += 37) {
+    // Of two observations that disagree nobody can say which is wrong.
+    if (seen[scene.problem.observations[i].point] < 4) continue;
+    scene.problem.observations[i].v += 30;
+    wrong.push_back(i);
+  }
+  perturb(scene, 0.001, 0.02, 0.02);
+  const auto summary = adjust_bundle(scene.problem, options());
+  for (const std::size_t i : wrong) EXPECT_EQ(summary.outlier[i], 1) << i;
+  const auto flagged = std::count(summary.outlier.begin(), summary.outlier.end(), 1);
+  EXPECT_LT(flagged, static_cast<std::ptrdiff_t>(wrong.size() * 2));
+  EXPECT_LT(worst_pose(scene), 0.01);
+}
+
+TEST_P(AdjustBundle, HoldsOnePoseWhenNoneIsFixed) {
+  SceneOptions scene_options = small_scene();
+  scene_options.fixed = 0;
+  Scene scene = make_scene(scene_options);
+  perturb(scene, 0.001, 0.02, 0.05);
+  const Rigid3 held = scene.problem.T_c_w[0];
+  adjust_bundle(scene.problem, options());
+  EXPECT_EQ(scene.problem.T_c_w[0].translation, held.translation);
+  for (std::size_t i = 1; i < scene.T_c_w.size(); ++i) {  // true relative to the held pose
+    const Rigid3 estimated = scene.problem.T_c_w[i] * scene.problem.T_c_w[0].inverse();
+    const Rigid3 expected = scene.T_c_w[i] * scene.T_c_w[0].inverse();
+    EXPECT_LT(minus(estimated, expected).norm(), 1e-5) << i;
+  }
+}
+
+TEST_P(AdjustBundle, NonFiniteInputIsOutlierAndNeverSpreads) {
+  Scene scene = make_scene(small_scene());
+  perturb(scene, 0.001, 0.02, 0.05);
+  auto& observations = scene.problem.observations;
+  observations[0].u = kNoRight;
+  observations[5].v = std::numeric_limits<float>::infinity();
+  observations[9].inv_sigma = kNoRight;
+  observations[12].u_right = -std::numeric_limits<float>::infinity();
+  const std::int32_t bad_point = observations[40].point;
+  scene.problem.points[bad_point].y() = std::numeric_limits<double>::quiet_NaN();
+  const auto summary = adjust_bundle(scene.problem, options());
+  for (const std::size_t i : {0, 5, 9, 12, 40}) EXPECT_EQ(summary.outlier[i], 1) << i;
+  EXPECT_LT(worst_pose(scene), 1e-5);
+  EXPECT_TRUE(std::isfinite(summary.final_cost));
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    if (static_cast<std::int32_t>(i) != bad_point) {
+      EXPECT_TRUE(scene.problem.points[i].allFinite()) << i;
+    }
+  }
+}
+
+TEST_P(AdjustBundle, NonFinitePoseTakesNoPart) {
+  Scene scene = make_scene(small_scene());
+  scene.problem.T_c_w[4].translation.z() = std::numeric_limits<double>::infinity();
+  const auto summary = adjust_bundle(scene.problem, options());
+  for (std::size_t i = 0; i < summary.outlier.size(); ++i) {
+    EXPECT_EQ(summary.outlier[i], scene.problem.observations[i].pose == 4 ? 1 : 0);
+  }
+}
+
+TEST_P(AdjustBundle, PointBehindTheCameraIsAnOutlierAndHarmsNobody) {
+  Scene scene = make_scene(small_scene());
+  perturb(scene, 0.001, 0.02, 0.05);
+  scene.problem.points[7] = scene.T_c_w[0].inverse() * Eigen::Vector3d(1, 1, -20);
+  const auto summary = adjust_bundle(scene.problem, options());
+  for (std::size_t i = 0; i < summary.outlier.size(); ++i) {
+    if (scene.problem.observations[i].point == 7) {
+      EXPECT_EQ(summary.outlier[i], 1);
+    }
+  }
+  EXPECT_LT(worst_pose(scene), 1e-5);
+}
+
+TEST_P(AdjustBundle, EmptyProblems) {
+  BundleProblem problem;
+  problem.camera = kitti_camera();
+  EXPECT_EQ(adjust_bundle(problem, options()).iterations, 0);
+  problem.T_c_w.resize(2);
+  problem.pose_fixed.assign(2, 0);
+  problem.points.assign(3, Eigen::Vector3d(0, 0, 5));
+  const auto summary = adjust_bundle(problem, options());
+  EXPECT_TRUE(summary.outlier.empty());
+  EXPECT_EQ(problem.points[1], Eigen::Vector3d(0, 0, 5));
+}
+
+TEST_P(AdjustBundle, OnlyFixedPosesTriangulatesThePoints) {
+  SceneOptions scene_options = small_scene();
+  scene_options.fixed = scene_options.poses;
+  Scene scene = make_scene(scene_options);
+  perturb(scene, 0, 0, 0.2);
+  adjust_bundle(scene.problem, options());
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const double depth = scene.points[i].norm();
+    EXPECT_LT((scene.problem.points[i] - scene.points[i]).norm(), 1e-4 * depth * depth) << i;
+  }
+}
+
+TEST_P(AdjustBundle, StopFlagLeavesAValidState) {
+  Scene scene = make_scene(small_scene());
+  perturb(scene, 0.005, 0.05, 0.1);
+  const std::atomic<bool> stop{true};
+  BundleOptions bundle = options();
+  bundle.stop = &stop;
+  const auto summary = adjust_bundle(scene.problem, bundle);
+  EXPECT_TRUE(summary.stopped);
+  EXPECT_LE(summary.iterations, 1);
+  EXPECT_EQ(summary.outlier.size(), scene.problem.observations.size());
+  for (const Rigid3& T : scene.problem.T_c_w) EXPECT_TRUE(T.is_finite());
+}
+
+TEST_P(AdjustBundle, SameInputSameBytes) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1;
+  Scene first = make_scene(scene_options);
+  perturb(first, 0.001, 0.02, 0.05);
+  Scene second = first;
+  adjust_bundle(first.problem, options());
+  adjust_bundle(second.problem, options());
+  for (std::size_t i = 0; i < first.points.size(); ++i) {
+    EXPECT_EQ(first.problem.points[i], second.problem.points[i]);
+  }
+}
+
+TEST_P(AdjustBundle, PointSeenTwiceFromOnePose) {
+  Scene scene = make_scene(small_scene());
+  auto& observations = scene.problem.observations;
+  const std::size_t count = observations.size();
+  for (std::size_t i = 0; i < count; i += 3) observations.push_back(observations[i]);
+  perturb(scene, 0.002, 0.03, 0.05);
+  adjust_bundle(scene.problem, options());
+  EXPECT_LT(worst_pose(scene), 1e-6);
+}
+
+INSTANTIATE_TEST_SUITE_P(Solvers, AdjustBundle,
+                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kCeres),
+                         [](const auto& parameter) {
+                           return parameter.param == BundleSolver::kSchur ? "schur" : "ceres";
+                         });
+
+TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1;
+  for (const bool robust : {false, true}) {
+    Scene schur = make_scene(scene_options);
+    perturb(schur, 0.002, 0.03, 0.05);
+    for (std::size_t i = 0; i < schur.problem.observations.size(); i += 50) {
+      schur.problem.observations[i].v += 12;
+    }
+    Scene ceres = schur;
+    BundleOptions bundle;
+    bundle.robust = robust;
+    bundle.iterations = 100;
+    bundle.refine_iterations = 0;
+    bundle.function_tolerance = 1e-14;
+    bundle.solver = BundleSolver::kSchur;
+    const auto a = adjust_bundle(schur.problem, bundle);
+    bundle.solver = BundleSolver::kCeres;
+    const auto b = adjust_bundle(ceres.problem, bundle);
+    EXPECT_NEAR(a.initial_cost, b.initial_cost, 1e-9 * b.initial_cost);
+    EXPECT_NEAR(a.final_cost, b.final_cost, 1e-8 * b.final_cost);
+    EXPECT_EQ(a.outlier, b.outlier);
+    for (std::size_t i = 0; i < schur.T_c_w.size(); ++i) {
+      EXPECT_LT(minus(schur.problem.T_c_w[i], ceres.problem.T_c_w[i]).norm(), 2e-5) << i;
+    }
+  }
+}
+
+TEST(AdjustBundleArguments, WrongOnesAreRefused) {
+  Scene scene = make_scene(small_scene());
+  scene.problem.observations[3].point = 400;
+  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
+  scene.problem.observations[3].point = -1;
+  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
+  scene.problem.observations[3].point = 0;
+  scene.problem.pose_fixed.pop_back();
+  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace kys_slam::test
