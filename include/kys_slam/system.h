@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys_slam/frame_source.h>
+#include <kys_slam/prior_provider.h>
 #include <kys_slam/report.h>
 #include <kys_slam/settings.h>
 
@@ -12,7 +13,6 @@
 namespace kys_slam {
 
 class Map;
-class PriorProvider;
 
 /// When the back end runs and when the tracker sees what it did.
 enum class Schedule : std::uint8_t {

@@ -1,3 +1,4 @@
+#include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>

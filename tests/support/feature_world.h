@@ -1,0 +1,117 @@
+#pragma once
+
+#include <kys_slam/frame_source.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace kys_slam::testing {
+
+/// A world of points with descriptors, and what a stereo camera sees of it: features without
+/// images, exact or with noise. Everything follows from the seed.
+class FeatureWorld {
+ public:
+  struct Options {
+    int points = 4000;
+    double length = 60;            ///< m along z
+    double half_width = 12;        ///< m
+    double half_height = 4;        ///< m
+    double pixel_noise = 0;        ///< px at octave 0, standard deviation
+    int flipped_bits = 0;          ///< of each descriptor, at random
+    double max_distance = 60;      ///< m
+    int max_features = 1500;
+    unsigned seed = 1;
+  };
+
+  struct Point {
+    Eigen::Vector3d p_w;
+    kys::Descriptor descriptor;
+    double largest_distance;  ///< m, where it is seen on octave 0
+    float angle;
+  };
+
+  FeatureWorld(const StereoCamera& camera, const Options& options)
+      : camera_(camera), options_(options) {
+    std::mt19937_64 random(options.seed);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    for (int i = 0; i < options.points; ++i) {
+      Point point;
+      point.p_w = {options.half_width * unit(random), options.half_height * unit(random),
+                   0.5 * options.length * (1 + unit(random))};
+      // Nothing inside the corridor the camera moves in.
+      if (std::abs(point.p_w.x()) < 1.5 && std::abs(point.p_w.y()) < 1.5) continue;
+      for (auto& word : point.descriptor.words) word = random();
+      point.largest_distance = 25 * (1.5 + unit(random));
+      point.angle = static_cast<float>(3.1 * (1 + unit(random)));
+      points_.push_back(point);
+    }
+  }
+
+  [[nodiscard]] const StereoCamera& camera() const { return camera_; }
+  [[nodiscard]] const std::vector<Point>& points() const { return points_; }
+
+  /// Frame number `index` seen from T_w_c. `seen`, if given, receives the point of every feature.
+  [[nodiscard]] StereoFrame look(std::int64_t index, const Rigid3& T_w_c,
+                                 std::vector<std::size_t>* seen = nullptr) const {
+    std::mt19937_64 random(options_.seed * 1000003u + static_cast<unsigned>(index));
+    std::normal_distribution<float> noise(0, static_cast<float>(options_.pixel_noise));
+    StereoFrame frame;
+    frame.index = index;
+    frame.timestamp = 0.1 * static_cast<double>(index);
+    frame.left_features.emplace();
+    frame.right_features.emplace();
+    const Rigid3 T_c_w = T_w_c.inverse();
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (static_cast<int>(frame.left_features->size()) >= options_.max_features) break;
+      const Eigen::Vector3d p_c = T_c_w * points_[i].p_w;
+      if (p_c.z() < 1 || p_c.norm() > options_.max_distance) continue;
+      const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
+      if (!camera_.in_image(pixel.x(), pixel.y()) || pixel.z() < 0) continue;
+      const double ratio = points_[i].largest_distance / p_c.norm();
+      const int octave = ratio > 1 ? static_cast<int>(std::ceil(std::log(ratio) / std::log(1.2))) : 0;
+      if (octave > 7) continue;
+      Keypoint k;
+      k.octave = static_cast<std::uint8_t>(octave);
+      const auto sigma = static_cast<float>(std::pow(1.2, octave));
+      k.angle = points_[i].angle;
+      k.response = 30;
+      k.x = static_cast<float>(pixel.x()) + sigma * noise(random);
+      k.y = static_cast<float>(pixel.y()) + sigma * noise(random);
+      frame.left_features->keypoints.push_back(k);
+      frame.left_features->descriptors.push_back(noisy(points_[i].descriptor, random));
+      k.x = static_cast<float>(pixel.z()) + sigma * noise(random);
+      frame.right_features->keypoints.push_back(k);
+      frame.right_features->descriptors.push_back(noisy(points_[i].descriptor, random));
+      if (seen != nullptr) seen->push_back(i);
+    }
+    return frame;
+  }
+
+ private:
+  [[nodiscard]] kys::Descriptor noisy(kys::Descriptor d, std::mt19937_64& random) const {
+    for (int k = 0; k < options_.flipped_bits; ++k) {
+      const std::uint64_t bit = random() % 256;
+      d.words[bit / 64] ^= std::uint64_t{1} << (bit % 64);
+    }
+    return d;
+  }
+
+  StereoCamera camera_;
+  Options options_;
+  std::vector<Point> points_;
+};
+
+/// A camera like that of KITTI 00.
+inline StereoCamera kitti_camera() {
+  return {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.53716};
+}
+
+/// A drive along z with a gentle weave.
+inline Rigid3 weaving_pose(double metres) {
+  const double s = metres / 10;
+  return {so3_exp({0.01 * std::sin(s), 0.05 * std::sin(0.7 * s), 0}),
+          Eigen::Vector3d(0.5 * std::sin(s), 0.1 * std::sin(2 * s), metres)};
+}
+
+}  // namespace kys_slam::testing
