@@ -79,16 +79,16 @@ int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int 
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
 /// and puts a parabola through the least difference and its neighbours.
 std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
-                              const ImagePyramid& left_pyramid, const ImagePyramid& right_pyramid,
-                              const ScaleLevels& scales) {
+                              const ImagePyramid& left_pyramid,
+                              const ImagePyramid& right_pyramid) {
   const std::size_t octave = left.octave;
   if (octave >= left_pyramid.levels.size() || octave >= right_pyramid.levels.size()) return {};
   const GrayImage& l = left_pyramid.levels[octave];
   const GrayImage& r = right_pyramid.levels[octave];
-  const float scale = scales.scale[octave];
-  const int xl = static_cast<int>(std::lround(left.x / scale));
-  const int y = static_cast<int>(std::lround(left.y / scale));
-  const int xr = static_cast<int>(std::lround(right.x / scale));
+  const Eigen::Vector2f left_at = left_pyramid.to_level(octave, left.x, left.y);
+  const int xl = static_cast<int>(std::lround(left_at.x()));
+  const int y = static_cast<int>(std::lround(left_at.y()));
+  const int xr = static_cast<int>(std::lround(right_pyramid.to_level(octave, right.x, right.y).x()));
   const bool fits = y - kHalfPatch >= 0 && y + kHalfPatch < std::min(l.height(), r.height()) &&
                     xl - kHalfPatch >= 0 && xl + kHalfPatch < l.width() &&
                     xr - kSlide - kHalfPatch >= 0 && xr + kSlide + kHalfPatch < r.width();
@@ -108,9 +108,9 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
   const float shift = curvature > 0 ? 0.5f * (before - after) / curvature : 0.0f;
   if (!(std::abs(shift) <= 1)) return {};
   // The left patch was taken around the rounded left pixel: its remainder moves both alike.
-  const float remainder = left.x / scale - static_cast<float>(xl);
+  const float remainder = left_at.x() - static_cast<float>(xl);
   const float column = static_cast<float>(xr + static_cast<int>(best) - kSlide) + shift + remainder;
-  return Refined{scale * column, difference[best]};
+  return Refined{right_pyramid.to_full(octave, column, 0).x(), difference[best]};
 }
 
 std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
@@ -172,7 +172,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
     float u = r.x;
     if (with_images) {
       const std::optional<Refined> refined =
-          refine(l, r, *left.pyramid, *right.pyramid, scales);
+          refine(l, r, *left.pyramid, *right.pyramid);
       if (!refined) continue;
       u = refined->u_right;
       difference[i] = refined->difference;
