@@ -212,20 +212,6 @@ class Race {
   std::size_t second_position_ = kNobody;
 };
 
-/// Calls body with the fastest popcount this machine has, so that it is chosen once per search.
-template <typename Body>
-void with_popcount(Body&& body) {
-#if KYS_POPCNT_AT_RUN_TIME
-  if (!kPriorsOff && detail::has_popcnt) [[likely]] {
-    body([](const Descriptor& a, const Descriptor& b) {
-      return detail::popcount_instruction(a, b);
-    });
-    return;
-  }
-#endif
-  body([](const Descriptor& a, const Descriptor& b) { return detail::popcount_portable(a, b); });
-}
-
 /// Positions of the two smallest of a few Hamming distances.
 struct Nearest {
   int best = 257;
@@ -249,28 +235,30 @@ struct Nearest {
   }
 };
 
-/// Hamming distances of the candidates to the query, and the two smallest.
-Nearest measure(const Descriptor& query, std::span<const Descriptor> descriptors,
-                std::span<const std::uint32_t> candidates, std::int16_t* distances) {
-  Nearest nearest;
-  with_popcount([&](auto popcount) {
+void measure(const Descriptor& query, std::span<const Descriptor> descriptors,
+             std::span<const std::uint32_t> candidates, std::span<std::int16_t> distances) {
+  if constexpr (kPriorsOff) {
     for (std::size_t i = 0; i < candidates.size(); ++i) {
-      const int d = popcount(query, descriptors[candidates[i]]);
+      const int d = detail::popcount_portable(query, descriptors[candidates[i]]);
       distances[i] = static_cast<std::int16_t>(d);
-      nearest.enter(d, i);
     }
-  });
-  return nearest;
+  } else {
+    hamming_many(query, descriptors, candidates, distances);
+  }
 }
 
+/// best_two() of native distances.
 BestTwo nearest_two(const Descriptor& query, std::span<const Descriptor> descriptors,
                     std::span<const std::uint32_t> candidates) {
+  std::array<std::int16_t, kChunk> distances;
   Nearest nearest;
-  with_popcount([&](auto popcount) {
-    for (std::size_t i = 0; i < candidates.size(); ++i) {
-      nearest.enter(popcount(query, descriptors[candidates[i]]), i);
+  for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
+    const auto chunk = candidates.subspan(first, std::min(kChunk, candidates.size() - first));
+    measure(query, descriptors, chunk, distances);
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      nearest.enter(distances[i], first + i);
     }
-  });
+  }
   BestTwo result;
   if (nearest.best <= 256) {
     result.index = candidates[nearest.best_position];
@@ -301,7 +289,11 @@ BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prio
   Race race;
   for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
     const auto chunk = candidates.subspan(first, std::min(kChunk, candidates.size() - first));
-    const Nearest nearest = measure(query, descriptors, chunk, distances.data());
+    measure(query, descriptors, chunk, distances);
+    Nearest nearest;
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      nearest.enter(distances[i], i);
+    }
     const auto look_at = [&](std::size_t i) {
       const auto d = static_cast<float>(distances[i]);
       const Distance distance = weigh(d, query_prior, priors[chunk[i]], gate);

@@ -186,6 +186,22 @@ void SearchHamming(benchmark::State& state) {
   per_pair(state, lists.size() * n);
 }
 
+void ManyHamming(benchmark::State& state, kys::detail::HammingKernel kernel) {
+  const auto n = static_cast<std::size_t>(state.range(0));
+  const Frame a = make_frame(2), b = make_frame(3);
+  const auto lists = make_candidates(n);
+  std::vector<std::int16_t> distances(n);
+  for (auto _ : state) {
+    for (std::size_t i = 0; i < lists.size(); ++i) {
+      kernel.run(a.descriptors[i * kFeatures / 400], b.descriptors.data(), lists[i].data(), n,
+                 distances.data());
+      benchmark::DoNotOptimize(distances.data());
+      benchmark::ClobberMemory();
+    }
+  }
+  per_pair(state, lists.size() * n);
+}
+
 void SearchMode(benchmark::State& state, kys::Mode mode) {
   const kys::DistanceModel model = make_model(mode);
   const auto n = static_cast<std::size_t>(state.range(0));
@@ -218,6 +234,10 @@ void MakePrior(benchmark::State& state) {
 }
 
 void register_modes() {
+  for (const auto& kernel : kys::detail::hamming_kernels()) {
+    const std::string name = "ManyHamming/" + std::string(kernel.name);
+    benchmark::RegisterBenchmark(name.c_str(), ManyHamming, kernel)->Arg(8)->Arg(25)->Arg(100);
+  }
   for (const kys::Mode mode : kys::all_modes()) {
     const std::string name(kys::mode_name(mode));
     benchmark::RegisterBenchmark(("PairMode/" + name).c_str(), PairMode, mode, true, false);

@@ -155,6 +155,28 @@ TEST(Property, StockIsTheIntegerHammingDistance) {
   }
 }
 
+TEST(Property, EveryHammingKernelCountsTheSame) {
+  RandomPairs random(13);
+  std::vector<Descriptor> descriptors = {with_bits(0), with_bits(256)};
+  while (descriptors.size() < 50) descriptors.push_back(random.descriptor());
+  std::vector<std::uint32_t> candidates(37);
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    candidates[i] = static_cast<std::uint32_t>(i * 7 % 50);
+  }
+  ASSERT_FALSE(detail::hamming_kernels().empty());
+  for (const detail::HammingKernel& kernel : detail::hamming_kernels()) {
+    for (std::size_t count = 0; count <= candidates.size(); ++count) {
+      const Descriptor query = count == 0 ? Descriptor{} : descriptors[count];
+      std::vector<std::int16_t> distances(candidates.size() + 1, -7);
+      kernel.run(query, descriptors.data(), candidates.data(), count, distances.data());
+      for (std::size_t i = 0; i < count; ++i) {
+        ASSERT_EQ(distances[i], hamming(query, descriptors[candidates[i]])) << kernel.name;
+      }
+      ASSERT_EQ(distances[count], -7) << kernel.name << " wrote beyond the end";
+    }
+  }
+}
+
 TEST(Property, TheShortcutIsExact) {
   const auto pairs = random_pairs(8, 4000);
   RandomPairs random(9);
