@@ -11,17 +11,13 @@ namespace kys {
 
 namespace detail {
 
-#if KYS_POPCNT_AT_RUN_TIME
-namespace {
-
-bool detect_popcnt() {
+#if KYS_X86_KERNELS
+// Also in a library compiled for a machine with popcnt: its user may not be.
+extern const bool has_popcnt;
+const bool has_popcnt = [] {
   __builtin_cpu_init();
   return __builtin_cpu_supports("popcnt") != 0;
-}
-
-}  // namespace
-
-const bool has_popcnt = detect_popcnt();
+}();
 #endif
 
 namespace {
