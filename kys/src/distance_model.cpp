@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <limits>
+#include <string>
 
 namespace kys {
 
@@ -12,10 +15,12 @@ constexpr std::size_t index_of(Tier tier) {
   return static_cast<std::size_t>(tier);
 }
 
+constexpr std::array<Tier, 3> kStructuralTiers = {Tier::kSameInstance, Tier::kCrossInstance,
+                                                  Tier::kCrossClass};
+
 /// Eq. 4, in [0, 1]; 0 when neither keypoint has a scale.
 inline float scale_discrepancy(float a, float b) {
-  const float larger = std::max(a, b);
-  return larger > 0.0f ? std::fabs(a - b) / larger : 0.0f;
+  return std::fabs(a - b) / std::max({a, b, std::numeric_limits<float>::min()});
 }
 
 }  // namespace
@@ -35,6 +40,7 @@ DistanceModel::DistanceModel(const ModeOptions& options, const LabelSpace* space
     label_limit_ = static_cast<std::uint32_t>(space->size());
     if (needs_label_space(options)) {
       table_ = space->table();
+      table_mask_ = ~0u;
     }
   }
   native_ = options.mode == Mode::kStock || options.mode == Mode::kMask;
@@ -44,8 +50,8 @@ DistanceModel::DistanceModel(const ModeOptions& options, const LabelSpace* space
   // Pairs without a valid label have factor 1. Rounding keeps the order: a factor made of a base
   // and terms that are not negative is no smaller than the base in floating point either.
   floor_ = 1.0f;
-  for (const TierFactors& tier : tiers_) {
-    floor_ = std::min(floor_, tier.base);
+  for (const Tier tier : kStructuralTiers) {
+    floor_ = std::min(floor_, factors_[index_of(tier)].base);
   }
 }
 
@@ -66,7 +72,9 @@ void DistanceModel::set_factors() {
       break;
     case Mode::kSemantic:
       set_bases(o.alpha);
-      offset_ = static_cast<float>(1.0 - o.alpha);
+      for (const Tier tier : kStructuralTiers) {
+        factors_[index_of(tier)].offset = static_cast<float>(1.0 - o.alpha);
+      }
       break;
     case Mode::kPanoptic:
       set_structure();
@@ -77,17 +85,17 @@ void DistanceModel::set_factors() {
       }
       if (o.continuous) {
         set_structure();
-        tiers_[index_of(Tier::kCrossClass)].lambda = static_cast<float>(o.lambda[0]);
-        tiers_[index_of(Tier::kCrossInstance)].lambda = static_cast<float>(o.lambda[1]);
-        tiers_[index_of(Tier::kSameInstance)].lambda = static_cast<float>(o.lambda[2]);
+        factors_[index_of(Tier::kCrossClass)].lambda = static_cast<float>(o.lambda[0]);
+        factors_[index_of(Tier::kCrossInstance)].lambda = static_cast<float>(o.lambda[1]);
+        factors_[index_of(Tier::kSameInstance)].lambda = static_cast<float>(o.lambda[2]);
       }
       break;
   }
 }
 
 void DistanceModel::set_bases(double base) {
-  for (TierFactors& tier : tiers_) {
-    tier.base = static_cast<float>(base);
+  for (const Tier tier : kStructuralTiers) {
+    factors_[index_of(tier)].base = static_cast<float>(base);
   }
 }
 
@@ -96,122 +104,220 @@ void DistanceModel::set_structure() {
   const ModeOptions& o = options_;
   const double unit = o.normalize ? o.gamma : 1.0;
   const auto gamma = static_cast<float>(o.gamma / unit);
-  const auto scale = static_cast<float>(o.eta[2] / unit);
-  tiers_[index_of(Tier::kSameInstance)] = {gamma, 0.0f, 0.0f, 0.0f};
-  tiers_[index_of(Tier::kCrossInstance)] = {gamma, 0.0f, scale, 0.0f};
-  tiers_[index_of(Tier::kCrossClass)] = {static_cast<float>(o.eta[0] / unit),
-                                         static_cast<float>(o.eta[1] / (o.s_max * unit)), scale,
-                                         0.0f};
+  const auto eta1 = static_cast<float>(o.eta[0] / unit);
+  const auto eta2 = static_cast<float>(o.eta[1] / (o.s_max * unit));
+  const auto eta3 = static_cast<float>(o.eta[2] / unit);
+  factors_[index_of(Tier::kSameInstance)] = {.base = gamma};
+  factors_[index_of(Tier::kCrossInstance)] = {.base = gamma, .scale = eta3};
+  factors_[index_of(Tier::kCrossClass)] = {.base = eta1, .semantic = eta2, .scale = eta3};
+}
+
+// Leaves early: neighbours in an image mostly are on the same segment, or have no label at all, so
+// these branches are predicted well, and the rest of the formula is the slower part.
+inline Distance DistanceModel::weigh(float d, const Prior& pa, const Prior& pb, float gate) const {
+  if (std::max(pa.label, pb.label) >= label_limit_) {
+    return {d, Tier::kBypassed};
+  }
+  if (std::max(pa.motion, pb.motion) > gate) {
+    return {kRejected, Tier::kGated};
+  }
+  const float log_motion = std::max(pa.log_motion, pb.log_motion);
+  if (pa.label == pb.label && pa.instance == pb.instance) {
+    const Factors& f = factors_[index_of(Tier::kSameInstance)];
+    return {f.base * (1.0f + f.lambda * log_motion) * d, Tier::kSameInstance};
+  }
+  const Tier tier = pa.label == pb.label ? Tier::kCrossInstance : Tier::kCrossClass;
+  const float s = table_[(pa.label * label_limit_ + pb.label) & table_mask_];
+  if (s >= filter_from_ && tier == Tier::kCrossClass) {
+    return {kRejected, Tier::kFiltered};
+  }
+  const Factors& f = factors_[index_of(tier)];
+  const float structure = f.base + f.semantic * s + f.scale * scale_discrepancy(pa.scale, pb.scale);
+  return {structure * (1.0f + f.lambda * log_motion) * d + f.offset * s, tier};
 }
 
 Distance DistanceModel::modulate(int d, const Prior& pa, const Prior& pb, Context context) const {
-  const auto native = static_cast<float>(d);
-  if (kPriorsOff || native_ || pa.label >= label_limit_ || pb.label >= label_limit_) {
-    return {native, Tier::kBypassed};
+  if (kPriorsOff || native_) {
+    return {static_cast<float>(d), Tier::kBypassed};
   }
-  if (std::max(pa.motion, pb.motion) > gates_[static_cast<std::size_t>(context)]) {
-    return {kRejected, Tier::kGated};
+  return weigh(static_cast<float>(d), pa, pb, gates_[static_cast<std::size_t>(context)]);
+}
+
+/// Smallest Hamming distance whose every value is above `value`; 257 when there is none.
+int DistanceModel::first_hopeless(float value) const {
+  if (!(value < 256.0f * floor_)) {
+    return 257;
   }
-  const bool cross_class = pa.label != pb.label;
-  const Tier tier = cross_class                  ? Tier::kCrossClass
-                    : pa.instance != pb.instance ? Tier::kCrossInstance
-                                                 : Tier::kSameInstance;
-  const float s = table_.empty() ? 0.0f : table_[pa.label * label_limit_ + pb.label];
-  if (cross_class && s >= filter_from_) {
-    return {kRejected, Tier::kFiltered};
-  }
-  const TierFactors& t = tiers_[index_of(tier)];
-  const float structure = t.base + t.semantic * s + t.scale * scale_discrepancy(pa.scale, pb.scale);
-  const float motion = 1.0f + t.lambda * std::max(pa.log_motion, pb.log_motion);
-  return {structure * motion * native + offset_ * s, tier};
+  int bits = static_cast<int>(value / floor_);
+  while (bits > 0 && floor_ * static_cast<float>(bits - 1) > value) --bits;
+  while (floor_ * static_cast<float>(bits) <= value) ++bits;
+  return bits;
 }
 
 namespace {
 
-/// The running best and second best of a search.
-struct Race {
-  BestTwo result;
+/// Candidates whose Hamming distances are taken at a time.
+constexpr std::size_t kChunk = 128;
 
-  /// Whether the candidate now is one of the two.
-  bool enter(std::uint32_t index, Distance distance) {
-    if (!(distance.value < result.second.value)) {
+/// In place of a Hamming distance: this candidate has been looked at.
+constexpr std::int16_t kSeen = 1000;
+
+/// The running best and second best of a search. Candidates may come in any order: of equals the
+/// one with the smaller position is better.
+class Race {
+ public:
+  /// Returns whether the candidate now is one of the two.
+  bool enter(std::size_t position, Distance distance) {
+    if (!better(distance, position, second_, second_position_)) {
       return false;
     }
-    if (distance.value < result.best.value) {
-      result.second = result.best;
-      result.second_index = result.index;
-      result.best = distance;
-      result.index = index;
+    if (better(distance, position, best_, best_position_)) {
+      second_ = best_;
+      second_position_ = best_position_;
+      best_ = distance;
+      best_position_ = position;
     } else {
-      result.second = distance;
-      result.second_index = index;
+      second_ = distance;
+      second_position_ = position;
     }
     return true;
   }
+
+  [[nodiscard]] float second_value() const { return second_.value; }
+
+  [[nodiscard]] BestTwo result(std::span<const std::uint32_t> candidates) const {
+    BestTwo result;
+    if (best_position_ != kNobody) {
+      result.index = candidates[best_position_];
+      result.best = best_;
+    }
+    if (second_position_ != kNobody) {
+      result.second_index = candidates[second_position_];
+      result.second = second_;
+    }
+    return result;
+  }
+
+ private:
+  static constexpr std::size_t kNobody = std::numeric_limits<std::size_t>::max();
+
+  static bool better(Distance a, std::size_t position_a, Distance b, std::size_t position_b) {
+    return a.value < b.value ||
+           (a.value == b.value && position_a < position_b && a.value < kRejected);
+  }
+
+  Distance best_;
+  Distance second_;
+  std::size_t best_position_ = kNobody;
+  std::size_t second_position_ = kNobody;
 };
 
-/// Calls body with the fastest popcount this machine has, so that it is chosen once per search.
-template <typename Body>
-auto with_popcount(Body&& body) {
-#if KYS_POPCNT_AT_RUN_TIME
-  if (!kPriorsOff && detail::has_popcnt) [[likely]] {
-    return body([](const Descriptor& a, const Descriptor& b) {
-      return detail::popcount_instruction(a, b);
-    });
+/// Positions of the two smallest of a few Hamming distances.
+struct Nearest {
+  int best = 257;
+  int second = 257;
+  std::size_t best_position = 0;
+  std::size_t second_position = 0;
+
+  void enter(int d, std::size_t position) {
+    if (d >= second) {
+      return;
+    }
+    if (d < best) {
+      second = best;
+      second_position = best_position;
+      best = d;
+      best_position = position;
+    } else {
+      second = d;
+      second_position = position;
+    }
   }
-#endif
-  return body(
-      [](const Descriptor& a, const Descriptor& b) { return detail::popcount_portable(a, b); });
+};
+
+void measure(const Descriptor& query, std::span<const Descriptor> descriptors,
+             std::span<const std::uint32_t> candidates, std::span<std::int16_t> distances) {
+  if constexpr (kPriorsOff) {
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      const int d = detail::popcount_portable(query, descriptors[candidates[i]]);
+      distances[i] = static_cast<std::int16_t>(d);
+    }
+  } else {
+    hamming_many(query, descriptors, candidates, distances);
+  }
+}
+
+/// best_two() of native distances.
+BestTwo nearest_two(const Descriptor& query, std::span<const Descriptor> descriptors,
+                    std::span<const std::uint32_t> candidates) {
+  std::array<std::int16_t, kChunk> distances;
+  Nearest nearest;
+  for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
+    const auto chunk = candidates.subspan(first, std::min(kChunk, candidates.size() - first));
+    measure(query, descriptors, chunk, distances);
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      nearest.enter(distances[i], first + i);
+    }
+  }
+  BestTwo result;
+  if (nearest.best <= 256) {
+    result.index = candidates[nearest.best_position];
+    result.best.value = static_cast<float>(nearest.best);
+  }
+  if (nearest.second <= 256) {
+    result.second_index = candidates[nearest.second_position];
+    result.second.value = static_cast<float>(nearest.second);
+  }
+  return result;
 }
 
 }  // namespace
 
-int DistanceModel::bound_in_bits(float bound) const {
-  int bits = 257;
-  if (bound < 257.0f * floor_) {
-    bits = static_cast<int>(bound / floor_);
-    while (bits > 0 && floor_ * static_cast<float>(bits - 1) >= bound) --bits;
-    while (floor_ * static_cast<float>(bits) < bound) ++bits;
-  }
-  return bits;
-}
-
+// The two nearest by Hamming distance are looked at first: their values are a bound that most of
+// the others cannot beat whatever their priors.
 BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prior,
                                 std::span<const Descriptor> descriptors,
                                 std::span<const Prior> priors,
                                 std::span<const std::uint32_t> candidates, Context context,
                                 Statistics& statistics) const {
-  Race race;
   if (kPriorsOff || native_ || priors.empty() || query_prior.label >= label_limit_) {
-    with_popcount([&](auto popcount) {
-      for (const std::uint32_t index : candidates) {
-        const int d = popcount(query, descriptors[index]);
-        race.enter(index, {static_cast<float>(d), Tier::kBypassed});
-      }
-    });
     statistics.pairs[index_of(Tier::kBypassed)] += candidates.size();
-    return race.result;
+    return nearest_two(query, descriptors, candidates);
   }
-  std::array<std::uint32_t, kTierCount> pairs{};
-  with_popcount([&](auto popcount) {
-    int limit = 257;  // Hamming distance from which a pair can no longer be second
-    for (const std::uint32_t index : candidates) {
-      const int d = popcount(query, descriptors[index]);
-      if (d >= limit) {
-        ++pairs[index_of(Tier::kSkipped)];
-        continue;
-      }
-      const Distance distance = modulate(d, query_prior, priors[index], context);
-      ++pairs[index_of(distance.tier)];
-      if (race.enter(index, distance)) {
-        limit = bound_in_bits(race.result.second.value);
+  const float gate = gates_[static_cast<std::size_t>(context)];
+  std::array<std::int16_t, kChunk> distances;
+  Race race;
+  for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
+    const auto chunk = candidates.subspan(first, std::min(kChunk, candidates.size() - first));
+    measure(query, descriptors, chunk, distances);
+    Nearest nearest;
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      nearest.enter(distances[i], i);
+    }
+    const auto look_at = [&](std::size_t i) {
+      const auto d = static_cast<float>(distances[i]);
+      const Distance distance = weigh(d, query_prior, priors[chunk[i]], gate);
+      ++statistics.pairs[index_of(distance.tier)];
+      distances[i] = kSeen;
+      return race.enter(first + i, distance);
+    };
+    look_at(nearest.best_position);
+    if (chunk.size() > 1) {
+      look_at(nearest.second_position);
+    }
+    int hopeless = first_hopeless(race.second_value());
+    std::size_t skipped = chunk.size();
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      if (distances[i] < hopeless) {
+        --skipped;
+        if (look_at(i)) {
+          hopeless = first_hopeless(race.second_value());
+        }
       }
     }
-  });
-  for (std::size_t i = 0; i < kTierCount; ++i) {
-    statistics.pairs[i] += pairs[i];
+    statistics.pairs[index_of(Tier::kSkipped)] += skipped - std::min<std::size_t>(2, chunk.size());
   }
-  return race.result;
+  return race.result(candidates);
 }
 
 }  // namespace kys

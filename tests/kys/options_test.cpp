@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
 #include <limits>
+#include <string>
 
 #include "test_support.h"
 
@@ -45,6 +47,37 @@ TEST(Options, KeysReadBackWhatTheyWrite) {
     set_option(read, key, text);
   }
   EXPECT_EQ(read, changed);
+}
+
+/// Sets what a configuration file of the tree says; returns how many keys it has.
+int read_config(const std::string& name, ModeOptions& options) {
+  std::ifstream file(std::string(KYS_SOURCE_DIR) + "/configs/" + name);
+  int count = 0;
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.starts_with("  ") && colon != std::string::npos) {
+      const std::size_t value = colon + 2;
+      set_option(options, "kys." + line.substr(2, colon - 2),
+                 line.substr(value, line.find(' ', value) - value));
+      ++count;
+    }
+  }
+  return count;
+}
+
+TEST(Options, ConfigurationFilesOfTheTree) {
+  ModeOptions defaults;
+  for (const auto& [key, text] : option_values(defaults)) {
+    if (key != "kys.mode" && text != "true") set_option(defaults, key, "1");
+  }
+  defaults.normalize = defaults.gates = defaults.continuous = false;
+  EXPECT_EQ(read_config("kys_default.yaml", defaults), 16);  // all but the mode
+  EXPECT_EQ(defaults, ModeOptions{});
+  ModeOptions paper;
+  EXPECT_EQ(read_config("kys_paper.yaml", paper), 1);
+  ModeOptions expected;
+  expected.normalize = false;
+  EXPECT_EQ(paper, expected);
 }
 
 TEST(Options, BadKeysAndValues) {

@@ -116,6 +116,62 @@ TEST(Property, FactorsStayWithinTheBoundsOfTheirTier) {
   }
 }
 
+/// The table of modes, written down once more: in double, as a reader of the paper would.
+double from_the_paper(const ModeOptions& o, const Pair& p, const LabelSpace& space) {
+  const double d = hamming(p.a, p.b);
+  if (p.pa.label == kVoidLabel || p.pb.label == kVoidLabel) return d;
+  const double rejected = kRejected;
+  const double s = space.distance(p.pa.label, p.pb.label);
+  const bool same_class = p.pa.label == p.pb.label;
+  const bool same_instance = same_class && p.pa.instance == p.pb.instance;
+  const double largest = std::max(p.pa.scale, p.pb.scale);
+  const double da = largest == 0 ? 0 : std::abs(double{p.pa.scale} - p.pb.scale) / largest;
+  double phi = d * (o.eta[0] + o.eta[1] * s / o.s_max + o.eta[2] * da);
+  if (same_class) phi = d * (o.gamma + o.eta[2] * da);
+  if (same_instance) phi = d * o.gamma;
+  if (o.normalize) phi /= o.gamma;
+  const double mu = std::max(p.pa.motion, p.pb.motion);
+  const double lambda = same_instance ? o.lambda[2] : same_class ? o.lambda[1] : o.lambda[0];
+  switch (o.mode) {
+    case Mode::kStock:
+    case Mode::kMask:
+      return d;
+    case Mode::kScaled:
+      return o.s * d;
+    case Mode::kHardMismatch:
+      return same_class ? d : rejected;
+    case Mode::kSoftFilter:
+      return s >= o.tau ? rejected : d;
+    case Mode::kSemantic:
+      return o.alpha * d + (1 - o.alpha) * s;
+    case Mode::kPanoptic:
+      return phi;
+    case Mode::kKys:
+      break;
+  }
+  if (o.gates && mu > (p.context == Context::kStereo ? o.gate_stereo : o.gate_temporal)) {
+    return rejected;
+  }
+  return o.continuous ? phi * (1 + lambda * std::log(1 + mu)) : d;
+}
+
+TEST(Property, EveryModeIsThePapersFormula) {
+  const auto pairs = random_pairs(14, 5000);
+  for (const ModeOptions& options : variants()) {
+    const LabelSpace space = three_classes();
+    const DistanceModel model(options, space);
+    for (const Pair& p : pairs) {
+      const double expected = from_the_paper(options, p, space);
+      const float got = evaluate(model, p).value;
+      if (expected == kRejected) {
+        ASSERT_EQ(got, kRejected);
+      } else {
+        ASSERT_NEAR(got, expected, 1e-6 * (1 + expected)) << mode_name(options.mode);
+      }
+    }
+  }
+}
+
 TEST(Property, KysWithoutMotionIsPanoptic) {
   for (const bool normalize : {true, false}) {
     ModeOptions kys = options_of(Mode::kKys);
@@ -152,6 +208,28 @@ TEST(Property, StockIsTheIntegerHammingDistance) {
     ASSERT_EQ(detail::popcount_portable(p.a, p.b), bits);
     ASSERT_EQ(evaluate(stock, p), (Distance{static_cast<float>(bits), Tier::kBypassed}));
     ASSERT_EQ(evaluate(stock, p, 1.0f).value, static_cast<float>(bits));
+  }
+}
+
+TEST(Property, EveryHammingKernelCountsTheSame) {
+  RandomPairs random(13);
+  std::vector<Descriptor> descriptors = {with_bits(0), with_bits(256)};
+  while (descriptors.size() < 50) descriptors.push_back(random.descriptor());
+  std::vector<std::uint32_t> candidates(37);
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    candidates[i] = static_cast<std::uint32_t>(i * 7 % 50);
+  }
+  ASSERT_FALSE(detail::hamming_kernels().empty());
+  for (const detail::HammingKernel& kernel : detail::hamming_kernels()) {
+    for (std::size_t count = 0; count <= candidates.size(); ++count) {
+      const Descriptor query = count == 0 ? Descriptor{} : descriptors[count];
+      std::vector<std::int16_t> distances(candidates.size() + 1, -7);
+      kernel.run(query, descriptors.data(), candidates.data(), count, distances.data());
+      for (std::size_t i = 0; i < count; ++i) {
+        ASSERT_EQ(distances[i], hamming(query, descriptors[candidates[i]])) << kernel.name;
+      }
+      ASSERT_EQ(distances[count], -7) << kernel.name << " wrote beyond the end";
+    }
   }
 }
 

@@ -41,6 +41,21 @@ def read_classes(path):
     return head[2], classes
 
 
+def read_table(path, name, count):
+    """Returns the table, a list of rows. Raises ValueError naming the file."""
+    lines = [
+        line
+        for line in Path(path).read_text(encoding="utf-8").splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
+    if not lines or lines[0] != f"kys-table,1,{name},{count}":
+        raise ValueError(f"{path}: does not begin with 'kys-table,1,{name},{count}'")
+    table = [[float(value) for value in line.split(",")] for line in lines[1:]]
+    if len(table) != count or any(len(row) != count for row in table):
+        raise ValueError(f"{path}: is not {count} x {count}")
+    return table
+
+
 def write_atomically(path, text):
     temporary = Path(f"{path}.part")
     temporary.write_text(text, encoding="utf-8")

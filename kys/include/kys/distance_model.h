@@ -37,14 +37,14 @@ struct BestTwo {
 /// The distance of two descriptors under a mode. Immutable once made; any number of threads may
 /// share one.
 ///
-/// All modes are one formula with different numbers. For a pair of tier t whose keypoints both
-/// have a valid label, with S their semantic and da their scale discrepancy (Eq. 4),
+/// All modes are one formula with different numbers. With S the semantic and da the scale
+/// discrepancy (Eq. 4) of the pair, and the other numbers by its tier,
 ///
-///     value = (base_t + semantic_t S + scale_t da) (1 + lambda_t max(ln(1 + mu))) d + offset S
+///     value = (base + semantic S + scale da) (1 + lambda max(ln(1 + mu))) d + offset S
 ///
 /// rejected when max(mu) is above the gate of the context, or when the labels differ and S reaches
 /// the filter's threshold. A pair with an end that has no valid label has value d and is never
-/// rejected, in every mode. A label that is none of the label space's counts as not valid.
+/// rejected, in every mode. A label that is none of the label space's is not valid.
 class DistanceModel {
  public:
   /// Mode stock.
@@ -108,31 +108,33 @@ class DistanceModel {
   [[nodiscard]] float lower_bound_factor() const { return native_ ? 1.0f : floor_; }
 
  private:
-  /// What a structural tier contributes to the factor on d.
-  struct TierFactors {
-    float base = 1;      ///< constant
+  /// The numbers of the formula above.
+  struct Factors {
+    float base = 1;
     float semantic = 0;  ///< per bit of S
     float scale = 0;     ///< per unit of scale discrepancy
     float lambda = 0;    ///< per ln(1 + mu)
+    float offset = 0;    ///< per bit of S
   };
 
   DistanceModel(const ModeOptions& options, const LabelSpace* space);
   void set_factors();
   void set_bases(double base);
   void set_structure();
-  [[nodiscard]] int bound_in_bits(float bound) const;
+  [[nodiscard]] Distance weigh(float d, const Prior& pa, const Prior& pb, float gate) const;
+  [[nodiscard]] int first_hopeless(float value) const;
 
   ModeOptions options_;
-  std::array<TierFactors, 3> tiers_;                  ///< by Tier
+  std::array<Factors, 3> factors_;                    ///< by Tier
   std::array<float, 2> gates_{kRejected, kRejected};  ///< largest mu, by Context
-  float offset_ = 0;                                  ///< per bit of S, added to the product
   float filter_from_ = kRejected;                     ///< S from which differing labels reject
   float floor_ = 1;
   std::uint32_t label_limit_ = kVoidLabel;  ///< labels from here on are not valid
+  std::uint32_t table_mask_ = 0;            ///< 0: S does not matter, the table is one zero
   bool native_ = true;                      ///< every value is d
   bool drops_dynamic_ = false;
   bool uses_priors_ = false;
-  std::vector<float> table_;  ///< S, label_limit_ squared, or empty: S does not matter
+  std::vector<float> table_ = std::vector<float>(1, 0.0f);  ///< S, label_limit_ squared
 };
 
 }  // namespace kys

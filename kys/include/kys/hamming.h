@@ -3,7 +3,11 @@
 #include <kys/descriptor.h>
 
 #include <bit>
+#include <cstddef>
 #include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
 
 // Portable x86-64 code may not assume the popcnt instruction, and a call per descriptor pair costs
 // as much as the comparison itself. So the instruction is emitted in place, behind one predictable
@@ -50,5 +54,25 @@ inline int hamming(const Descriptor& a, const Descriptor& b) {
 #endif
   return detail::popcount_portable(a, b);
 }
+
+/// hamming() of one descriptor and many: distances[i] is that to descriptors[candidates[i]]. Two to
+/// four times as fast as one by one, where the machine has AVX2 or AVX-512 (chosen at run time).
+/// `distances` must be at least as long as `candidates`; indices are not checked.
+void hamming_many(const Descriptor& query, std::span<const Descriptor> descriptors,
+                  std::span<const std::uint32_t> candidates, std::span<std::int16_t> distances);
+
+namespace detail {
+
+/// One way to compute hamming_many() that this machine can run.
+struct HammingKernel {
+  std::string_view name;
+  void (*run)(const Descriptor& query, const Descriptor* descriptors,
+              const std::uint32_t* candidates, std::size_t count, std::int16_t* distances);
+};
+
+/// All of them, the fastest last. For tests and benchmarks.
+std::vector<HammingKernel> hamming_kernels();
+
+}  // namespace detail
 
 }  // namespace kys

@@ -25,8 +25,8 @@ struct LabelClass {
 class LabelSpace {
  public:
   /// `table` is S, size x size, row by row, in bits. Throws Error for an empty or too long class
-  /// list, repeated ids or names, a table of the wrong size, an entry that is not a number from 0 to
-  /// 10000, an asymmetric pair, a nonzero diagonal. `origin` starts the message.
+  /// list, repeated ids or names, a table of the wrong size, an entry that is not a number from 0
+  /// to 10000, an asymmetric pair, a nonzero diagonal. `origin` starts the message.
   LabelSpace(std::string name, std::vector<LabelClass> classes, std::vector<float> table,
              const std::string& origin = "label space");
 
