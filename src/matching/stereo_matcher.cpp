@@ -76,8 +76,52 @@ int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int 
   return sum;
 }
 
+/// Column at which the right row looks most like the left patch, starting at a whole one: least
+/// squares of the grey differences with their mean removed (Lucas-Kanade in one dimension), which
+/// unlike a parabola through sums of differences does not lean towards whole pixels.
+std::optional<float> align_patch(const GrayImage& left, const GrayImage& right, int xl, int y,
+                                 float start) {
+  constexpr int kIterations = 5;
+  constexpr int kCount = kPatch * kPatch;
+  float column = start;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    const float first = column - static_cast<float>(kHalfPatch) - 1;
+    const int x0 = static_cast<int>(std::floor(first));
+    if (x0 < 0 || x0 + kPatch + 3 > right.width()) return {};
+    const float w = first - static_cast<float>(x0);
+    // Sums over the patch of gradient g and difference e: sum (g - mean g)(e - mean e), ...
+    float sum_g = 0, sum_e = 0, sum_gg = 0, sum_ge = 0;
+    for (int dy = -kHalfPatch; dy <= kHalfPatch; ++dy) {
+      const std::uint8_t* l = left.row(y + dy) + xl - kHalfPatch;
+      const std::uint8_t* r = right.row(y + dy) + x0;
+      std::array<float, kPatch + 2> value;  // right row at the patch's columns, one more each side
+      for (int k = 0; k < kPatch + 2; ++k) {
+        value[static_cast<std::size_t>(k)] =
+            static_cast<float>(r[k]) + w * static_cast<float>(r[k + 1] - r[k]);
+      }
+      for (int k = 0; k < kPatch; ++k) {
+        const auto at = static_cast<std::size_t>(k);
+        const float g = 0.5f * (value[at + 2] - value[at]);
+        const float e = value[at + 1] - static_cast<float>(l[k]);
+        sum_g += g;
+        sum_e += e;
+        sum_gg += g * g;
+        sum_ge += g * e;
+      }
+    }
+    const float gg = sum_gg - sum_g * sum_g / kCount;
+    const float ge = sum_ge - sum_g * sum_e / kCount;
+    if (!(gg > 1)) return {};
+    const float step = ge / gg;
+    column -= step;
+    if (!(std::abs(column - start) <= 1)) return {};
+    if (std::abs(step) < 0.01f) break;
+  }
+  return column;
+}
+
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
-/// and puts a parabola through the least difference and its neighbours.
+/// and aligns it there to a fraction of a pixel.
 std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
                               const ImagePyramid& left_pyramid,
                               const ImagePyramid& right_pyramid) {
@@ -101,16 +145,12 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
     if (difference[k] < difference[best]) best = k;
   }
   if (best == 0 || best + 1 == difference.size()) return {};  // no minimum inside the range
-  const auto before = static_cast<float>(difference[best - 1]);
-  const auto at = static_cast<float>(difference[best]);
-  const auto after = static_cast<float>(difference[best + 1]);
-  const float curvature = before + after - 2 * at;
-  const float shift = curvature > 0 ? 0.5f * (before - after) / curvature : 0.0f;
-  if (!(std::abs(shift) <= 1)) return {};
   // The left patch was taken around the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
-  const float column = static_cast<float>(xr + static_cast<int>(best) - kSlide) + shift + remainder;
-  return Refined{right_pyramid.to_full(octave, column, 0).x(), difference[best]};
+  const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide);
+  const std::optional<float> column = align_patch(l, r, xl, y, start);
+  if (!column) return {};
+  return Refined{right_pyramid.to_full(octave, *column + remainder, 0).x(), difference[best]};
 }
 
 std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
