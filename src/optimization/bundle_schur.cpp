@@ -5,7 +5,7 @@
 
 #include "optimization/bundle_solver.h"
 #include "optimization/lanes.h"
-#include "optimization/reprojection.h"
+#include "geometry/reprojection.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
 // (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1), for windows of few poses.

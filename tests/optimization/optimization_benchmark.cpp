@@ -4,7 +4,7 @@
 
 #include "optimization/bundle_adjustment.h"
 #include "optimization/pose_optimization.h"
-#include "scene.h"
+#include "synthetic_scene.h"
 
 namespace kys_slam::test {
 namespace {
