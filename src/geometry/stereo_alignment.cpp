@@ -2,6 +2,8 @@
 
 #include <array>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "geometry/absolute_orientation.h"
 #include "geometry/pose_refinement.h"
@@ -12,7 +14,7 @@ namespace kys_slam {
 namespace {
 
 constexpr std::size_t kSampleSize = 3;
-constexpr int kRefinements = 3;  // refine, then sort inliers anew
+constexpr int kRefinements = 8;  // refine, then sort inliers anew, while that helps
 constexpr int kRefineIterations = 5;
 
 class Alignment {
@@ -25,6 +27,9 @@ class Alignment {
       if (is_usable(m.p_a) && is_usable(m.p_b) && is_usable_pixel(m.pixel_a) &&
           is_usable_pixel(m.pixel_b)) {
         usable_.push_back(i);
+        seen_by_a_.push_back(
+            {m.p_b, m.pixel_a, false, stereo_covariance(camera, m.p_b, m.pixel_b)});
+        seen_by_b_.push_back({m.p_a, m.pixel_b, true, stereo_covariance(camera, m.p_a, m.pixel_a)});
       }
     }
   }
@@ -35,32 +40,37 @@ class Alignment {
     if (usable_.size() < kSampleSize) return best;
     SampleGenerator<kSampleSize> samples(usable_.size(), options_.seed);
     int limit = options_.iterations;
-    std::vector<std::uint8_t> inlier;
+    Candidate top;
     int iterations = 0;
     for (; iterations < limit; ++iterations) {
       const auto T_a_b = solve(samples.next());
       if (!T_a_b) continue;
-      const int inliers = find_inliers(*T_a_b, inlier);
-      if (inliers <= best.inliers) continue;
-      best.T = *T_a_b;
-      best.inliers = inliers;
-      best.inlier = inlier;
-      // A sample of noisy points misses inliers: what counts is how many its refinement finds.
-      refine(best);
-      limit = ransac_iterations(static_cast<std::size_t>(best.inliers), usable_.size(), kSampleSize,
+      Candidate candidate = judge(*T_a_b);
+      if (candidate.score <= top.score) continue;
+      refine(candidate);
+      top = std::move(candidate);
+      limit = ransac_iterations(static_cast<std::size_t>(top.inliers), usable_.size(), kSampleSize,
                                 options_.confidence, options_.iterations);
     }
     best.iterations = iterations;
-    best.success = best.inliers >= options_.min_inliers;
-    if (!best.success) {
-      best.T = Rigid3();
-      best.inliers = 0;
-      best.inlier.assign(matches_.size(), 0);
-    }
+    if (top.inliers < options_.min_inliers) return best;
+    best.success = true;
+    best.T = top.T_a_b;
+    best.inliers = top.inliers;
+    for (std::size_t k = 0; k < usable_.size(); ++k) best.inlier[usable_[k]] = top.inlier[k];
     return best;
   }
 
  private:
+  /// A motion and how it fares. The score is that of MSAC (Torr and Zisserman 2000): inliers count
+  /// the more the better they fit.
+  struct Candidate {
+    Rigid3 T_a_b;
+    double score = 0;
+    int inliers = 0;
+    std::vector<std::uint8_t> inlier;  // per usable match
+  };
+
   static bool is_usable_pixel(const StereoPixel& p) {
     return is_usable(p.u, p.v, p.u_right, p.inv_sigma);
   }
@@ -76,52 +86,48 @@ class Alignment {
     return absolute_orientation(a, b);
   }
 
-  [[nodiscard]] double bound(const StereoPixel& pixel) const {
-    return std::isnan(pixel.u_right) ? options_.chi2_mono : options_.chi2_stereo;
+  /// chi2 over its bound: above one is an outlier.
+  [[nodiscard]] double relative_error(const Rigid3& T_a_b, const ReprojectionTerm& term) const {
+    const double bound = std::isnan(term.pixel.u_right) ? options_.chi2_mono : options_.chi2_stereo;
+    return reprojection_chi2(camera_, T_a_b, term) / bound;
   }
 
-  int find_inliers(const Rigid3& T_a_b, std::vector<std::uint8_t>& inlier) const {
-    inlier.assign(matches_.size(), 0);
-    int inliers = 0;
-    for (const std::size_t i : usable_) {
-      const PointMatch& m = matches_[i];
-      const bool in_a =
-          reprojection_chi2(camera_, T_a_b, {m.p_b, m.pixel_a, false}) <= bound(m.pixel_a);
-      if (!in_a) continue;
-      const bool in_b =
-          reprojection_chi2(camera_, T_a_b, {m.p_a, m.pixel_b, true}) <= bound(m.pixel_b);
-      inlier[i] = in_b ? 1 : 0;
-      inliers += in_b ? 1 : 0;
+  [[nodiscard]] Candidate judge(const Rigid3& T_a_b) const {
+    Candidate result{T_a_b, 0, 0, std::vector<std::uint8_t>(usable_.size(), 0)};
+    for (std::size_t k = 0; k < usable_.size(); ++k) {
+      const double error_a = relative_error(T_a_b, seen_by_a_[k]);
+      if (!(error_a <= 1.0)) continue;
+      const double error_b = relative_error(T_a_b, seen_by_b_[k]);
+      if (!(error_b <= 1.0)) continue;
+      result.inlier[k] = 1;
+      result.inliers += 1;
+      result.score += 2.0 - error_a - error_b;
     }
-    return inliers;
+    return result;
   }
 
-  /// Refines over the inliers as long as that does not lose any.
-  void refine(RansacResult& result) const {
-    std::vector<std::uint8_t> inlier;
+  /// Refines over the inliers as long as the score grows.
+  void refine(Candidate& best) const {
     std::vector<ReprojectionTerm> terms;
-    for (int i = 0; i < kRefinements && result.inliers >= static_cast<int>(kSampleSize); ++i) {
+    for (int i = 0; i < kRefinements && best.inliers >= static_cast<int>(kSampleSize); ++i) {
       terms.clear();
-      for (const std::size_t k : usable_) {
-        if (result.inlier[k] == 0) continue;
-        terms.push_back({matches_[k].p_b, matches_[k].pixel_a, false});
-        terms.push_back({matches_[k].p_a, matches_[k].pixel_b, true});
+      for (std::size_t k = 0; k < usable_.size(); ++k) {
+        if (best.inlier[k] == 0) continue;
+        terms.push_back(seen_by_a_[k]);
+        terms.push_back(seen_by_b_[k]);
       }
-      const Rigid3 refined = refine_pose(camera_, result.T, terms, kRefineIterations);
-      const int inliers = find_inliers(refined, inlier);
-      if (inliers < result.inliers) return;
-      const bool grown = inliers > result.inliers;
-      result.T = refined;
-      result.inliers = inliers;
-      result.inlier.swap(inlier);
-      if (!grown) return;
+      Candidate refined = judge(refine_pose(camera_, best.T_a_b, terms, kRefineIterations));
+      if (refined.score <= best.score) return;
+      best = std::move(refined);
     }
   }
 
   const StereoCamera& camera_;
   std::span<const PointMatch> matches_;
   const RansacOptions& options_;
-  std::vector<std::size_t> usable_;
+  std::vector<std::size_t> usable_;          // matches that are finite
+  std::vector<ReprojectionTerm> seen_by_a_;  // of those
+  std::vector<ReprojectionTerm> seen_by_b_;
 };
 
 }  // namespace

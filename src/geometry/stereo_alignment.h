@@ -39,8 +39,9 @@ struct RansacResult {
 
 /// T_a_b between two keyframes from matched landmarks, for closing loops over SE(3): samples of
 /// three (Horn's solution), inliers by the reprojection error in both cameras (the landmark of each
-/// seen by the other; ORB-SLAM Sec. VII-B without scale), refined over both errors. Monocular
-/// pixels are tested in the left image alone. Same seed, same answer.
+/// seen by the other; ORB-SLAM Sec. VII-B without scale), refined over both errors. A landmark is
+/// taken to be as uncertain as its stereo pixel makes it, which matters for far ones seen from
+/// places apart. Monocular pixels are tested in the left image alone. Same seed, same answer.
 RansacResult align_se3_ransac(const StereoCamera& camera, std::span<const PointMatch> matches,
                               const RansacOptions& options);
 
