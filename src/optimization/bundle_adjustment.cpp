@@ -4,7 +4,7 @@
 #include <stdexcept>
 
 #include "optimization/bundle_solver.h"
-#include "optimization/reprojection.h"
+#include "geometry/reprojection.h"
 
 namespace kys_slam {
 namespace {

@@ -42,7 +42,7 @@ struct BundleOptions {
   double chi2_mono = 5.991;                 ///< 95 %, 2 degrees of freedom
   double chi2_stereo = 7.815;               ///< 95 %, 3 degrees of freedom
   bool robust = true;                       ///< Huber loss in the first round
-  double function_tolerance = 1e-6;         ///< stop when the cost falls by less than this share
+  double function_tolerance = 1e-4;         ///< stop when the cost falls by less than this share
   int threads = 1;                          ///< more than one gives no reproducible sums
   const std::atomic<bool>* stop = nullptr;  ///< asked between iterations
 };

@@ -3,9 +3,9 @@
 #include <array>
 #include <cmath>
 
+#include "geometry/reprojection.h"
 #include "optimization/bundle_solver.h"
 #include "optimization/lanes.h"
-#include "optimization/reprojection.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
 // (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1), for windows of few poses.
@@ -52,6 +52,47 @@ struct PoseMatrix {
   Eigen::Matrix3d R;
   Eigen::Vector3d t;
 };
+
+/// Place of a block of the lower triangle among the blocks stored row by row.
+inline std::size_t block_index(std::int32_t row, std::int32_t col) {
+  return static_cast<std::size_t>(row) * (static_cast<std::size_t>(row) + 1) / 2 +
+         static_cast<std::size_t>(col);
+}
+
+// Columns of six as four and two, wherever they lie in memory.
+using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
+using Two = double __attribute__((vector_size(16), aligned(8), may_alias));
+
+/// S -= a b^T for column-major 6x3 a, b and 6x6 S.
+KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* S) {
+  const Lanes a0 = *reinterpret_cast<const Four*>(a);
+  const Lanes a1 = *reinterpret_cast<const Four*>(a + 6);
+  const Lanes a2 = *reinterpret_cast<const Four*>(a + 12);
+  const Two t0 = *reinterpret_cast<const Two*>(a + 4);
+  const Two t1 = *reinterpret_cast<const Two*>(a + 10);
+  const Two t2 = *reinterpret_cast<const Two*>(a + 16);
+  for (int col = 0; col < 6; ++col) {
+    auto& top = *reinterpret_cast<Four*>(S + 6 * col);
+    auto& bottom = *reinterpret_cast<Two*>(S + 6 * col + 4);
+    top -= a0 * b[col] + a1 * b[col + 6] + a2 * b[col + 12];
+    bottom -= t0 * b[col] + t1 * b[col + 6] + t2 * b[col + 12];
+  }
+}
+
+/// Takes the products Z_row Z_col^T of one point's observations off the reduced system.
+KYS_AVX2_CLONES void subtract_products(const SchurObservation* observations, const Matrix63* Z,
+                                       std::int32_t count, Matrix6d* reduced) {
+  for (std::int32_t row = 0; row < count; ++row) {
+    const std::int32_t r = observations[row].free;
+    for (std::int32_t col = 0; col <= row; ++col) {
+      const std::int32_t c = observations[col].free;
+      double* S = reduced[block_index(r, c)].data();
+      subtract_outer(Z[row].data(), Z[col].data(), S);
+      // A point seen twice from one pose gives that pose's block both triangles.
+      if (c == r && col != row) subtract_outer(Z[col].data(), Z[row].data(), S);
+    }
+  }
+}
 
 class SchurBundle {
  public:
@@ -190,9 +231,7 @@ class SchurBundle {
     return 0.5 * cost;
   }
 
-  Matrix6d& block(std::int32_t row, std::int32_t col) {
-    return reduced_[static_cast<std::size_t>(row) * (row + 1) / 2 + col];
-  }
+  Matrix6d& block(std::int32_t row, std::int32_t col) { return reduced_[block_index(row, col)]; }
 
   /// Linearises and eliminates every point, solves, and moves poses and points. Returns the
   /// decrease of the cost that the linear model predicts, or a negative number or NaN if there is
@@ -225,20 +264,10 @@ class SchurBundle {
     std::int32_t i = point.begin;
     while (i < point.end && observations_[i].free < 0) ++i;
     for (std::int32_t row = i; row < point.end; ++row) {
-      const std::int32_t r = observations_[row].free;
       Z_[row] = (Z_[row] * e.L_inverse.transpose()).eval();
-      gradient_[r].noalias() -= Z_[row] * e.y;
-      for (std::int32_t col = i; col <= row; ++col) {
-        const std::int32_t c = observations_[col].free;
-        subtract_outer(Z_[row], Z_[col], block(r, c));
-        // A point seen twice from one pose gives that pose's block both triangles.
-        if (c == r && col != row) subtract_outer(Z_[col], Z_[row], block(r, c));
-      }
+      gradient_[observations_[row].free].noalias() -= Z_[row] * e.y;
     }
-  }
-
-  static void subtract_outer(const Matrix63& a, const Matrix63& b, Matrix6d& S) {
-    S.noalias() -= a.lazyProduct(b.transpose());
+    subtract_products(observations_.data() + i, Z_.data() + i, point.end - i, reduced_.data());
   }
 
   /// Inverse of the lower Cholesky factor of a positive definite 3x3 matrix.

@@ -1,7 +1,7 @@
 #include "optimization/cost_functions.h"
 
 #include "geometry/so3.h"
-#include "optimization/reprojection.h"
+#include "geometry/reprojection.h"
 
 namespace kys_slam {
 namespace {

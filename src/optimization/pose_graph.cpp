@@ -67,6 +67,7 @@ void optimize_pose_graph(std::vector<Rigid3>& T_w_c, const std::vector<std::uint
   StopCallback stop(options.stop);
   ceres::Solver::Options solver = quiet_solver_options(1);
   solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  solver.function_tolerance = 1e-9;
   solver.max_num_iterations = options.iterations;
   solver.callbacks.push_back(&stop);
   ceres::Solver::Summary report;

@@ -5,7 +5,7 @@
 #include <stdexcept>
 
 #include "optimization/lanes.h"
-#include "optimization/reprojection.h"
+#include "geometry/reprojection.h"
 
 namespace kys_slam {
 namespace {

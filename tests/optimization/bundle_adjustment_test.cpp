@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "scene.h"
+#include "synthetic_scene.h"
 
 namespace kys_slam::test {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "scene.h"
+#include "synthetic_scene.h"
 
 namespace kys_slam::test {
 namespace {
