@@ -38,7 +38,8 @@ class StereoRectifier {
   /// Rectified left camera to body.
   [[nodiscard]] const Rigid3& T_b_c() const { return T_b_c_; }
 
-  /// Bilinear; `raw` must have the size of the raw cameras.
+  /// Bilinear, positions rounded to 1/32 px. \throws InputError when `raw` has another size than
+  /// the raw cameras.
   [[nodiscard]] GrayImage rectify_left(const GrayImage& raw) const;
   [[nodiscard]] GrayImage rectify_right(const GrayImage& raw) const;
 
