@@ -1,0 +1,137 @@
+#include "io/image_io.h"
+
+#include <kys_slam/error.h>
+
+#include <vector>
+
+#include "io/jpeg_codec.h"
+#include "io/png_decoder.h"
+#include "io/png_encoder.h"
+#include "io/read_bytes.h"
+#include "util/atomic_file.h"
+
+namespace kys_slam {
+namespace fs = std::filesystem;
+namespace {
+
+using Bytes = std::span<const std::uint8_t>;
+
+[[noreturn]] void fail_kind(const std::string& name, const ImageInfo& info, const char* wanted) {
+  throw InputError(name + ": expected " + wanted + ", found " + std::to_string(info.channels) +
+                   " channel(s) of " + std::to_string(info.bits) + " bits" +
+                   (info.indexed ? " with a palette" : "") + (info.jpeg ? " (JPEG)" : ""));
+}
+
+void require_image(Bytes file, const std::string& name) {
+  if (file.empty()) throw InputError(name + ": empty file");
+  if (!PngDecoder::is_png(file) && !is_jpeg(file)) {
+    throw InputError(name + ": neither a PNG nor a JPEG image");
+  }
+}
+
+/// ITU-R BT.601 luma in 14-bit fixed point.
+std::uint8_t luma(const RgbPixel& p) {
+  return static_cast<std::uint8_t>((p[0] * 4899 + p[1] * 9617 + p[2] * 1868 + 8192) >> 14);
+}
+
+GrayImage decode_png_gray(const PngDecoder& png) {
+  const ImageInfo& info = png.info();
+  GrayImage gray(info.width, info.height);
+  if (info.channels == 1 && info.bits == 8 && !info.indexed) {
+    png.decode(gray.data());
+    return gray;
+  }
+  RgbImage rgb(info.width, info.height);
+  png.decode_rgb8(rgb.data());
+  for (std::size_t i = 0; i < gray.size(); ++i) gray.data()[i] = luma(rgb.data()[i]);
+  return gray;
+}
+
+template <typename T>
+void write_pixels(const fs::path& path, const ImageOf<T>& image, int channels, int bits) {
+  if (image.empty()) throw InputError("cannot write " + path.string() + ": the image is empty");
+  const auto png = encode_png(image.data(), image.width(), image.height(), channels, bits);
+  write_file_atomic(path, png, Durable::kNo);
+}
+
+}  // namespace
+
+ImageInfo decode_image_info(Bytes file, const std::string& name) {
+  require_image(file, name);
+  return is_jpeg(file) ? jpeg_info(file, name) : PngDecoder(file, name).info();
+}
+
+GrayImage decode_gray(Bytes file, const std::string& name) {
+  require_image(file, name);
+  return is_jpeg(file) ? decode_jpeg_gray(file, name) : decode_png_gray(PngDecoder(file, name));
+}
+
+RgbImage decode_rgb(Bytes file, const std::string& name) {
+  require_image(file, name);
+  if (is_jpeg(file)) return decode_jpeg_rgb(file, name);
+  const PngDecoder png(file, name);
+  RgbImage image(png.info().width, png.info().height);
+  png.decode_rgb8(image.data());
+  return image;
+}
+
+Image16 decode_u16(Bytes file, const std::string& name) {
+  const ImageInfo info = decode_image_info(file, name);
+  if (info.jpeg || info.channels != 1 || info.bits != 16) fail_kind(name, info, "16-bit grey PNG");
+  Image16 image(info.width, info.height);
+  PngDecoder(file, name).decode(reinterpret_cast<std::uint8_t*>(image.data()));
+  return image;
+}
+
+Rgb16Image decode_rgb16(Bytes file, const std::string& name) {
+  static_assert(sizeof(Rgb16Pixel) == 6);
+  const ImageInfo info = decode_image_info(file, name);
+  if (info.jpeg || info.channels != 3 || info.bits != 16) fail_kind(name, info, "16-bit RGB PNG");
+  Rgb16Image image(info.width, info.height);
+  PngDecoder(file, name).decode(reinterpret_cast<std::uint8_t*>(image.data()));
+  return image;
+}
+
+ImageOf<std::uint8_t> decode_indexed(Bytes file, const std::string& name) {
+  const ImageInfo info = decode_image_info(file, name);
+  if (info.jpeg || info.channels != 1 || info.bits > 8) {
+    fail_kind(name, info, "indexed or 8-bit grey PNG");
+  }
+  ImageOf<std::uint8_t> image(info.width, info.height);
+  PngDecoder(file, name).decode(image.data());
+  return image;
+}
+
+ImageInfo read_image_info(const fs::path& path) {
+  return decode_image_info(read_bytes(path), path.string());
+}
+GrayImage read_gray(const fs::path& path) {
+  return decode_gray(read_bytes(path), path.string());
+}
+RgbImage read_rgb(const fs::path& path) {
+  return decode_rgb(read_bytes(path), path.string());
+}
+Image16 read_u16(const fs::path& path) {
+  return decode_u16(read_bytes(path), path.string());
+}
+Rgb16Image read_rgb16(const fs::path& path) {
+  return decode_rgb16(read_bytes(path), path.string());
+}
+ImageOf<std::uint8_t> read_indexed(const fs::path& path) {
+  return decode_indexed(read_bytes(path), path.string());
+}
+
+void write_png(const fs::path& path, const GrayImage& image) {
+  write_pixels(path, image, 1, 8);
+}
+void write_png(const fs::path& path, const RgbImage& image) {
+  write_pixels(path, image, 3, 8);
+}
+void write_png(const fs::path& path, const Image16& image) {
+  write_pixels(path, image, 1, 16);
+}
+void write_png(const fs::path& path, const Rgb16Image& image) {
+  write_pixels(path, image, 3, 16);
+}
+
+}  // namespace kys_slam

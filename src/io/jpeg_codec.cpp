@@ -1,0 +1,70 @@
+#include "io/jpeg_codec.h"
+
+#include <kys_slam/error.h>
+#include <turbojpeg.h>
+
+#include <memory>
+#include <new>
+
+namespace kys_slam {
+namespace {
+
+struct HandleDelete {
+  void operator()(void* handle) const { tjDestroy(handle); }
+};
+
+tjhandle decompressor() {
+  thread_local const std::unique_ptr<void, HandleDelete> handle(tjInitDecompress());
+  if (!handle) throw std::bad_alloc();
+  return handle.get();
+}
+
+[[noreturn]] void fail(const std::string& name) {
+  throw InputError(name + ": corrupt JPEG (" + tjGetErrorStr2(decompressor()) + ")");
+}
+
+void decode(std::span<const std::uint8_t> file, const std::string& name, const ImageInfo& info,
+            int format, std::uint8_t* out) {
+  if (tjDecompress2(decompressor(), file.data(), file.size(), out, info.width, 0, info.height,
+                    format, TJFLAG_LIMITSCANS) != 0) {
+    fail(name);
+  }
+}
+
+}  // namespace
+
+bool is_jpeg(std::span<const std::uint8_t> file) {
+  return file.size() >= 3 && file[0] == 0xff && file[1] == 0xd8 && file[2] == 0xff;
+}
+
+ImageInfo jpeg_info(std::span<const std::uint8_t> file, const std::string& name) {
+  int width = 0, height = 0, subsampling = 0, colorspace = 0;
+  if (tjDecompressHeader3(decompressor(), file.data(), file.size(), &width, &height, &subsampling,
+                          &colorspace) != 0) {
+    fail(name);
+  }
+  if (width <= 0 || height <= 0 || width > kMaxImageSide || height > kMaxImageSide) {
+    throw InputError(name + ": image size " + std::to_string(width) + "x" + std::to_string(height) +
+                     " is outside 1.." + std::to_string(kMaxImageSide));
+  }
+  if (colorspace == TJCS_CMYK || colorspace == TJCS_YCCK) {
+    throw InputError(name + ": CMYK JPEG; grey or colour is needed");
+  }
+  return {width, height, colorspace == TJCS_GRAY ? 1 : 3, 8, false, true};
+}
+
+GrayImage decode_jpeg_gray(std::span<const std::uint8_t> file, const std::string& name) {
+  const ImageInfo info = jpeg_info(file, name);
+  GrayImage image(info.width, info.height);
+  decode(file, name, info, TJPF_GRAY, image.data());
+  return image;
+}
+
+RgbImage decode_jpeg_rgb(std::span<const std::uint8_t> file, const std::string& name) {
+  const ImageInfo info = jpeg_info(file, name);
+  RgbImage image(info.width, info.height);
+  decode(file, name, info, TJPF_RGB, image.data()->data());
+  return image;
+}
+
+}  // namespace kys_slam

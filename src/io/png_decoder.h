@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "io/image_io.h"
+
+namespace kys_slam {
+
+/// Decodes one PNG held in memory. Common kinds (8 or 16 bits, not interlaced) go through
+/// libdeflate, which inflates about twice as fast as zlib; the others through libspng.
+class PngDecoder {
+ public:
+  static bool is_png(std::span<const std::uint8_t> file);
+
+  /// Reads the header. \throws InputError naming `name`; sizes above kMaxImageSide are refused.
+  PngDecoder(std::span<const std::uint8_t> file, std::string name);
+
+  [[nodiscard]] const ImageInfo& info() const { return info_; }
+  /// Bytes of one decoded row: channels * bytes per channel * width, one byte per palette index or
+  /// grey value of less than 8 bits.
+  [[nodiscard]] std::size_t row_bytes() const;
+  /// Decodes to `out`, row_bytes() * height bytes, 16-bit samples in host byte order; indices are
+  /// not looked up; grey of less than 8 bits is not stretched.
+  void decode(std::uint8_t* out) const;
+  /// Decodes anything to 8-bit R, G, B.
+  void decode_rgb8(RgbPixel* out) const;
+
+ private:
+  void decode_plain(std::uint8_t* out) const;
+  void decode_with_spng(int format, std::uint8_t* out, std::size_t size) const;
+  [[noreturn]] void fail(const std::string& what) const;
+
+  std::span<const std::uint8_t> file_;
+  std::string name_;
+  ImageInfo info_;
+  bool interlaced_ = false;
+};
+
+}  // namespace kys_slam
