@@ -93,24 +93,27 @@ void DriftField::add(int y, int x0, int x1, const float* residual_u, const float
 
 void DriftField::smooth() {
   const int cell = options_.cell;
-  // Cells at the right and bottom edge are smaller: sums become means over the cell's own pixels.
+  // Cells at the right and bottom edge are smaller: they count by their area, and the coverage is
+  // relative to what a mask of ones would give.
+  std::vector<float> area(mask_.size(), 1.0F);
+  const float scale = 1.0F / static_cast<float>(cell * cell);
   for (int cy = 0; cy < cells_y_; ++cy) {
     const int rows = std::min(cell, height_ - cy * cell);
     for (int cx = 0; cx < cells_x_; ++cx) {
       const int columns = std::min(cell, width_ - cx * cell);
       const std::size_t at = static_cast<std::size_t>(cy) * static_cast<std::size_t>(cells_x_) +
                              static_cast<std::size_t>(cx);
-      const float scale = 1.0F / static_cast<float>(rows * columns);
       u_[at] *= scale;
       v_[at] *= scale;
       mask_[at] *= scale;
+      area[at] = static_cast<float>(rows * columns) * scale;
     }
   }
   // Averaging in cells and interpolating between them smooth as well: take their variance off.
   const double own = cell > 1 ? (cell * cell - 1) / 12.0 + cell * cell / 6.0 : 0.0;
   const double sigma = std::sqrt(std::max(0.25, options_.sigma * options_.sigma - own)) / cell;
   const std::vector<float> kernel = make_kernel(sigma);
-  for (std::vector<float>* field : {&u_, &v_, &mask_}) {
+  for (std::vector<float>* field : {&u_, &v_, &mask_, &area}) {
     smooth_lines(*field, cells_y_, cells_x_, kernel);
     *field = transpose(*field, cells_y_, cells_x_);
     smooth_lines(*field, cells_x_, cells_y_, kernel);
@@ -120,6 +123,7 @@ void DriftField::smooth() {
     const float inverse = mask_[i] > 1e-6F && options_.enabled ? 1.0F / mask_[i] : 0.0F;
     u_[i] *= inverse;
     v_[i] *= inverse;
+    mask_[i] = std::min(1.0F, mask_[i] / area[i]);
   }
 }
 

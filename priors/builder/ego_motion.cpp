@@ -38,6 +38,10 @@ std::vector<Sample> take_samples(const BuilderOptions::EgoMotion& options, const
   return samples;
 }
 
+double length(double a, double b) {
+  return std::sqrt(a * a + b * b);
+}
+
 /// Huber weight of a residual of this length.
 double weight(double length, double delta) {
   return length <= delta ? 1.0 : delta / length;
@@ -50,15 +54,20 @@ class NormalEquations {
   using Vector = Eigen::Matrix<double, N, 1>;
 
   void add(const Vector& ju, const Vector& jv, double ru, double rv, double w) {
-    A_.noalias() += (w * ju) * ju.transpose();
-    A_.noalias() += (w * jv) * jv.transpose();
-    b_ += (w * ru) * ju + (w * rv) * jv;
+    const Vector wu = w * ju, wv = w * jv;
+    for (int column = 0; column < N; ++column) {
+      for (int row = 0; row <= column; ++row) {
+        A_(row, column) += wu(row) * ju(column) + wv(row) * jv(column);
+      }
+    }
+    b_ += ru * wu + rv * wv;
   }
   /// Solution of the least squares problem; nothing when the equations are singular.
   [[nodiscard]] std::optional<Vector> solve() const {
     // Unknowns of very different size (rad, m, 1/m): scale the diagonal to one first.
     const Vector scale = (A_.diagonal().array() + 1e-30).rsqrt();
-    Eigen::Matrix<double, N, N> M = scale.asDiagonal() * A_ * scale.asDiagonal();
+    Eigen::Matrix<double, N, N> M = A_.template selfadjointView<Eigen::Upper>();
+    M = (scale.asDiagonal() * M * scale.asDiagonal()).eval();
     M.diagonal().array() += 1e-12;
     const Vector x = scale.cwiseProduct(M.ldlt().solve(scale.cwiseProduct(b_)));
     if (!x.allFinite()) return std::nullopt;
@@ -101,7 +110,7 @@ bool step_se3(const StereoCamera& camera, const std::vector<Sample>& samples, st
   Se3Residual e;
   for (std::size_t i = 0; i < samples.size(); i += stride) {
     if (!evaluate_se3(camera, R, T.t(), samples[i], e)) continue;
-    equations.add(e.ju, e.jv, e.ru, e.rv, weight(std::hypot(e.ru, e.rv), delta));
+    equations.add(e.ju, e.jv, e.ru, e.rv, weight(length(e.ru, e.rv), delta));
   }
   const auto x = equations.solve();
   if (!x) return false;
@@ -153,9 +162,9 @@ bool fit_linear(const BuilderOptions::EgoMotion& options, const std::vector<Samp
     for (const Sample& s : samples) {
       const LinearRows rows = linear_rows(motion.model, motion.camera.width, motion.camera.height,
                                           s.u, s.v, s.inverse_z);
-      const double length = std::hypot(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
+      const double norm = length(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
       equations.add(rows.u, rows.v, s.flow_u, s.flow_v,
-                    i == 0 ? 1.0 : weight(length, options.huber_delta));
+                    i == 0 ? 1.0 : weight(norm, options.huber_delta));
     }
     const auto x = equations.solve();
     if (!x) return false;
@@ -165,7 +174,8 @@ bool fit_linear(const BuilderOptions::EgoMotion& options, const std::vector<Samp
   return true;
 }
 
-void predict_row_se3(const EgoMotion& m, int y, const float* rho, float* u, float* v) {
+void predict_row_se3(const EgoMotion& m, int y, const float* __restrict rho, float* __restrict u,
+                     float* __restrict v) {
   const StereoCamera& k = m.camera;
   const Eigen::Matrix3d R = m.T_next_now.R();
   const double yn = (y - k.cy) / k.fy;
@@ -188,7 +198,8 @@ void predict_row_se3(const EgoMotion& m, int y, const float* rho, float* u, floa
   }
 }
 
-void predict_row_linear(const EgoMotion& m, int y, const float* rho, float* u, float* v) {
+void predict_row_linear(const EgoMotion& m, int y, const float* __restrict rho, float* __restrict u,
+                        float* __restrict v) {
   // Each component is a + b x + d x^2 + rho (e + g x) along a row, x in pixels.
   const double w = m.camera.width, h = m.camera.height;
   const double yn = (y - 0.5 * h) / h;
@@ -217,12 +228,11 @@ double mean_residual(const EgoMotion& motion, const std::vector<Sample>& samples
   for (const Sample& s : samples) {
     if (motion.model == EgoMotionModel::kSe3) {
       Se3Residual e;
-      if (evaluate_se3(motion.camera, R, motion.T_next_now.t(), s, e))
-        sum += std::hypot(e.ru, e.rv);
+      if (evaluate_se3(motion.camera, R, motion.T_next_now.t(), s, e)) sum += length(e.ru, e.rv);
     } else {
       const LinearRows rows = linear_rows(motion.model, motion.camera.width, motion.camera.height,
                                           s.u, s.v, s.inverse_z);
-      sum += std::hypot(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
+      sum += length(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
     }
   }
   return samples.empty() ? 0 : sum / static_cast<double>(samples.size());

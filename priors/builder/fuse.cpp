@@ -1,6 +1,7 @@
 #include "priors/builder/fuse.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
@@ -68,6 +69,7 @@ class ResidualStage {
          {&fm_u_, &fm_v_, &r_u_, &r_v_, &d_u_, &d_v_, &cover_, &radial_, &depth_}) {
       row->resize(static_cast<std::size_t>(width_));
     }
+    for (std::vector<float>& row : terms_) row.resize(static_cast<std::size_t>(width_));
   }
 
   void accumulate_drift() {
@@ -87,8 +89,7 @@ class ResidualStage {
       drift_.row(y, d_u_.data(), d_v_.data(), cover_.data());
       if (images != nullptr) keep(y, *images);
       correct_row(y);
-      const float* corrected = corrected_.row(y);
-      for_runs(y, [&](const SegmentRun& run) { add_run(run, corrected, sums[run.segment]); });
+      for_runs(y, [&](const SegmentRun& run) { add_run(run, sums[run.segment]); });
     }
   }
 
@@ -114,12 +115,12 @@ class ResidualStage {
 
   void residual_row(int y) {
     motion_.predict_row(y, in_.inverse_depth.row(y), fm_u_.data(), fm_v_.data());
-    const float* u = in_.flow->u.row(y);
-    const float* v = in_.flow->v.row(y);
-    float* ru = r_u_.data();
-    float* rv = r_v_.data();
-    const float* fu = fm_u_.data();
-    const float* fv = fm_v_.data();
+    const float* __restrict u = in_.flow->u.row(y);
+    const float* __restrict v = in_.flow->v.row(y);
+    float* __restrict ru = r_u_.data();
+    float* __restrict rv = r_v_.data();
+    const float* __restrict fu = fm_u_.data();
+    const float* __restrict fv = fm_v_.data();
     for (int x = 0; x < width_; ++x) {
       ru[x] = u[x] - fu[x];
       rv[x] = v[x] - fv[x];
@@ -127,46 +128,81 @@ class ResidualStage {
   }
 
   void correct_row(int y) {
-    float* corrected = corrected_.row(y);
-    const float* rho = in_.inverse_depth.row(y);
-    const float *ru = r_u_.data(), *rv = r_v_.data(), *du = d_u_.data(), *dv = d_v_.data();
-    const float *fu = fm_u_.data(), *fv = fm_v_.data();
-    float* radial = radial_.data();
-    float* depth = depth_.data();
+    float* __restrict corrected = corrected_.row(y);
+    float* __restrict radial = radial_.data();
+    float* __restrict depth = depth_.data();
+    const float* __restrict rho = in_.inverse_depth.row(y);
+    const float* __restrict ru = r_u_.data();
+    const float* __restrict rv = r_v_.data();
+    const float* __restrict du = d_u_.data();
+    const float* __restrict dv = d_v_.data();
+    const float* __restrict fu = fm_u_.data();
+    const float* __restrict fv = fm_v_.data();
     for (int x = 0; x < width_; ++x) {
       const float a = ru[x] - du[x], b = rv[x] - dv[x];
       const float flow = std::sqrt(fu[x] * fu[x] + fv[x] * fv[x]);
       corrected[x] = std::sqrt(a * a + b * b);
-      // Below 1e-3 px the flow has no direction; the sum is NaN where there is no residual.
-      const float along = (a * fu[x] + b * fv[x]) / std::max(flow, 1e-3F);
-      radial[x] = flow < 1e-3F ? 0.0F * along : along;
-      depth[x] = 1.0F / rho[x];
+      // Below 1e-3 px the flow has no direction. NaN stays where there is no residual.
+      const float direction = flow < 1e-3F ? 0.0F : 1.0F;
+      radial[x] = direction * (a * fu[x] + b * fv[x]) / (flow + 1e-20F);
+    }
+    for (int x = 0; x < width_; ++x) depth[x] = 1.0F / rho[x];
+    to_terms(corrected);
+  }
+
+  /// What is summed over segments: values with 0 for "none", and counts.
+  void to_terms(const float* __restrict corrected) {
+    const float* __restrict radial = radial_.data();
+    float* __restrict depth = depth_.data();
+    float* __restrict has_depth = terms_[0].data();
+    float* __restrict residual = terms_[1].data();
+    float* __restrict has_flow = terms_[2].data();
+    float* __restrict along = terms_[3].data();
+    for (int x = 0; x < width_; ++x) {
+      has_depth[x] = depth[x] == depth[x] ? 1.0F : 0.0F;
+      depth[x] = depth[x] == depth[x] ? depth[x] : 0.0F;
+    }
+    for (int x = 0; x < width_; ++x) {
+      has_flow[x] = corrected[x] == corrected[x] ? 1.0F : 0.0F;
+      residual[x] = corrected[x] == corrected[x] ? corrected[x] : 0.0F;
+      along[x] = corrected[x] == corrected[x] ? radial[x] : 0.0F;
     }
   }
 
-  void add_run(const SegmentRun& run, const float* corrected, Sums& s) const {
-    float depth = 0, residual = 0, radial = 0, squared = 0, coverage = 0;
-    std::uint32_t depth_count = 0, flow_count = 0;
-    for (int x = run.x0; x < run.x1; ++x) {
-      const auto i = static_cast<std::size_t>(x);
-      const bool has_depth = depth_[i] == depth_[i];
-      depth += has_depth ? depth_[i] : 0.0F;
-      depth_count += has_depth;
-      const bool has_flow = corrected[x] == corrected[x];
-      residual += has_flow ? corrected[x] : 0.0F;
-      const float along = has_flow ? radial_[i] : 0.0F;
-      radial += along;
-      squared += along * along;
-      flow_count += has_flow;
-      coverage += cover_[i];
+  /// Sums of pixels x0..x1, four partial ones each: a single one waits for itself at every pixel.
+  struct Lanes {
+    float sum[4] = {};
+    [[nodiscard]] float total() const { return (sum[0] + sum[1]) + (sum[2] + sum[3]); }
+  };
+  static float sum_of(const std::vector<float>& row, int x0, int x1) {
+    const float* __restrict p = row.data();
+    Lanes lanes;
+    int x = x0;
+    for (; x + 4 <= x1; x += 4) {
+      for (int lane = 0; lane < 4; ++lane) lanes.sum[lane] += p[x + lane];
     }
-    s.depth += depth;
-    s.residual += residual;
-    s.radial += radial;
-    s.radial_squared += squared;
-    s.coverage += coverage;
-    s.depth_count += depth_count;
-    s.flow_count += flow_count;
+    for (; x < x1; ++x) lanes.sum[0] += p[x];
+    return lanes.total();
+  }
+  static float sum_of_squares(const std::vector<float>& row, int x0, int x1) {
+    const float* __restrict p = row.data();
+    Lanes lanes;
+    int x = x0;
+    for (; x + 4 <= x1; x += 4) {
+      for (int lane = 0; lane < 4; ++lane) lanes.sum[lane] += p[x + lane] * p[x + lane];
+    }
+    for (; x < x1; ++x) lanes.sum[0] += p[x] * p[x];
+    return lanes.total();
+  }
+
+  void add_run(const SegmentRun& run, Sums& s) const {
+    s.depth += sum_of(depth_, run.x0, run.x1);
+    s.depth_count += static_cast<std::uint32_t>(sum_of(terms_[0], run.x0, run.x1));
+    s.residual += sum_of(terms_[1], run.x0, run.x1);
+    s.flow_count += static_cast<std::uint32_t>(sum_of(terms_[2], run.x0, run.x1));
+    s.radial += sum_of(terms_[3], run.x0, run.x1);
+    s.radial_squared += sum_of_squares(terms_[3], run.x0, run.x1);
+    s.coverage += sum_of(cover_, run.x0, run.x1);
   }
 
   void keep(int y, FusionImages& images) const {
@@ -188,6 +224,7 @@ class ResidualStage {
   int width_, height_;
   DriftField drift_;
   ImageOf<float> corrected_;
+  std::array<std::vector<float>, 4> terms_;  ///< has depth, residual, has flow, radial
   std::vector<float> fm_u_, fm_v_, r_u_, r_v_, d_u_, d_v_, cover_, radial_, depth_;
 };
 

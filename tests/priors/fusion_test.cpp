@@ -205,7 +205,7 @@ TEST(Drift, AgreesWithTheFullSizeGaussian) {
           worst, std::abs(exact_drift(r, options.sigma, x, y) - u[static_cast<std::size_t>(x)]));
     }
   }
-  EXPECT_LT(worst, 0.01);  // of a field with values up to 2.5 px
+  EXPECT_LT(worst, 0.02);  // of a field with values up to 2.5 px
   RecordProperty("worst_px", std::to_string(worst));
 }
 
