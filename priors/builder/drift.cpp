@@ -125,40 +125,45 @@ void DriftField::smooth() {
     v_[i] *= inverse;
     mask_[i] = std::min(1.0F, mask_[i] / area[i]);
   }
+  for (std::vector<float>* field : {&u_, &v_, &mask_}) widen(*field);
 }
 
-void DriftField::interpolate(const std::vector<float>& cells, float row, float* out) const {
+void DriftField::widen(std::vector<float>& cells) const {
   const int cell = options_.cell;
-  const float clamped = std::clamp(row, 0.0F, static_cast<float>(cells_y_ - 1));
-  const int y0 = std::min(static_cast<int>(clamped), std::max(0, cells_y_ - 2));
-  const int y1 = std::min(y0 + 1, cells_y_ - 1);
-  const float b = clamped - static_cast<float>(y0);
-  const float* upper =
-      cells.data() + static_cast<std::size_t>(y0) * static_cast<std::size_t>(cells_x_);
-  const float* lower =
-      cells.data() + static_cast<std::size_t>(y1) * static_cast<std::size_t>(cells_x_);
-  const auto at = [&](int cx) { return upper[cx] + b * (lower[cx] - upper[cx]); };
-  // Between the centres of cells cx and cx+1 values are linear.
-  const float inverse = 1.0F / static_cast<float>(cell);
   const float half = 0.5F * static_cast<float>(cell - 1);
-  int x = 0;
-  for (int cx = -1; cx < cells_x_ && x < width_; ++cx) {
-    const float left = at(std::max(cx, 0)), right = at(std::min(cx + 1, cells_x_ - 1));
-    const float centre = static_cast<float>(cx * cell) + half;
-    const int end =
-        std::min(width_, static_cast<int>(std::ceil(centre + static_cast<float>(cell))));
-    const float slope = (right - left) * inverse;
-    for (; x < end; ++x) out[x] = left + slope * (static_cast<float>(x) - centre);
+  std::vector<float> wide(static_cast<std::size_t>(cells_y_) * static_cast<std::size_t>(width_));
+  for (int cy = 0; cy < cells_y_; ++cy) {
+    const float* from =
+        cells.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(cells_x_);
+    float* to = wide.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(width_);
+    for (int x = 0; x < width_; ++x) {
+      const float at = std::clamp((static_cast<float>(x) - half) / static_cast<float>(cell), 0.0F,
+                                  static_cast<float>(cells_x_ - 1));
+      const int left = static_cast<int>(at);
+      const int right = std::min(left + 1, cells_x_ - 1);
+      to[x] = from[left] + (at - static_cast<float>(left)) * (from[right] - from[left]);
+    }
   }
-  for (; x < width_; ++x) out[x] = at(cells_x_ - 1);
+  cells = std::move(wide);
 }
 
 void DriftField::row(int y, float* drift_u, float* drift_v, float* coverage) const {
   const float half = 0.5F * static_cast<float>(options_.cell - 1);
-  const float row = (static_cast<float>(y) - half) / static_cast<float>(options_.cell);
-  interpolate(u_, row, drift_u);
-  interpolate(v_, row, drift_v);
-  interpolate(mask_, row, coverage);
+  const float row = std::clamp((static_cast<float>(y) - half) / static_cast<float>(options_.cell),
+                               0.0F, static_cast<float>(cells_y_ - 1));
+  const int upper = static_cast<int>(row);
+  const int lower = std::min(upper + 1, cells_y_ - 1);
+  const float b = row - static_cast<float>(upper);
+  const auto mix = [&](const std::vector<float>& field, float* __restrict out) {
+    const float* __restrict p =
+        field.data() + static_cast<std::size_t>(upper) * static_cast<std::size_t>(width_);
+    const float* __restrict q =
+        field.data() + static_cast<std::size_t>(lower) * static_cast<std::size_t>(width_);
+    for (int x = 0; x < width_; ++x) out[x] = p[x] + b * (q[x] - p[x]);
+  };
+  mix(u_, drift_u);
+  mix(v_, drift_v);
+  mix(mask_, coverage);
 }
 
 }  // namespace kys_slam

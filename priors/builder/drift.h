@@ -22,14 +22,14 @@ class DriftField {
   void row(int y, float* drift_u, float* drift_v, float* coverage) const;
 
  private:
-  void interpolate(const std::vector<float>& cells, float row, float* out) const;
+  void widen(std::vector<float>& cells) const;
 
   BuilderOptions::Drift options_;
   int width_ = 0;
   int height_ = 0;
   int cells_x_ = 0;
   int cells_y_ = 0;
-  std::vector<float> u_, v_, mask_;  ///< sums, then smoothed fields, per cell
+  std::vector<float> u_, v_, mask_;  ///< sums per cell; then smoothed fields, cell rows x width
 };
 
 }  // namespace kys_slam

@@ -138,6 +138,8 @@ class ResidualStage {
     const float* __restrict dv = d_v_.data();
     const float* __restrict fu = fm_u_.data();
     const float* __restrict fv = fm_v_.data();
+    // The compiler does not test this many arrays for overlap: they do not.
+#pragma GCC ivdep
     for (int x = 0; x < width_; ++x) {
       const float a = ru[x] - du[x], b = rv[x] - dv[x];
       const float flow = std::sqrt(fu[x] * fu[x] + fv[x] * fv[x]);
