@@ -6,9 +6,10 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 
-#include "evaluation/metrics.h"
-#include "io/trajectory_io.h"
+#include "evaluation/evaluation.h"
+#include "io/trajectory_file.h"
 #include "map/map.h"
 #include "util/atomic_file.h"
 #include "util/process_stats.h"
@@ -110,21 +111,12 @@ std::string map_ply(const Map& map) {
   return text;
 }
 
-struct Accuracy {
-  bool known = false;
-  AteResult ate;
-  RpeResult rpe;
-};
-
-Accuracy accuracy(const System& system, const RunInfo& info) {
-  Accuracy a;
-  if (info.ground_truth.size() < 3) return a;
-  const std::vector<PosePair> pairs = associate(info.ground_truth, connected_poses(system));
-  if (pairs.size() < 3) return a;
-  a.known = true;
-  a.ate = absolute_trajectory_error(pairs, Alignment::kSe3);
-  a.rpe = relative_pose_error(pairs, 1);
-  return a;
+/// Errors against the ground truth; nothing when too little of it belongs to frames with a pose.
+std::optional<Evaluation> accuracy(const System& system, const RunInfo& info) {
+  if (info.ground_truth.empty()) return std::nullopt;
+  const Evaluation evaluation = evaluate(info.ground_truth, connected_poses(system));
+  if (evaluation.pairs < 3) return std::nullopt;
+  return evaluation;
 }
 
 struct Counts {
@@ -160,11 +152,11 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["submaps"] = system.map().keyframes().empty() ? 0 : 1;
   json["path_length_m"] = path_length(connected_poses(system));
   json["missing_priors"] = info.missing_priors;
-  if (const Accuracy a = accuracy(system, info); a.known) {
-    json["ate_se3_rmse_m"] = a.ate.translation.rmse;
-    json["ate_se3_max_m"] = a.ate.translation.max;
-    json["rpe_translation_rmse_m"] = a.rpe.translation.rmse;
-    json["rpe_rotation_rmse_deg"] = a.rpe.rotation_deg.rmse;
+  if (const auto a = accuracy(system, info)) {
+    json["ate_se3_rmse_m"] = a->ate.rmse;
+    json["ate_se3_max_m"] = a->ate.max;
+    json["rpe_translation_rmse_m"] = a->rpe_translation.rmse;
+    json["rpe_rotation_rmse_deg"] = a->rpe_rotation.rmse;
   }
   kys::Statistics statistics;
   for (const FrameReport& report : system.reports()) statistics += report.statistics;
@@ -187,11 +179,11 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info) {
   make_output_folder(folder);
-  write_tum_trajectory(folder / "trajectory.tum", connected_poses(system));
-  write_kitti_trajectory(folder / "trajectory.kitti", all_poses(system));
-  write_tum_trajectory(folder / "keyframes.tum", system.keyframes());
+  write_tum_poses(folder / "trajectory.tum", connected_poses(system));
+  write_kitti_poses(folder / "trajectory.kitti", all_poses(system));
+  write_tum_poses(folder / "keyframes.tum", system.keyframes());
   if (!info.ground_truth.empty()) {
-    write_tum_trajectory(folder / "ground_truth.tum", info.ground_truth);
+    write_tum_poses(folder / "ground_truth.tum", info.ground_truth);
   }
   write_file_atomic(folder / "frames.csv", frames_csv(system));
   write_file_atomic(folder / "config.yaml", settings.to_yaml());
@@ -209,10 +201,10 @@ std::string describe_run(const System& system, const RunInfo& info) {
   row("keyframes, landmarks", fmt::format("{}, {}", system.map().keyframes().size(),
                                           system.map().landmarks().size()));
   row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
-  if (const Accuracy a = accuracy(system, info); a.known) {
-    row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a.ate.translation.rmse));
-    row("RPE per frame, rmse", fmt::format("{:.4f} m, {:.4f} deg", a.rpe.translation.rmse,
-                                           a.rpe.rotation_deg.rmse));
+  if (const auto a = accuracy(system, info)) {
+    row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a->ate.rmse));
+    row("RPE per frame, rmse", fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse,
+                                           a->rpe_rotation.rmse));
   }
   for (const Stage& stage : kStages) {
     const Spread s = spread(system.reports(), stage);

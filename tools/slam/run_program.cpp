@@ -9,8 +9,11 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <iostream>
+#include <opencv2/core/utility.hpp>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -91,28 +94,24 @@ Settings effective_settings(Settings settings, const Arguments& a) {
   return settings;
 }
 
-std::string sequence_name(const std::filesystem::path& path) {
-  const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
-  const std::string last = absolute.filename().string();
-  return last.empty() ? absolute.parent_path().filename().string() : last;
-}
-
 /// Feeds frames until the end, an interrupt or bad input; the two last are noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
-              bool paced, RunInfo& info) {
+              bool paced, const InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total.value_or(0), quiet);
   Stopwatch clock;
   std::optional<double> first_time;
   try {
     while (std::optional<StereoFrame> frame = source.next()) {
-      if (interrupt_requested()) {
+      if (guard.requested()) {
         info.complete = false;
         info.end_reason = "interrupted";
         return;
       }
       if (paced) {
         if (!first_time) first_time = frame->timestamp;
-        sleep_until_ms(clock, 1000 * (frame->timestamp - *first_time));
+        const double due_ms = 1000 * (frame->timestamp - *first_time);
+        std::this_thread::sleep_for(
+            std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
       }
       const FrameReport report = system.feed(*frame);
       if (report.status == FrameStatus::kLost) {
@@ -136,7 +135,7 @@ int run(const RunProgram& program, const Arguments& a) {
   std::unique_ptr<Sequence> sequence = program.open(a.sequence, options);
 
   RunInfo info;
-  info.sequence = sequence_name(a.sequence);
+  info.sequence = sequence->name();
   info.mode = settings.get("kys.mode");
   info.ground_truth = sequence->ground_truth();
   const std::filesystem::path output =
@@ -150,14 +149,17 @@ int run(const RunProgram& program, const Arguments& a) {
   }
   const PriorFiles* prior_counts = priors.get();
 
+  // Images are small: handing their rows out to threads costs more than it gains, and the cores
+  // are taken.
+  cv::setNumThreads(1);
   System system(sequence->camera(), settings, schedule, std::move(priors));
   const std::optional<std::int64_t> total = sequence->size();
-  ReadAhead source(std::move(sequence));
+  ReadAhead source(*sequence);
   const InterruptGuard guard([&] { system.interrupt(); });
   const double cpu_before = cpu_seconds();
   info.start_up_s = start_up.elapsed_ms() / 1000;
   const Stopwatch wall;
-  feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, info);
+  feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, guard, info);
   system.finish();
   info.wall_s = wall.elapsed_ms() / 1000;
   info.cpu_s = cpu_seconds() - cpu_before;
