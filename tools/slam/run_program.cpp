@@ -20,6 +20,7 @@
 #include "io/read_ahead.h"
 #include "prior_files.h"
 #include "system/output.h"
+#include "util/atomic_file.h"
 #include "util/interrupt.h"
 #include "util/process_stats.h"
 #include "util/progress.h"
