@@ -27,19 +27,11 @@ TrajectoryPair associate_by_time(std::span<const TimedPose> reference,
   if (longer.empty() || shorter.empty()) return pair;
   auto& from_longer = reference_is_longer ? pair.reference : pair.estimate;
   auto& from_shorter = reference_is_longer ? pair.estimate : pair.reference;
-  std::size_t last = longer.size();
   for (const TimedPose& pose : shorter) {
-    const std::size_t i = nearest(longer, pose.timestamp);
-    const double difference = std::abs(longer[i].timestamp - pose.timestamp);
-    if (difference > max_difference) continue;
-    if (i == last) {
-      if (difference >= std::abs(longer[i].timestamp - from_shorter.back().timestamp)) continue;
-      from_shorter.back() = pose;
-      continue;
-    }
-    from_longer.push_back(longer[i]);
+    const TimedPose& partner = longer[nearest(longer, pose.timestamp)];
+    if (std::abs(partner.timestamp - pose.timestamp) > max_difference) continue;
+    from_longer.push_back(partner);
     from_shorter.push_back(pose);
-    last = i;
   }
   return pair;
 }

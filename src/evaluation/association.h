@@ -16,8 +16,8 @@ struct TrajectoryPair {
 };
 
 /// Pairs poses by time as evo does: every pose of the shorter trajectory takes the nearest of the
-/// longer one when it is at most `max_difference` (s) away. A pose is used once; of two that want
-/// it, the nearer gets it. Stamps of both must increase.
+/// longer one when it is at most `max_difference` (s) away. Stamps must not decrease; published
+/// trajectories do repeat some, and those count as often as they are there.
 TrajectoryPair associate_by_time(std::span<const TimedPose> reference,
                                  std::span<const TimedPose> estimate, double max_difference = 0.01);
 

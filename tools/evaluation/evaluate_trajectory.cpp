@@ -55,7 +55,8 @@ Trajectory read_trajectory(const std::string& path, Format format) {
       trajectory.poses.push_back({static_cast<double>(trajectory.poses.size()), pose});
     }
   } else {
-    trajectory.poses = format == Format::kTum ? read_tum_poses(path) : read_euroc_poses(path);
+    trajectory.poses =
+        format == Format::kTum ? read_tum_poses(path, Stamps::kMayRepeat) : read_euroc_poses(path);
   }
   if (trajectory.poses.empty()) throw InputError(path + ": no poses");
   return trajectory;
