@@ -65,22 +65,35 @@ void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right,
       static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());
 }
 
-}  // namespace
-
-std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
-                                              const SequenceOptions& options) {
-  const fs::path folder = sequence_folder(given);
+/// The folder that holds cam0 and cam1, given it or its parent.
+fs::path find_mav(const fs::path& folder) {
   const bool inside = folder.filename() == "mav0" && !fs::is_directory(folder / "mav0");
   const fs::path mav = inside ? folder : folder / "mav0";
   if (!fs::is_directory(mav / "cam0") || !fs::is_directory(mav / "cam1")) {
     throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)");
   }
+  return mav;
+}
+
+StereoRectifier read_rectifier(const fs::path& mav) {
+  return {read_sensor_yaml(mav / "cam0" / "sensor.yaml"),
+          read_sensor_yaml(mav / "cam1" / "sensor.yaml"), mav.string()};
+}
+
+}  // namespace
+
+Rigid3 read_euroc_T_b_c(const fs::path& folder) {
+  return read_rectifier(find_mav(sequence_folder(folder))).T_b_c();
+}
+
+std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
+                                              const SequenceOptions& options) {
+  const fs::path folder = sequence_folder(given);
+  const fs::path mav = find_mav(folder);
   Sequence::Content content;
-  content.name = (inside ? folder.parent_path() : folder).filename().string();
+  content.name = mav.parent_path().filename().string();
   content.layout = "EuRoC";
-  const auto rectifier = std::make_shared<StereoRectifier>(
-      read_sensor_yaml(mav / "cam0" / "sensor.yaml"),
-      read_sensor_yaml(mav / "cam1" / "sensor.yaml"), mav.string());
+  const auto rectifier = std::make_shared<StereoRectifier>(read_rectifier(mav));
   content.camera = rectifier->camera();
   content.T_b_c = rectifier->T_b_c();
   content.rectifier = rectifier;

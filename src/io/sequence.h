@@ -97,4 +97,7 @@ std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folde
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
+/// Rectified left camera to body of an EuRoC sequence, from its calibration alone.
+Rigid3 read_euroc_T_b_c(const std::filesystem::path& folder);
+
 }  // namespace kys_slam

@@ -26,10 +26,13 @@ Rigid3 pose_from_row(const TextTable& table, const TextRow& row, std::size_t qw,
   return {q, t};
 }
 
-void push_pose(const TextTable& table, const TextRow& row, const TimedPose& pose,
+void push_pose(const TextTable& table, const TextRow& row, const TimedPose& pose, Stamps stamps,
                std::vector<TimedPose>& poses) {
-  if (!poses.empty() && pose.timestamp <= poses.back().timestamp) {
-    table.fail(row, "time stamps do not increase");
+  if (!poses.empty()) {
+    const double before = poses.back().timestamp;
+    if (pose.timestamp < before || (stamps == Stamps::kIncrease && pose.timestamp == before)) {
+      table.fail(row, "time stamps do not increase");
+    }
   }
   poses.push_back(pose);
 }
@@ -67,12 +70,12 @@ std::vector<Rigid3> read_kitti_poses(const fs::path& path) {
   return poses;
 }
 
-std::vector<TimedPose> read_tum_poses(const fs::path& path) {
+std::vector<TimedPose> read_tum_poses(const fs::path& path, Stamps stamps) {
   const TextTable table(path);
   std::vector<TimedPose> poses;
   for (const TextRow& row : table.rows()) {
     require_columns(table, row, 8, 8);
-    push_pose(table, row, {table.number(row, 0), pose_from_row(table, row, 7, 4)}, poses);
+    push_pose(table, row, {table.number(row, 0), pose_from_row(table, row, 7, 4)}, stamps, poses);
   }
   return poses;
 }
@@ -83,7 +86,7 @@ std::vector<TimedPose> read_euroc_poses(const fs::path& path) {
   for (const TextRow& row : table.rows()) {
     require_columns(table, row, 8, 17);
     const double seconds = static_cast<double>(table.integer(row, 0)) * 1e-9;
-    push_pose(table, row, {seconds, pose_from_row(table, row, 4, 5)}, poses);
+    push_pose(table, row, {seconds, pose_from_row(table, row, 4, 5)}, Stamps::kIncrease, poses);
   }
   return poses;
 }

@@ -19,8 +19,12 @@ std::optional<Rigid3> rigid_from_row_major(const double* values);
 /// KITTI: 12 numbers per line, rows of [R|t], one line per frame.
 std::vector<Rigid3> read_kitti_poses(const std::filesystem::path& path);
 
-/// TUM: "timestamp tx ty tz qx qy qz qw" (s, m), stamps strictly increasing.
-std::vector<TimedPose> read_tum_poses(const std::filesystem::path& path);
+/// Whether a file may give two poses for the same time, as some published trajectories do.
+enum class Stamps { kIncrease, kMayRepeat };
+
+/// TUM: "timestamp tx ty tz qx qy qz qw" (s, m).
+std::vector<TimedPose> read_tum_poses(const std::filesystem::path& path,
+                                      Stamps stamps = Stamps::kIncrease);
 
 /// EuRoC ground truth: "timestamp[ns],px,py,pz,qw,qx,qy,qz,..." of the body frame, as written: the
 /// caller moves it to the camera.

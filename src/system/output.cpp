@@ -12,7 +12,7 @@
 #include "io/trajectory_file.h"
 #include "map/map.h"
 #include "util/atomic_file.h"
-#include "util/process_stats.h"
+#include "util/process_figures.h"
 
 namespace kys_slam {
 
@@ -169,7 +169,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["process"] = {{"start_up_s", info.start_up_s},
                      {"wall_s", info.wall_s},
                      {"cpu_ms_per_frame", 1000 * info.cpu_s / frames}};
-  json["peak_memory_mb"] = peak_memory_mb();
+  json["peak_memory_mb"] = process_figures().peak_resident_mb;
   json["versions"] = {{"kys_slam", KYS_SLAM_VERSION}, {"compiler", __VERSION__}};
   return json;
 }
@@ -215,7 +215,7 @@ std::string describe_run(const System& system, const RunInfo& info) {
   const double frames = std::max<double>(1, static_cast<double>(counts.frames));
   row("processor time per frame", fmt::format("{:.1f} ms", 1000 * info.cpu_s / frames));
   row("start-up", fmt::format("{:.3f} s", info.start_up_s));
-  row("peak memory", fmt::format("{:.0f} MB", peak_memory_mb()));
+  row("peak memory", fmt::format("{:.0f} MB", process_figures().peak_resident_mb));
   return text;
 }
 

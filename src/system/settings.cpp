@@ -8,7 +8,7 @@
 
 #include "kys/error.h"
 #include "system/settings_data.h"
-#include "util/names.h"
+#include "util/nearest_name.h"
 #include "util/parse_number.h"
 
 namespace kys_slam {
@@ -94,8 +94,7 @@ void Settings::set(std::string_view key, std::string_view value) {
     known.push_back(d.key);
   }
   if (!found) {
-    throw InputError("unknown setting '" + std::string(key) + "'; did you mean '" +
-                     nearest_name(key, known) + "'?");
+    throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
   }
   try {
     kys::set_option(data_->kys, key, value);

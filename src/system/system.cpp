@@ -13,7 +13,7 @@
 #include "system/settings_data.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
-#include "util/process_stats.h"
+#include "util/process_figures.h"
 #include "util/stopwatch.h"
 
 namespace kys_slam {

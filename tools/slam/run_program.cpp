@@ -22,7 +22,7 @@
 #include "system/output.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"
-#include "util/process_stats.h"
+#include "util/process_figures.h"
 #include "util/progress.h"
 #include "util/stopwatch.h"
 
@@ -98,7 +98,9 @@ Settings effective_settings(Settings settings, const Arguments& a) {
 /// Feeds frames until the end, an interrupt or bad input; the two last are noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
               bool paced, const InterruptGuard& guard, RunInfo& info) {
-  Progress progress("tracking", total.value_or(0), quiet);
+  Progress progress("tracking", total,
+                    quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+  std::int64_t done = 0;
   Stopwatch clock;
   std::optional<double> first_time;
   try {
@@ -118,7 +120,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
       if (report.status == FrameStatus::kLost) {
         spdlog::debug("frame {} lost: {}", report.index, report.reason);
       }
-      progress.advance();
+      progress.update(++done);
     }
   } catch (const InputError& error) {
     info.complete = false;
@@ -157,13 +159,13 @@ int run(const RunProgram& program, const Arguments& a) {
   const std::optional<std::int64_t> total = sequence->size();
   ReadAhead source(*sequence);
   const InterruptGuard guard([&] { system.interrupt(); });
-  const double cpu_before = cpu_seconds();
+  const double cpu_before = process_figures().cpu_seconds();
   info.start_up_s = start_up.elapsed_ms() / 1000;
   const Stopwatch wall;
   feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, guard, info);
   system.finish();
   info.wall_s = wall.elapsed_ms() / 1000;
-  info.cpu_s = cpu_seconds() - cpu_before;
+  info.cpu_s = process_figures().cpu_seconds() - cpu_before;
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
 
   write_run(output, system, settings, schedule, info);
