@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "priors/builder/vectorize.h"
+
 namespace kys_slam {
 namespace {
 
@@ -29,8 +31,8 @@ int reflect(int i, int n) {
 
 /// Rows of `lines` x `length` values smoothed along the first index (across lines), whole rows at a
 /// time so that the compiler can vectorise.
-void smooth_lines(std::vector<float>& field, int lines, int length,
-                  const std::vector<float>& kernel) {
+KYS_ROW_LOOP void smooth_lines(std::vector<float>& field, int lines, int length,
+                               const std::vector<float>& kernel) {
   const int radius = static_cast<int>(kernel.size()) - 1;
   const auto n = static_cast<std::size_t>(length);
   std::vector<float> out(field.size(), 0.0F);
@@ -70,6 +72,13 @@ DriftField::DriftField(const BuilderOptions::Drift& options, int width, int heig
   u_.assign(count, 0.0F);
   v_.assign(count, 0.0F);
   mask_.assign(count, 0.0F);
+  const float half = 0.5F * static_cast<float>(options.cell - 1);
+  for (int x = 0; x < width; ++x) {
+    const float at = std::clamp((static_cast<float>(x) - half) / static_cast<float>(options.cell),
+                                0.0F, static_cast<float>(cells_x_ - 1));
+    const int left = static_cast<int>(at);
+    places_.push_back({left, std::min(left + 1, cells_x_ - 1), at - static_cast<float>(left)});
+  }
 }
 
 void DriftField::add(int y, int x0, int x1, const float* residual_u, const float* residual_v) {
@@ -129,19 +138,14 @@ void DriftField::smooth() {
 }
 
 void DriftField::widen(std::vector<float>& cells) const {
-  const int cell = options_.cell;
-  const float half = 0.5F * static_cast<float>(cell - 1);
   std::vector<float> wide(static_cast<std::size_t>(cells_y_) * static_cast<std::size_t>(width_));
   for (int cy = 0; cy < cells_y_; ++cy) {
     const float* from =
         cells.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(cells_x_);
     float* to = wide.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(width_);
     for (int x = 0; x < width_; ++x) {
-      const float at = std::clamp((static_cast<float>(x) - half) / static_cast<float>(cell), 0.0F,
-                                  static_cast<float>(cells_x_ - 1));
-      const int left = static_cast<int>(at);
-      const int right = std::min(left + 1, cells_x_ - 1);
-      to[x] = from[left] + (at - static_cast<float>(left)) * (from[right] - from[left]);
+      const Place& p = places_[static_cast<std::size_t>(x)];
+      to[x] = from[p.left] + p.weight * (from[p.right] - from[p.left]);
     }
   }
   cells = std::move(wide);

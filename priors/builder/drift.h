@@ -24,7 +24,14 @@ class DriftField {
  private:
   void widen(std::vector<float>& cells) const;
 
+  /// Between which cells a pixel of a row lies.
+  struct Place {
+    int left, right;
+    float weight;
+  };
+
   BuilderOptions::Drift options_;
+  std::vector<Place> places_;
   int width_ = 0;
   int height_ = 0;
   int cells_x_ = 0;

@@ -3,6 +3,8 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
+#include "priors/builder/vectorize.h"
+
 namespace kys_slam {
 namespace {
 
@@ -20,8 +22,8 @@ std::vector<Sample> take_samples(const BuilderOptions::EgoMotion& options, const
   const int width = segment_map.width(), height = segment_map.height();
   int step = 1;
   if (options.grid_samples > 0) {
-    step = std::max(
-        1, static_cast<int>(std::sqrt(static_cast<double>(width) * height / options.grid_samples)));
+    const double pixels = static_cast<double>(width) * height;
+    step = std::max(1, static_cast<int>(std::lround(std::sqrt(pixels / options.grid_samples))));
   }
   std::vector<Sample> samples;
   for (int y = options.border; y < height - options.border; y += step) {
@@ -174,8 +176,8 @@ bool fit_linear(const BuilderOptions::EgoMotion& options, const std::vector<Samp
   return true;
 }
 
-void predict_row_se3(const EgoMotion& m, int y, const float* __restrict rho, float* __restrict u,
-                     float* __restrict v) {
+KYS_ROW_LOOP void predict_row_se3(const EgoMotion& m, int y, const float* __restrict rho,
+                                  float* __restrict u, float* __restrict v) {
   const StereoCamera& k = m.camera;
   const Eigen::Matrix3d R = m.T_next_now.R();
   const double yn = (y - k.cy) / k.fy;
@@ -198,8 +200,8 @@ void predict_row_se3(const EgoMotion& m, int y, const float* __restrict rho, flo
   }
 }
 
-void predict_row_linear(const EgoMotion& m, int y, const float* __restrict rho, float* __restrict u,
-                        float* __restrict v) {
+KYS_ROW_LOOP void predict_row_linear(const EgoMotion& m, int y, const float* __restrict rho,
+                                     float* __restrict u, float* __restrict v) {
   // Each component is a + b x + d x^2 + rho (e + g x) along a row, x in pixels.
   const double w = m.camera.width, h = m.camera.height;
   const double yn = (y - 0.5 * h) / h;

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "priors/builder/drift.h"
+#include "priors/builder/vectorize.h"
 #include "priors/format/prior_format.h"
 
 namespace kys_slam {
@@ -113,7 +114,7 @@ class ResidualStage {
     }
   }
 
-  void residual_row(int y) {
+  KYS_ROW_LOOP void residual_row(int y) {
     motion_.predict_row(y, in_.inverse_depth.row(y), fm_u_.data(), fm_v_.data());
     const float* __restrict u = in_.flow->u.row(y);
     const float* __restrict v = in_.flow->v.row(y);
@@ -127,7 +128,7 @@ class ResidualStage {
     }
   }
 
-  void correct_row(int y) {
+  KYS_ROW_LOOP void correct_row(int y) {
     float* __restrict corrected = corrected_.row(y);
     float* __restrict radial = radial_.data();
     float* __restrict depth = depth_.data();
@@ -153,7 +154,7 @@ class ResidualStage {
   }
 
   /// What is summed over segments: values with 0 for "none", and counts.
-  void to_terms(const float* __restrict corrected) {
+  KYS_ROW_LOOP void to_terms(const float* __restrict corrected) {
     const float* __restrict radial = radial_.data();
     float* __restrict depth = depth_.data();
     float* __restrict has_depth = terms_[0].data();

@@ -37,11 +37,11 @@ struct BuilderOptions {
 
   struct EgoMotion {
     EgoMotionModel model = EgoMotionModel::kSe3;
-    int border = 20;           ///< px left out of the fit on every side
-    double huber_delta = 1;    ///< px
-    int iterations = 5;        ///< re-weighted solutions
-    int grid_samples = 10000;  ///< pixels of a regular grid that are looked at; 0: all
-    int min_samples = 200;     ///< fewer usable pixels: no motion is estimated for the frame
+    int border = 20;          ///< px left out of the fit on every side
+    double huber_delta = 1;   ///< px
+    int iterations = 5;       ///< re-weighted solutions
+    int grid_samples = 6000;  ///< pixels of a regular grid that are looked at; 0: all
+    int min_samples = 200;    ///< fewer usable pixels: no motion is estimated for the frame
   } ego_motion;
 
   struct Drift {
