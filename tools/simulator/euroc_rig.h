@@ -1,0 +1,19 @@
+#pragma once
+
+#include <string>
+
+#include "camera_model.h"
+
+namespace kys_slam::simulator {
+
+inline constexpr int kEurocWidth = 752;   // px
+inline constexpr int kEurocHeight = 480;  // px
+
+/// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
+CameraModel euroc_camera(int camera, int width, int height);
+/// T_body_camera.
+Rigid3 euroc_extrinsics(int camera);
+/// The same as the data set's sensor.yaml.
+std::string euroc_sensor_yaml(int camera, int width, int height);
+
+}  // namespace kys_slam::simulator

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include <memory>
+#include <vector>
+
+#include "ray_kernel.h"
+#include "sensor.h"
+#include "world.h"
+
+namespace kys_slam::simulator {
+
+/// What is needed of each triangle to shade it, in its mesh's frame.
+struct SurfaceTriangle {
+  Eigen::Vector3f v0, e1, e2, normal;  ///< normal of unit length
+  Eigen::Vector2f uv0, uv1, uv2;       ///< uv1, uv2: differences to uv0
+  Eigen::Vector3f grad_u, grad_v;      ///< d(uv)/d(point) within the plane
+  Eigen::Vector3f n0, n1, n2;          ///< smooth normals
+  std::uint16_t material = 0;
+  bool smooth = false;
+};
+
+/// Everything about a world that all frames share.
+class RenderAssets {
+ public:
+  explicit RenderAssets(const World& world);
+
+  const World& world;
+  RayMeshes meshes;
+  std::vector<std::vector<SurfaceTriangle>> surfaces;  ///< by prototype, triangle
+};
+
+/// What each pixel centre of one view sees.
+struct ViewTruth {
+  ImageOf<std::int32_t> instance;  ///< index into Scene::instances, -1 sky
+  ImageOf<float> depth;            ///< m along the optical axis, 0 sky
+  ImageOf<Eigen::Vector2f> flow;   ///< px to the next frame, NaN where undefined; may be empty
+};
+
+struct RenderedView {
+  GrayImage image;
+  ViewTruth truth;
+};
+
+/// Renders the frames of a world, one at a time. One per thread; what it makes depends on the
+/// world and the frame's index alone.
+class FrameRenderer {
+ public:
+  explicit FrameRenderer(const RenderAssets& assets);
+
+  /// Camera 0 is the left one. `with_truth`: also what each pixel sees, and its flow when there is
+  /// a next frame.
+  RenderedView render(int frame, int camera, bool with_truth);
+
+ private:
+  struct View;
+  void go_to(int frame);
+  [[nodiscard]] View make_view(int frame, int camera) const;
+  void shade_row(const View& view, int v, float* row) const;
+  void truth_row(const View& view, int v, ViewTruth& truth) const;
+  [[nodiscard]] float sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
+                          const Eigen::Vector3f& d_v) const;
+
+  const RenderAssets& assets_;
+  RayScene scene_;
+  int frame_ = -1;
+};
+
+/// T_w of a camera at a frame.
+Rigid3 camera_pose(const World& world, int frame, int camera);
+/// T_w_o of every instance at a frame's time.
+std::vector<Rigid3> instance_poses(const World& world, int frame);
+
+}  // namespace kys_slam::simulator

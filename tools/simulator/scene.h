@@ -1,0 +1,91 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "materials.h"
+#include "mesh.h"
+
+namespace kys_slam::simulator {
+
+/// COCO panoptic category ids of what the worlds contain. `kUnlabelled` becomes void (id 0).
+enum CocoClass : int {
+  kUnlabelled = 0,
+  kPerson = 1,
+  kCar = 3,
+  kBus = 6,
+  kTruck = 8,
+  kTrafficLight = 10,
+  kBench = 15,
+  kChair = 62,
+  kPottedPlant = 64,
+  kRoad = 149,
+  kShelf = 156,
+  kTree = 184,
+  kFence_ = 185,
+  kCeilingClass = 186,
+  kSky = 187,
+  kTableClass = 189,
+  kFloorOther = 190,
+  kPavementClass = 191,
+  kGrassClass = 193,
+  kBuilding = 197,
+  kWallOther = 199,
+};
+/// Name of a category id used here, as in the COCO list; "" for kUnlabelled.
+const char* coco_name(int category);
+bool coco_is_thing(int category);
+/// All category ids in use (without kUnlabelled), ascending.
+const std::vector<int>& coco_categories();
+
+/// Pose of a moving part at a time (s): T_w_o.
+using Motion = std::function<Rigid3(double)>;
+
+/// One copy of a mesh in the world.
+struct Instance {
+  int prototype = 0;
+  int object = 0;
+  Rigid3 T_w_o;  ///< used when `motion` is empty
+  double scale = 1;
+  float tint = 1;
+  Motion motion;
+};
+
+/// A true object: what a thing segment, or one stuff class, is made of.
+struct SceneObject {
+  int category = kUnlabelled;
+  bool can_move = false;
+};
+
+/// Light of a world.
+struct Light {
+  Eigen::Vector3d to_sun = Eigen::Vector3d(0.4, -0.5, 0.75).normalized();
+  float sun = 0.9F;
+  float ambient = 0.42F;
+  float sky = 0.85F;         ///< brightness of the sky texture
+  double shadow_ceiling = std::numeric_limits<double>::infinity();  ///< m; casters above do not count
+};
+
+/// Everything that is seen. World frame: z up, metres.
+struct Scene {
+  MaterialLibrary materials;
+  std::vector<Mesh> prototypes;
+  std::vector<Instance> instances;
+  std::vector<SceneObject> objects;
+  Light light;
+
+  int add_prototype(Mesh mesh);
+  int add_object(int category, bool can_move = false);
+  /// Adds a static copy.
+  void place(int prototype, int object, const Rigid3& T_w_o, double scale = 1, float tint = 1);
+  void place_moving(int prototype, int object, Motion motion, double scale = 1, float tint = 1);
+};
+
+/// Pose on the ground: position and heading (rad, anticlockwise from +x).
+Rigid3 ground_pose(double x, double y, double z, double heading);
+
+}  // namespace kys_slam::simulator

@@ -1,0 +1,252 @@
+#include "sequence_writer.h"
+
+#include <kys_slam/error.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <exception>
+#include <cinttypes>
+#include <cstdio>
+#include <mutex>
+#include <thread>
+
+#include "io/image_io.h"
+#include "io/png_encoder.h"
+#include "layouts.h"
+#include "renderer.h"
+#include "segments.h"
+#include "util/atomic_file.h"
+
+namespace kys_slam::simulator {
+namespace {
+
+namespace fs = std::filesystem;
+
+template <typename Pixel>
+void write_image(const fs::path& path, const ImageOf<Pixel>& image, int channels, int bits) {
+  write_file_atomic(path, encode_png(image.data(), image.width(), image.height(), channels, bits),
+                    Durable::kNo);
+}
+
+std::string format(const char* pattern, auto... values) {
+  char text[512];
+  std::snprintf(text, sizeof text, pattern, values...);
+  return text;
+}
+
+// What a frame adds to the files that cover the sequence.
+struct FrameRecord {
+  std::string table;
+  std::string images[2];
+  std::string annotations[2];
+};
+
+const char* kSides[2] = {"left", "right"};
+
+void describe_segments(const Panoptic& panoptic, int frame, int camera, FrameRecord& record) {
+  const std::string stem = format("%06d", frame);
+  const RgbImage& ids = panoptic.ids;
+  record.images[camera] =
+      format(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})", frame, stem.c_str(),
+             ids.width(), ids.height());
+  std::string& text = record.annotations[camera];
+  text = format(R"({"image_id":%d,"file_name":"%s.png","segments_info":[)", frame, stem.c_str());
+  bool first = true;
+  for (const Segment& s : panoptic.segments) {
+    text += format(R"(%s{"id":%u,"category_id":%d,"iscrowd":0,"bbox":[%d,%d,%d,%d],"area":%)" PRId64
+                   "}",
+                   first ? "" : ",", s.id, s.category, s.x0, s.y0, s.x1 - s.x0 + 1,
+                   s.y1 - s.y0 + 1, s.area);
+    first = false;
+    record.table += format("%d,%s,%u,%d,%s,%d,%d,%d,%" PRId64 "\n", frame, kSides[camera], s.id,
+                           s.object, coco_name(s.category), s.category,
+                           coco_is_thing(s.category) ? 1 : 0, s.moving ? 1 : 0, s.area);
+  }
+  text += "]}";
+}
+
+std::string panoptic_json(const std::vector<FrameRecord>& records, int camera) {
+  std::string text = "{\"images\":[\n";
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    text += (i == 0 ? "" : ",\n") + records[i].images[camera];
+  }
+  text += "\n],\"annotations\":[\n";
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    text += (i == 0 ? "" : ",\n") + records[i].annotations[camera];
+  }
+  text += "\n],\"categories\":[\n";
+  bool first = true;
+  for (const int id : coco_categories()) {
+    text += format(R"(%s{"id":%d,"name":"%s","isthing":%d})", first ? "" : ",\n", id, coco_name(id),
+                   coco_is_thing(id) ? 1 : 0);
+    first = false;
+  }
+  return text + "\n]}\n";
+}
+
+class Writer {
+ public:
+  Writer(const World& world, const WriteOptions& options, const fs::path& folder)
+      : world_(world),
+        options_(options),
+        folder_(folder),
+        truth_(options.truth && world.layout == Layout::kKitti),
+        assets_(world),
+        records_(world.times.size()) {}
+
+  void run() {
+    make_folders();
+    const int jobs = std::clamp(
+        options_.jobs > 0 ? options_.jobs : static_cast<int>(std::thread::hardware_concurrency()),
+        1, static_cast<int>(world_.times.size()));
+    started_ = std::chrono::steady_clock::now();
+    std::vector<std::thread> threads;
+    for (int i = 0; i < jobs; ++i) threads.emplace_back([this] { work(); });
+    for (std::thread& t : threads) t.join();
+    if (error_) std::rethrow_exception(error_);
+    write_covering_files();
+  }
+
+ private:
+  void make_folders() {
+    for (const fs::path& name : image_folders(world_)) make_output_folder(folder_ / name);
+    if (!truth_) return;
+    for (const char* name : {"disparity", "flow_left", "flow_right", "panoptic_left",
+                             "panoptic_right"}) {
+      make_output_folder(folder_ / name);
+    }
+  }
+
+  void work() {
+    try {
+      FrameRenderer renderer(assets_);
+      const int count = static_cast<int>(world_.times.size());
+      for (int frame = next_++; frame < count && !failed_; frame = next_++) {
+        if (options_.stop != nullptr && *options_.stop) throw InputError("interrupted");
+        render(renderer, frame);
+        report(count);
+      }
+    } catch (...) {
+      const std::scoped_lock lock(mutex_);
+      if (!error_) error_ = std::current_exception();
+      failed_ = true;
+    }
+  }
+
+  void render(FrameRenderer& renderer, int frame) {
+    const std::vector<bool> moving = moving_objects(world_, frame);
+    FrameRecord& record = records_[static_cast<std::size_t>(frame)];
+    for (int camera = 0; camera < 2; ++camera) {
+      if (is_dropped(world_, frame, camera, options_.drop_camera, options_.drop_share)) continue;
+      const RenderedView view = renderer.render(frame, camera, truth_);
+      write_image(folder_ / image_path(world_, frame, camera), view.image, 1, 8);
+      if (truth_) write_truth(view.truth, moving, frame, camera, record);
+    }
+  }
+
+  void write_truth(const ViewTruth& truth, const std::vector<bool>& moving, int frame, int camera,
+                   FrameRecord& record) {
+    const std::string name = format("%06d.png", frame);
+    if (camera == 0) {
+      write_image(folder_ / "disparity" / name, encode_disparity(truth, world_.rectified.bf()), 1,
+                  16);
+    }
+    if (!truth.flow.empty()) {
+      write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth), 3,
+                  16);
+    }
+    const Panoptic panoptic = make_panoptic(world_, truth, frame, camera, moving);
+    write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids, 3,
+                8);
+    describe_segments(panoptic, frame, camera, record);
+  }
+
+  void write_covering_files() {
+    write_layout_files(world_, folder_, options_.drop_camera, options_.drop_share);
+    if (truth_) {
+      std::string table = "frame,camera,segment_id,object,class,category_id,isthing,moving,area\n";
+      for (const FrameRecord& r : records_) table += r.table;
+      write_file_atomic(folder_ / "ground_truth.csv", table);
+      for (int camera = 0; camera < 2; ++camera) {
+        write_file_atomic(folder_ / format("panoptic_%s.json", kSides[camera]),
+                          panoptic_json(records_, camera));
+      }
+    }
+    write_file_atomic(folder_ / "README", readme_text(world_, options_.command, truth_));
+  }
+
+  void report(int count) {
+    const std::scoped_lock lock(mutex_);
+    ++done_;
+    if (options_.quiet) return;
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+    if (seconds < last_report_ + 2 && done_ < count) return;
+    last_report_ = seconds;
+    const bool terminal = isatty(2) != 0;
+    std::fprintf(stderr, "%ssimulate_sequence: %s: frame %d of %d, %.2f s per frame, %.0f s left%s",
+                 terminal ? "\r" : "", world_.name.c_str(), done_, count, seconds / done_,
+                 seconds / done_ * (count - done_), terminal && done_ < count ? "   " : "\n");
+  }
+
+  const World& world_;
+  const WriteOptions& options_;
+  fs::path folder_;
+  bool truth_;
+  RenderAssets assets_;
+  std::vector<FrameRecord> records_;
+  std::atomic<int> next_{0};
+  std::atomic<bool> failed_{false};
+  std::mutex mutex_;
+  std::exception_ptr error_;
+  int done_ = 0;
+  double last_report_ = 0;
+  std::chrono::steady_clock::time_point started_;
+};
+
+// A folder we may fill: absent, or empty.
+void check_free(const fs::path& output) {
+  std::error_code error;
+  if (!fs::exists(output, error)) return;
+  if (!fs::is_directory(output, error)) {
+    throw InputError(output.string() + ": exists and is not a folder");
+  }
+  const bool empty = fs::is_empty(output, error);
+  if (error) throw InputError(output.string() + ": " + error.message());
+  if (!empty) throw InputError(output.string() + ": exists and is not empty");
+}
+
+constexpr const char* kMarker = ".simulate_sequence";
+
+}  // namespace
+
+void write_sequence(const World& world, const WriteOptions& options) {
+  if (world.times.empty()) throw InputError("a sequence needs at least one frame");
+  fs::path output = options.output.lexically_normal();
+  if (output.filename().empty()) output = output.parent_path();
+  check_free(output);
+  fs::path partial = output;
+  partial += ".partial";
+  std::error_code error;
+  if (fs::exists(partial, error)) {  // left by a run that was killed
+    if (!fs::exists(partial / kMarker, error)) {
+      throw InputError(partial.string() + ": is in the way");
+    }
+    fs::remove_all(partial, error);
+  }
+  make_output_folder(partial);
+  try {
+    write_file_atomic(partial / kMarker, std::string_view("incomplete\n"));
+    Writer(world, options, partial).run();
+    fs::remove(partial / kMarker, error);
+    fs::remove(output, error);  // an empty folder, if anything
+    fs::rename(partial, output, error);
+    if (error) throw InputError("cannot write " + output.string() + ": " + error.message());
+  } catch (...) {
+    fs::remove_all(partial, error);
+    throw;
+  }
+}
+
+}  // namespace kys_slam::simulator

@@ -1,0 +1,103 @@
+#include <kys_slam/error.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+
+#include "sequence_writer.h"
+#include "world.h"
+
+namespace {
+
+std::atomic<bool> interrupted{false};
+
+// WxH
+void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& options) {
+  int used = 0;
+  if (std::sscanf(text.c_str(), "%dx%d%n", &options.width, &options.height, &used) != 2 ||
+      used != static_cast<int>(text.size())) {
+    throw kys_slam::InputError("--size " + text + ": must look like 1241x376");
+  }
+  if (options.width <= 0 || options.height <= 0) {
+    throw kys_slam::InputError("--size " + text + ": must be positive");
+  }
+}
+
+int run(int argc, char** argv) {
+  using namespace kys_slam::simulator;
+  WorldOptions world_options;
+  WriteOptions write_options;
+  std::string size;
+  bool images_only = false;
+  CLI::App app(
+      "Renders a simulated stereo sequence with exact ground truth.\n\n"
+      "Worlds: street (a drive through a busy street, KITTI layout, 200 frames), block (once\n"
+      "around a block, nearly static, closes a loop, KITTI layout), hall (a drone in a hall,\n"
+      "EuRoC layout). The same options give the same bytes, whatever --jobs is.\n\n"
+      "Example: simulate_sequence street --output street --seed 3");
+  app.set_version_flag("--version", "0.1.0");
+  app.add_option("world", world_options.name, "street, block or hall")->required();
+  app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
+      ->required();
+  app.add_option("--seed", world_options.seed, "of houses, cars, textures, noise")
+      ->capture_default_str();
+  auto* frames =
+      app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
+  app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
+  app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
+      ->check(CLI::Range(1, 1024));
+  app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
+  app.add_option("--drop-camera", write_options.drop_camera,
+                 "hall: the camera (0 or 1) that loses frames")
+      ->check(CLI::Range(0, 1));
+  auto* share = app.add_option("--drop-share", write_options.drop_share,
+                               "hall: share of frames lost by --drop-camera (default 0.1)")
+                    ->check(CLI::Range(0.0, 0.9));
+  app.add_flag("--quiet", write_options.quiet, "no progress");
+  CLI11_PARSE(app, argc, argv);
+  if (!size.empty()) parse_size(size, world_options);
+  if (frames->count() > 0 && world_options.frames < 1) {
+    throw kys_slam::InputError("--frames " + std::to_string(world_options.frames) +
+                               ": must be at least 1");
+  }
+  if (write_options.drop_camera >= 0 && share->count() == 0) write_options.drop_share = 0.1;
+  if (write_options.drop_camera >= 0 && world_options.name != "hall") {
+    throw kys_slam::InputError("--drop-camera: only the world 'hall' can lose frames");
+  }
+  const World world = make_world(world_options);
+
+  // --jobs and --quiet are left out: they change nothing in the files.
+  write_options.command = "simulate_sequence " + world_options.name + " --output " +
+                          write_options.output.string() + " --seed " +
+                          std::to_string(world_options.seed) + " --frames " +
+                          std::to_string(world.times.size()) + " --size " +
+                          std::to_string(world.rig.left.width()) + "x" +
+                          std::to_string(world.rig.left.height());
+  if (images_only) write_options.command += " --images-only";
+  if (write_options.drop_camera >= 0) {
+    char text[64];
+    std::snprintf(text, sizeof text, " --drop-camera %d --drop-share %g", write_options.drop_camera,
+                  write_options.drop_share);
+    write_options.command += text;
+  }
+  write_options.truth = !images_only;
+  write_options.stop = &interrupted;
+  std::signal(SIGINT, [](int) { interrupted = true; });
+  std::signal(SIGTERM, [](int) { interrupted = true; });
+  write_sequence(world, write_options);
+  std::printf("%s: %zu frames of world %s\n", write_options.output.c_str(), world.times.size(),
+              world.name.c_str());
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    const int status = run(argc, argv);
+    return status == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "simulate_sequence: %s\n", error.what());
+    return 2;
+  }
+}
