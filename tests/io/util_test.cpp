@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
 #include <signal.h>
+#include <sys/resource.h>
 
 #include <thread>
 
@@ -33,6 +34,26 @@ TEST(AtomicFile, ReplacesWholeFilesAndLeavesNothingBehind) {
     files += entry.is_regular_file() ? 1 : 0;
   }
   EXPECT_EQ(files, 1);
+}
+
+TEST(AtomicFile, FailureHalfWayLeavesTheOldFile) {
+  const TemporaryFolder folder;
+  write_file_atomic(folder / "a.txt", "old");
+  rlimit limit{};
+  ::getrlimit(RLIMIT_FSIZE, &limit);
+  const rlimit small{1000, limit.rlim_max};
+  const auto old_handler = ::signal(SIGXFSZ, SIG_IGN);
+  ::setrlimit(RLIMIT_FSIZE, &small);  // as a full disk: the first write is short, the next fails
+  try {
+    write_file_atomic(folder / "a.txt", std::string(5000, 'x'));
+    ADD_FAILURE() << "no InputError";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("cannot write"), std::string::npos) << error.what();
+  }
+  ::setrlimit(RLIMIT_FSIZE, &limit);
+  ::signal(SIGXFSZ, old_handler);
+  EXPECT_EQ(read_text(folder / "a.txt"), "old");
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1);
 }
 
 TEST(AtomicFile, OutputFolderOverAFile) {
