@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Installs what the project needs on Debian 12 or Ubuntu 24.04 (as root or with sudo), once.
+#   tools/setup.sh            compiler, libraries, tests
+#   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+packages=(
+  build-essential cmake ninja-build ccache pkg-config git ca-certificates
+  libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libyaml-cpp-dev libcli11-dev
+  libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
+  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev python3 python3-venv
+)
+as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
+
+# libturbojpeg's development package has another name on Ubuntu.
+. /etc/os-release
+if [ "${ID:-}" = ubuntu ]; then packages=("${packages[@]/libturbojpeg0-dev/libturbojpeg-dev}"); fi
+
+missing=()
+for package in "${packages[@]}"; do
+  dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' ||
+    missing+=("$package")
+done
+if [ "${#missing[@]}" -gt 0 ]; then
+  echo "installing: ${missing[*]}"
+  export DEBIAN_FRONTEND=noninteractive
+  as_root apt-get update -qq
+  as_root env DEBIAN_FRONTEND=noninteractive \
+    apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+fi
+
+if [ "${1:-}" = --plots ] && ! .venv/bin/python -c 'import matplotlib' 2>/dev/null; then
+  echo "making a Python environment in .venv"
+  /usr/bin/python3 -m venv .venv
+  .venv/bin/pip install --quiet --disable-pip-version-check numpy matplotlib
+fi
