@@ -1,20 +1,31 @@
 #!/usr/bin/env bash
-# Sets everything up, renders a simulated street, tracks it, and draws the result.
-#   tools/demo.sh [FRAMES]     default 60
+# Sets everything up, renders a simulated street with a lorry ahead and other traffic, makes priors
+# from its exact perception, tracks it without and with them, and draws both.
+#   tools/demo.sh [FRAMES]     default 100
 set -euo pipefail
 cd "$(dirname "$0")/.."
-frames=${1:-60}
+frames=${1:-100}
 
 tools/setup.sh --plots
 cmake --preset release
-cmake --build --preset release --target simulate_sequence run_stereo_kitti
+cmake --build --preset release --target simulate_sequence build_priors run_stereo_kitti
 
+bin=build/release/bin
 world=runs/worlds/street-$frames
+priors=runs/worlds/street-$frames-priors
 if [ ! -d "$world" ]; then
-  build/release/bin/simulate_sequence street --size 620x188 --frames "$frames" --output "$world"
+  "$bin/simulate_sequence" street --size 620x188 --frames "$frames" --output "$world"
 fi
-build/release/bin/run_stereo_kitti "$world" --output runs/demo
-.venv/bin/python tools/plots/plot_trajectory.py runs/demo
+"$bin/build_priors" "$world" --output "$priors" \
+  --panoptic-left "$world/panoptic_left" --panoptic-right "$world/panoptic_right" \
+  --disparity "$world/disparity" --flow-left "$world/flow_left" --flow-right "$world/flow_right"
+
+for mode in stock kys; do
+  echo
+  echo "mode $mode"
+  "$bin/run_stereo_kitti" "$world" --priors "$priors" --mode "$mode" --output "runs/demo-$mode"
+  .venv/bin/python tools/plots/plot_trajectory.py "runs/demo-$mode"
+done
 echo
-echo "the frames are in $world/image_0, the table above and the pictures in runs/demo:"
-ls runs/demo/*.png
+echo "the frames are in $world/image_0, the pictures of the trajectories are"
+ls runs/demo-*/*.png
