@@ -3,9 +3,9 @@
 #include <kys_slam/features.h>
 #include <kys_slam/image.h>
 
-#include <Eigen/Core>
 #include <memory>
-#include <vector>
+
+#include "features/pyramid.h"
 
 namespace kys_slam {
 
@@ -19,17 +19,6 @@ struct OrbOptions {
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
-};
-
-/// Grey image pyramid: level l is the input reduced by scale_factor^l (bilinear), not blurred. A
-/// level too small to hold a pixel is empty.
-struct ImagePyramid {
-  std::vector<GrayImage> levels;
-
-  /// Pixel of a level from a pixel of the full image, and back. Levels show the same field of view,
-  /// so it is the corners of the images that coincide, not the centres of their first pixels.
-  [[nodiscard]] Eigen::Vector2f to_level(std::size_t octave, float x, float y) const;
-  [[nodiscard]] Eigen::Vector2f to_full(std::size_t octave, float x, float y) const;
 };
 
 /// Extracts oriented FAST corners with steered BRIEF descriptors: image pyramid, FAST with two

@@ -9,8 +9,8 @@ namespace kys_slam {
 namespace {
 
 struct Cell {
-  float x0, x1, y0, y1;      // px
-  std::size_t first, last;   // its corners, a range of `order`
+  float x0, x1, y0, y1;     // px
+  std::size_t first, last;  // its corners, a range of `order`
   [[nodiscard]] std::size_t count() const { return last - first; }
 };
 
@@ -31,11 +31,15 @@ class Quadtree {
     for (int c = 0; c < columns; ++c) {
       Cell cell{static_cast<float>(min_x) + static_cast<float>(c) * step,
                 static_cast<float>(min_x) + static_cast<float>(c + 1) * step,
-                static_cast<float>(min_y), static_cast<float>(max_y), filled, filled};
+                static_cast<float>(min_y),
+                static_cast<float>(max_y),
+                filled,
+                filled};
       for (std::size_t i = 0; i < corners_.size(); ++i) {
-        const int column = std::clamp(
-            static_cast<int>((static_cast<float>(corners_[i].x) - static_cast<float>(min_x)) / step),
-            0, columns - 1);
+        const int column =
+            std::clamp(static_cast<int>(
+                           (static_cast<float>(corners_[i].x) - static_cast<float>(min_x)) / step),
+                       0, columns - 1);
         if (column == c) order_[cell.last++] = static_cast<std::uint32_t>(i);
       }
       filled = cell.last;

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "features/fast_score.h"
+#include "features/corner_detector.h"
 
 namespace kys_slam {
 
