@@ -1,7 +1,7 @@
 #include "features/corner_detector.h"
 
 #include <algorithm>
-#include <cstring>
+#include <bit>
 
 #include "features/kernels.h"
 
@@ -24,7 +24,6 @@ void CornerDetector::resize(std::size_t groups) {
     row.scores.assign(2 * kPad + groups * kGroup, 0);
     row.groups.assign(groups, 0);
   }
-  kept_.resize(kGroup);
 }
 
 void CornerDetector::collect(const GrayImage& image, const CornerOptions& options, int y,
@@ -32,22 +31,17 @@ void CornerDetector::collect(const GrayImage& image, const CornerOptions& option
   const auto suppress = kernels::kernels().suppress;
   // Scores start one pixel before the margin, so that the first corner has its neighbour.
   const int origin = options.margin - 1;
-  const int last = image.width() - options.margin;
+  const int count = image.width() - 2 * options.margin;
   for (std::size_t g = 0; g < row.groups.size(); ++g) {
     if (row.groups[g] == 0) continue;
     const std::size_t at = kPad + g * kGroup;
-    suppress(above.scores.data() + at, row.scores.data() + at, below.scores.data() + at,
-             kept_.data());
-    for (int i = 0; i < kGroup; i += 8) {
-      std::uint64_t eight = 0;
-      std::memcpy(&eight, kept_.data() + i, 8);
-      if (eight == 0) continue;
-      for (int j = i; j < i + 8; ++j) {
-        const std::uint8_t score = kept_[static_cast<std::size_t>(j)];
-        const int x = origin + static_cast<int>(g) * kGroup + j;
-        if (score == 0 || x < options.margin || x >= last) continue;
-        found_.push_back({static_cast<std::int16_t>(x), static_cast<std::int16_t>(y), score});
-      }
+    std::uint64_t peaks =
+        suppress(above.scores.data() + at, row.scores.data() + at, below.scores.data() + at);
+    for (; peaks != 0; peaks &= peaks - 1) {
+      const int i = static_cast<int>(g) * kGroup + std::countr_zero(peaks);
+      if (i < 1 || i > count) continue;
+      found_.push_back({static_cast<std::int16_t>(origin + i), static_cast<std::int16_t>(y),
+                        row.scores[kPad + static_cast<std::size_t>(i)]});
     }
   }
 }

@@ -41,7 +41,6 @@ class CornerDetector {
                const ScoreRow& row, const ScoreRow& below);
 
   ScoreRow rows_[3];
-  std::vector<std::uint8_t> kept_;
   std::vector<Corner> found_;
   std::vector<std::uint8_t> strong_;     // per cell: a corner reaches the threshold
   std::vector<std::int32_t> column_of_;  // cell column by x

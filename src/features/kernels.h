@@ -41,12 +41,12 @@ struct Kernels {
   void (*fast_score)(const std::uint8_t* row, std::ptrdiff_t stride, int count, int min_threshold,
                      std::uint8_t* score, std::uint8_t* groups);
 
-  /// 3x3 non-maximum suppression of one group of kScoreGroup scores: `keep` gets the score where it
-  /// exceeds the neighbours before it in raster order and is no less than those after it, 0
-  /// elsewhere. The pointers are to the group in three successive rows; one score before and one
-  /// after the group are read.
-  void (*suppress)(const std::uint8_t* above, const std::uint8_t* row, const std::uint8_t* below,
-                   std::uint8_t* keep);
+  /// 3x3 non-maximum suppression of one group of kScoreGroup scores: bit i is set where score i
+  /// exceeds the neighbours before it in raster order and is no less than those after it. The
+  /// pointers are to the group in three successive rows; one score before and one after the group
+  /// are read.
+  std::uint64_t (*suppress)(const std::uint8_t* above, const std::uint8_t* row,
+                            const std::uint8_t* below);
 
   /// Horizontal half of the bilinear reduction: a row of `groups` times eight values
   /// (I - 128) * 128 rounded down. `first[i]` + 15 must lie inside the row.
