@@ -8,7 +8,7 @@
 /// kernels.inc. Every variant gives the same bytes; kernels() picks the fastest this machine runs.
 namespace kys_slam::kernels {
 
-/// Pixels of a row whose score is decided together; a group without candidates costs little.
+/// Pixels of a row that are scored and suppressed together.
 inline constexpr int kScoreGroup = 64;
 /// Output pixels that one reduction group (see ResizeGroup) makes.
 inline constexpr int kResizeGroup = 8;
@@ -36,8 +36,8 @@ struct Kernels {
   /// FAST-9/16 score of `count` pixels of a row from `row`: the largest threshold t for which nine
   /// contiguous circle pixels are all > I + t or all < I - t, or 0 where that is below
   /// `min_threshold`. Reads three pixels beyond on each side and three rows above and below.
-  /// `groups[i]` tells whether the i-th group of kScoreGroup pixels has a non-zero score; a group
-  /// without one is zero-filled. `score` must have room for whole groups.
+  /// `groups[i]` tells whether the i-th group of kScoreGroup pixels has a non-zero score. `score`
+  /// must have room for whole groups; what lies beyond `count` is set to 0.
   void (*fast_score)(const std::uint8_t* row, std::ptrdiff_t stride, int count, int min_threshold,
                      std::uint8_t* score, std::uint8_t* groups);
 
@@ -66,9 +66,9 @@ struct Kernels {
   /// columns -15..16.
   Moments (*moments)(const std::uint8_t* centre, std::ptrdiff_t stride);
 
-  /// 256-bit steered BRIEF at `centre`: pair i compares the pixels at (x[2i], y[2i]) and (x[2i+1],
-  /// y[2i+1]), rotated by the angle of that cosine and sine and rounded; bit i is set where the
-  /// first is darker.
+  /// 256-bit steered BRIEF at `centre`: bit i is set where the pixel at (x[i], y[i]) is darker than
+  /// the one at (x[256 + i], y[256 + i]), both turned by the angle of that cosine and sine and
+  /// rounded. Points are less than 31 from the centre.
   void (*describe)(const std::uint8_t* centre, std::int32_t stride, const float* x, const float* y,
                    float cosine, float sine, std::uint64_t* words);
 };

@@ -12,15 +12,16 @@ namespace kys_slam {
 
 namespace {
 
-/// The pattern as floats, coordinates apart, for the rotation.
+/// The pattern as floats, coordinates apart: all first points, then all second ones.
 struct PatternPoints {
   std::array<float, 2 * kernels::kPairs> x{};
   std::array<float, 2 * kernels::kPairs> y{};
 
   constexpr PatternPoints() {
     for (std::size_t i = 0; i < x.size(); ++i) {
-      x[i] = kOrbPattern[i / 2][i % 2][0];
-      y[i] = kOrbPattern[i / 2][i % 2][1];
+      const auto& point = kOrbPattern[i % kernels::kPairs][i / kernels::kPairs];
+      x[i] = point[0];
+      y[i] = point[1];
     }
   }
 };

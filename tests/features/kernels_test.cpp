@@ -211,8 +211,8 @@ TEST_P(Variants, DescriptorComparesTheTurnedPoints) {
   std::array<float, 512> x{};
   std::array<float, 512> y{};
   for (std::size_t i = 0; i < 512; ++i) {
-    x[i] = kOrbPattern[i / 2][i % 2][0];
-    y[i] = kOrbPattern[i / 2][i % 2][1];
+    x[i] = kOrbPattern[i % 256][i / 256][0];
+    y[i] = kOrbPattern[i % 256][i / 256][1];
   }
   for (int turn = 0; turn < 360; turn += 7) {
     const float c = std::cos(static_cast<float>(turn) * 0.0174533f);
@@ -227,7 +227,7 @@ TEST_P(Variants, DescriptorComparesTheTurnedPoints) {
     };
     int wrong = 0;
     for (std::size_t i = 0; i < 256; ++i) {
-      wrong += (words[i / 64] >> (i % 64) & 1) != (at(2 * i) < at(2 * i + 1) ? 1u : 0u);
+      wrong += (words[i / 64] >> (i % 64) & 1) != (at(i) < at(256 + i) ? 1u : 0u);
     }
     EXPECT_LE(wrong, 1) << turn;  // a point may lie half way between two pixels
     std::array<std::uint64_t, 4> plain{};
