@@ -34,8 +34,13 @@ class FrameFeatures {
   FrameFeatures() = default;
   /// \param u_right px, NaN where there is no stereo match
   /// \param priors one per keypoint, or empty: no priors for this frame
+  /// \param disparity_offset px, added to every measured disparity (stereo_calibration.h)
   FrameFeatures(const StereoCamera& camera, FeatureSet left, std::vector<float> u_right,
-                std::vector<kys::Prior> priors);
+                std::vector<kys::Prior> priors, float disparity_offset = 0);
+
+  /// The same features with another disparity offset.
+  [[nodiscard]] FrameFeatures with_disparity_offset(const StereoCamera& camera, float offset) const;
+  [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
 
   [[nodiscard]] std::size_t size() const { return set_.size(); }
   [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return set_.keypoints[i]; }
@@ -59,6 +64,8 @@ class FrameFeatures {
   void for_each_near(float u, float v, float radius, int min_octave, int max_octave, F&& f) const;
 
  private:
+  void measure_depths(const StereoCamera& camera);
+
   static constexpr int kColumns = 64;
   static constexpr int kRows = 32;
   static inline const kys::Prior kNoPrior{};
@@ -67,6 +74,7 @@ class FrameFeatures {
   std::vector<float> u_right_;
   std::vector<float> depth_;
   std::vector<kys::Prior> priors_;
+  float disparity_offset_ = 0;  // px, contained in u_right_
   float cell_width_inv_ = 0;  // 1/px
   float cell_height_inv_ = 0;
   std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major

@@ -105,6 +105,10 @@ std::optional<Rigid3> Map::pose(KeyFrameId id) const {
 void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.features) throw std::logic_error("keyframe without features");
   const KeyFrameId id = keyframe.id;
+  if (keyframe.features->disparity_offset() != disparity_offset_) {
+    keyframe.features = std::make_shared<const FrameFeatures>(
+        keyframe.features->with_disparity_offset(camera_, disparity_offset_));
+  }
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();
   keyframe.children.clear();
@@ -138,6 +142,16 @@ void Map::add_loop_edge(KeyFrameId a, KeyFrameId b) {
 void Map::set_pose(KeyFrameId id, const Rigid3& T_c_w) {
   keyframes_.at(id).T_c_w = T_c_w;
   touch(id);
+}
+
+void Map::set_disparity_offset(float offset) {
+  disparity_offset_ = offset;
+  for (const KeyFrameId id : keyframes_.ids()) {
+    KeyFrame& keyframe = keyframes_.at(id);
+    keyframe.features = std::make_shared<const FrameFeatures>(
+        keyframe.features->with_disparity_offset(camera_, offset));
+    touch(id);
+  }
 }
 
 bool Map::cull_keyframe(KeyFrameId id) {
@@ -326,6 +340,7 @@ KeyFrameView Map::view(KeyFrameId id) const {
 
 ChangeSet Map::take_changes() {
   ChangeSet changes;
+  changes.disparity_offset = disparity_offset_;
   std::sort(dirty_landmarks_.begin(), dirty_landmarks_.end());
   dirty_landmarks_.erase(std::unique(dirty_landmarks_.begin(), dirty_landmarks_.end()),
                          dirty_landmarks_.end());

@@ -52,6 +52,9 @@ class Map {
   void connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise);
   void add_loop_edge(KeyFrameId a, KeyFrameId b);
   void set_pose(KeyFrameId id, const Rigid3& T_c_w);
+  /// Disparities of all keyframes, present and future, get this offset added.
+  void set_disparity_offset(float offset);
+  [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
   /// Removes a keyframe and its observations; its children find a new parent among its own parent
   /// and each other. The root of the spanning tree stays: returns false.
   bool cull_keyframe(KeyFrameId id);
@@ -93,6 +96,7 @@ class Map {
 
   StereoCamera camera_;
   ScaleLevels scales_;
+  float disparity_offset_ = 0;  // px
   IdTable<KeyFrameId, KeyFrame> keyframes_;
   IdTable<LandmarkId, Landmark> landmarks_;
   IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks

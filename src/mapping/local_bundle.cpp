@@ -45,12 +45,34 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
   return window;
 }
 
-struct Bond {
-  LandmarkId landmark;
-  KeyFrameId keyframe;
-};
-
 }  // namespace
+
+std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
+                                const std::vector<LandmarkId>& landmarks, BundleProblem& problem) {
+  const auto pose_index = [&](KeyFrameId id) {
+    const auto at = std::lower_bound(poses.begin(), poses.end(), id);
+    return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
+  };
+  std::vector<Bond> bonds;
+  for (const LandmarkId id : landmarks) {
+    const Landmark& landmark = map.landmark(id);
+    const auto point = static_cast<std::int32_t>(problem.points.size());
+    problem.points.push_back(landmark.p_w);
+    for (const Observation& o : landmark.observations) {
+      const std::int32_t pose = pose_index(o.keyframe);
+      if (pose < 0) continue;
+      const FrameFeatures& features = *map.keyframe(o.keyframe).features;
+      const Keypoint& k = features.keypoint(o.feature);
+      const float u_right = features.has_stereo(o.feature)
+                                ? features.u_right(o.feature)
+                                : std::numeric_limits<float>::quiet_NaN();
+      problem.observations.push_back(
+          {pose, point, k.x, k.y, u_right, map.scales().inv_sigma(k.octave)});
+      bonds.push_back({id, o.keyframe});
+    }
+  }
+  return bonds;
+}
 
 LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundleOptions& options,
                                  const std::atomic<bool>* stop) {
@@ -72,28 +94,7 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   }
   if (free_poses == poses.size()) problem.pose_fixed.front() = 1;
 
-  const auto pose_index = [&](KeyFrameId id) {
-    const auto at = std::lower_bound(poses.begin(), poses.end(), id);
-    return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
-  };
-  std::vector<Bond> bonds;
-  for (const LandmarkId id : window.landmarks) {
-    const Landmark& landmark = map.landmark(id);
-    const auto point = static_cast<std::int32_t>(problem.points.size());
-    problem.points.push_back(landmark.p_w);
-    for (const Observation& o : landmark.observations) {
-      const std::int32_t pose = pose_index(o.keyframe);
-      if (pose < 0) continue;
-      const FrameFeatures& features = *map.keyframe(o.keyframe).features;
-      const Keypoint& k = features.keypoint(o.feature);
-      const float u_right = features.has_stereo(o.feature)
-                                ? features.u_right(o.feature)
-                                : std::numeric_limits<float>::quiet_NaN();
-      problem.observations.push_back(
-          {pose, point, k.x, k.y, u_right, map.scales().inv_sigma(k.octave)});
-      bonds.push_back({id, o.keyframe});
-    }
-  }
+  const std::vector<Bond> bonds = add_landmarks(map, poses, window.landmarks, problem);
 
   BundleOptions bundle = options.bundle;
   bundle.stop = stop;

@@ -5,7 +5,7 @@
 namespace kys_slam {
 
 LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)
-    : options_(options), model_(&model) {}
+    : options_(options), model_(&model), calibration_(options.calibration) {}
 
 LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
                                        const std::atomic<bool>* stop) {
@@ -34,6 +34,8 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
 
   report.keyframes_culled = cull_keyframes(map, id, options_.keyframe_culling);
   report.cull = watch.lap_ms();
+  calibration_.update(map, stop);
+  report.calibrate = watch.lap_ms();
   return report;
 }
 

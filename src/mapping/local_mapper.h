@@ -10,6 +10,7 @@
 #include "mapping/culling.h"
 #include "mapping/fusion.h"
 #include "mapping/local_bundle.h"
+#include "mapping/stereo_calibration.h"
 #include "mapping/triangulation.h"
 
 namespace kys_slam {
@@ -20,6 +21,7 @@ struct LocalMapperOptions {
   FusionOptions fusion;
   LocalBundleOptions bundle;
   KeyFrameCullingOptions keyframe_culling;
+  StereoCalibrationOptions calibration;
 };
 
 /// ms of the steps of local mapping, and what they did, for one keyframe.
@@ -29,13 +31,14 @@ struct LocalMapperReport {
   double fuse = 0;
   double bundle = 0;
   double cull = 0;
+  double calibrate = 0;
   int triangulated = 0;
   int fused = 0;
   int landmarks_culled = 0;
   int keyframes_culled = 0;
   LocalBundleReport bundle_report;
   kys::Statistics statistics;
-  [[nodiscard]] double total() const { return insert + triangulate + fuse + bundle + cull; }
+  [[nodiscard]] double total() const { return insert + triangulate + fuse + bundle + cull + calibrate; }
 };
 
 /// Takes keyframes in and keeps their neighbourhood accurate and free of redundancy (ORB-SLAM,
@@ -52,6 +55,7 @@ class LocalMapper {
   LocalMapperOptions options_;
   const kys::DistanceModel* model_;
   RecentLandmarks recent_;
+  StereoCalibration calibration_;
   std::uint32_t next_landmark_ = 0;  // the back end's ids are odd, the tracker's even
 };
 

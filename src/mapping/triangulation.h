@@ -11,7 +11,7 @@
 namespace kys_slam {
 
 struct TriangulationOptions {
-  std::size_t neighbours = 10;      ///< covisible keyframes matched against
+  std::size_t neighbours = 5;       ///< covisible keyframes matched against
   double min_parallax_cos = 0.9998; ///< rays of two monocular features must differ by more
   double scale_tolerance = 1.8;     ///< distance ratio against octave ratio, factor either way
   EpipolarOptions matching;

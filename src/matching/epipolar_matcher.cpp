@@ -60,7 +60,9 @@ class EpipolarSearch {
  private:
   bool stretch_of(const FrameFeatures& a, std::size_t i, Stretch& stretch) const {
     const Keypoint& k = a.keypoint(i);
-    double nearest = options_.min_depth;
+    // Nearer than about two baselines along the way the two views differ too much in scale for
+    // their octaves to be neighbours.
+    double nearest = std::max<double>(options_.min_depth, 2 * std::abs(T_b_a_.translation.z()));
     double farthest = options_.max_depth;
     if (a.has_stereo(i)) {
       const double disparity = k.x - a.u_right(i);

@@ -8,8 +8,8 @@
 
 #include "kys/error.h"
 #include "system/settings_data.h"
-#include "util/names.h"
-#include "util/numbers.h"
+#include "util/nearest_name.h"
+#include "util/parse_number.h"
 
 namespace kys_slam {
 
@@ -36,7 +36,7 @@ void from_text(std::string_view key, std::string_view text, T& value) {
     if (text != "true" && text != "false") fail("true or false");
     value = text == "true";
   } else if constexpr (std::is_integral_v<T>) {
-    const auto number = parse_integer(text);
+    const auto number = parse_int(text);
     if (!number || *number < 0 || *number > 1000000000) fail("a whole number from 0 to 1e9");
     value = static_cast<T>(*number);
   } else {
@@ -94,8 +94,7 @@ void Settings::set(std::string_view key, std::string_view value) {
     known.push_back(d.key);
   }
   if (!found) {
-    throw InputError("unknown setting '" + std::string(key) + "'; did you mean '" +
-                     nearest_name(key, known) + "'?");
+    throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
   }
   try {
     kys::set_option(data_->kys, key, value);

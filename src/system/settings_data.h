@@ -107,6 +107,14 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("mapping.redundant_observers", m.keyframe_culling.min_observers, "",
         "other keyframes that make a landmark redundant");
 
+  visit("calibration.enabled", m.calibration.enabled, "",
+        "estimate a constant offset of all disparities from the map");
+  visit("calibration.keyframes", m.calibration.keyframes, "",
+        "in the map when it is first estimated; again at twice that");
+  visit("calibration.significance", m.calibration.significance, "standard deviations",
+        "by which it has to differ to be applied");
+  visit("calibration.max_correction", m.calibration.max_correction, "px", "a larger one is ignored");
+
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");
   visit("control.stall_ms", s.control.stall_ms, "ms", "slept in every frame, a study of budgets");

@@ -9,10 +9,11 @@
 #include <utility>
 
 #include "system/back_end.h"
+#include "system/frame_links.h"
 #include "system/settings_data.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
-#include "util/process_stats.h"
+#include "util/process_figures.h"
 #include "util/stopwatch.h"
 
 namespace kys_slam {
@@ -93,7 +94,7 @@ struct System::Impl {
   Tracker tracker;
   BackEndRunner runner;
   std::vector<FrameReport> reports;
-  std::vector<FramePose> poses;  // per frame fed
+  FrameLinks links;              // of every frame fed
   std::int64_t count = 0;        // frames fed: the index everything inside goes by
 };
 
@@ -129,6 +130,7 @@ void System::Impl::check_input(const StereoFrame& frame) const {
 void System::Impl::apply(std::vector<BackEndStep> steps) {
   for (const BackEndStep& step : steps) {
     tracker.apply(step.changes);
+    front_end.set_disparity_offset(step.changes.disparity_offset);
     FrameReport& report = reports.at(static_cast<std::size_t>(step.frame_index));
     report.times.local_mapping = step.report.total();
     report.times.local_bundle = step.report.bundle;
@@ -187,7 +189,8 @@ FrameReport System::feed(const StereoFrame& frame) {
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
   s.reports.push_back(report);
-  s.poses.push_back(tracked.pose);
+  s.links.add(tracked.pose);
+  if (tracked.keyframe) s.links.close(tracked.keyframe->id, s.tracker);
   ++s.count;
   if (tracked.keyframe) s.runner.submit(std::move(*tracked.keyframe));
   return report;
@@ -202,9 +205,9 @@ std::vector<FrameEstimate> System::trajectory() const {
   for (std::size_t k = 0; k < impl_->reports.size(); ++k) {
     const FrameReport& report = impl_->reports[k];
     FrameEstimate estimate{report.index, report.timestamp, false, {}};
-    if (const auto T_r_w = map().pose(impl_->poses[k].reference)) {
+    if (const auto T_w_c = impl_->links.pose(map(), k)) {
       estimate.connected = true;
-      estimate.T_w_c = (impl_->poses[k].T_c_reference * *T_r_w).inverse();
+      estimate.T_w_c = *T_w_c;
     }
     estimates.push_back(estimate);
   }

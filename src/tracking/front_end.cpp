@@ -86,7 +86,7 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame) {
   result.stereo_matches = static_cast<int>(
       std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); }));
   result.features = std::make_shared<const FrameFeatures>(
-      camera_, std::move(features_[0]), std::move(u_right), std::move(priors_[0]));
+      camera_, std::move(features_[0]), std::move(u_right), std::move(priors_[0]), disparity_offset_);
   features_[0] = {};
   priors_[0].clear();
   result.times.stereo = watch.lap_ms();

@@ -40,6 +40,8 @@ class FrontEnd {
            const kys::DistanceModel& model, PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame);
+  /// px, added to the disparities of the frames to come.
+  void set_disparity_offset(float offset) { disparity_offset_ = offset; }
 
  private:
   void extract(const StereoFrame& frame);
@@ -48,6 +50,7 @@ class FrontEnd {
   StereoCamera camera_;
   ScaleLevels scales_;
   StereoOptions stereo_;
+  float disparity_offset_ = 0;
   const kys::DistanceModel* model_;
   PriorProvider* prior_provider_;
   std::array<OrbExtractor, 2> extractors_;   // left, right

@@ -122,6 +122,11 @@ void Tracker::refresh_last_frame() {
   reference_ = replica_.resolve(reference_).keyframe;
 }
 
+Rigid3 Tracker::current_pose(const FramePose& pose) const {
+  const Replica::Anchor anchor = replica_.resolve(pose.reference);
+  return pose.T_c_reference * anchor.T_c_k * replica_.keyframes().at(anchor.keyframe).T_c_w;
+}
+
 bool Tracker::predict(Frame& frame, TrackResult& result) {
   if (velocity_ && predict_by_motion(frame, result)) return true;
   return predict_by_reference(frame, result);

@@ -80,6 +80,8 @@ class Tracker {
   void apply(const ChangeSet& changes) { replica_.apply(changes); }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
+  /// T_c_w of a frame tracked earlier, as the replica has its keyframe now.
+  [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const;
 
  private:
   struct Frame {

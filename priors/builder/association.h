@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "priors/builder/options.h"
+
+namespace kys_slam {
+
+/// A thing segment of the current frame.
+struct Detection {
+  std::uint16_t label = 0;
+  double u = 0;  ///< px, centroid of its mask
+  double v = 0;  ///< px
+};
+
+/// Gives thing segments of one camera's stream identities that persist (Sec. 3.2): minimum-cost
+/// assignment of centroid distances, pairs over `max_distance` rejected, tracks kept through
+/// `max_missed_frames` frames. Frames in order.
+class InstanceAssociator {
+ public:
+  explicit InstanceAssociator(const BuilderOptions::Association& options) : options_(options) {}
+
+  /// Identities of the detections, 0, 1, 2, ... in order of first appearance.
+  std::vector<std::int32_t> next_frame(std::span<const Detection> detections);
+
+  [[nodiscard]] std::int32_t identities_given() const { return next_identity_; }
+
+ private:
+  struct Track {
+    std::int32_t identity = 0;
+    std::uint16_t label = 0;
+    double u = 0;
+    double v = 0;
+    int missed = 0;
+  };
+  void assign(std::span<const Detection> detections, const std::vector<std::size_t>& detection_ids,
+              const std::vector<std::size_t>& track_ids, std::vector<std::int32_t>& track_of) const;
+
+  BuilderOptions::Association options_;
+  std::vector<Track> tracks_;  ///< in order of identity
+  std::int32_t next_identity_ = 0;
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <kys/label_space.h>
+#include <kys_slam/stereo_camera.h>
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "priors/builder/field_input.h"
+#include "priors/builder/fuse.h"
+#include "priors/builder/options.h"
+#include "priors/builder/panoptic_input.h"
+
+namespace kys_slam {
+
+/// The sequence priors are made for: rectified pairs, by position, from several threads at a time.
+struct BuildSequence {
+  StereoCamera camera;
+  std::vector<std::string> names;  ///< stems of the left images
+  std::function<std::pair<GrayImage, GrayImage>(std::size_t)> read;
+};
+
+/// Where perception comes from. A source is a folder, "" (none), or the name of an estimator.
+struct BuildInputs {
+  std::array<std::filesystem::path, 2> panoptic;  ///< left, right; right may be empty
+  PanopticEncoding panoptic_encoding = PanopticEncoding::kAuto;
+  std::string disparity;                 ///< folder, "sgbm" or ""
+  std::string disparity_right;           ///< folder or "" (the left one is warped)
+  std::array<std::string, 2> flow;       ///< folder, "dis" or ""
+  std::array<std::string, 2> flow_back;  ///< t+1 to t, filed under t: folder or ""; for the check
+  FieldEncoding disparity_encoding = FieldEncoding::kKitti;
+  FieldEncoding flow_encoding = FieldEncoding::kKitti;
+};
+
+struct BuildSettings {
+  BuilderOptions options;
+  std::filesystem::path output;
+  int jobs = 1;
+  bool debug_images = false;
+  bool rebuild = false;  ///< also what is complete and current
+  std::function<void(const std::string& stage, std::size_t done, std::size_t total)> progress;
+};
+
+struct BuildSummary {
+  std::size_t frames = 0, built = 0, kept = 0;
+  std::array<std::int64_t, 2> tracks{};  ///< identities given, left and right
+  std::size_t thing_segments = 0;        ///< over all frames and cameras
+  std::size_t dynamic_segments = 0, radial_only_segments = 0;
+  double flagged_pixels = 0;  ///< share of all pixels of built frames
+  double labelled_pixels = 0;
+  std::size_t frames_without_motion = 0;  ///< no flow, or no fit, left camera
+  std::uint64_t bytes = 0;                ///< of all prior files
+  FusionTimes times;                      ///< ms, sums over built frames and both cameras
+};
+
+/// Makes the prior files of a sequence: <output>/<name>.kysp, segments.csv, background.csv.
+/// Frames that are complete and current are kept. The bytes do not depend on `jobs`.
+/// \throws InputError naming the file and what is wrong with it; files already made stay.
+BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::LabelSpace& labels,
+                                   const BuildInputs& inputs, const BuildSettings& settings);
+
+}  // namespace kys_slam

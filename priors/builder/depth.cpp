@@ -1,0 +1,88 @@
+#include "priors/builder/depth.h"
+
+#include <cmath>
+#include <limits>
+
+namespace kys_slam {
+namespace {
+
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+
+float bilinear(const ImageOf<float>& image, float x, float y) {
+  const float fx = std::floor(x), fy = std::floor(y);
+  if (!(fx >= 0 && fy >= 0 && fx < static_cast<float>(image.width()) &&
+        fy < static_cast<float>(image.height()))) {
+    return kNone;
+  }
+  const int x0 = static_cast<int>(fx), y0 = static_cast<int>(fy);
+  const int x1 = x0 + 1 < image.width() ? x0 + 1 : x0;
+  const int y1 = y0 + 1 < image.height() ? y0 + 1 : y0;
+  const float a = x - fx, b = y - fy;
+  return (1 - b) * ((1 - a) * image.at(x0, y0) + a * image.at(x1, y0)) +
+         b * ((1 - a) * image.at(x0, y1) + a * image.at(x1, y1));
+}
+
+}  // namespace
+
+ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth) {
+  ImageOf<float> result(disparity.width(), disparity.height());
+  const auto scale = static_cast<float>(1.0 / bf);
+  const auto least = static_cast<float>(1.0 / max_depth);
+  const float* d = disparity.data();
+  float* out = result.data();
+  for (std::size_t i = 0; i < disparity.size(); ++i) {
+    const float value = d[i] * scale;
+    const float capped = value < least ? least : value;
+    out[i] = d[i] > 0 ? capped : kNone;
+  }
+  return result;
+}
+
+ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left) {
+  const int width = left.width();
+  ImageOf<float> right(width, left.height(), kNone);
+  for (int y = 0; y < left.height(); ++y) {
+    const float* in = left.row(y);
+    float* out = right.row(y);
+    for (int x = 0; x < width; ++x) {
+      const float d = in[x];
+      if (!(d > 0 && d < static_cast<float>(width))) continue;
+      const int target = static_cast<int>(static_cast<float>(x) - d + 0.5F);
+      if (static_cast<float>(x) - d + 0.5F < 0) continue;
+      if (!(out[target] > d)) out[target] = d;  // true for NaN as well
+    }
+  }
+  return right;
+}
+
+void check_left_right(ImageOf<float>& disparity, const ImageOf<float>& other, int sign,
+                      double tolerance) {
+  for (int y = 0; y < disparity.height(); ++y) {
+    float* row = disparity.row(y);
+    const float* there = other.row(y);
+    for (int x = 0; x < disparity.width(); ++x) {
+      const float target =
+          std::floor(static_cast<float>(x) + static_cast<float>(sign) * row[x] + 0.5F);
+      const bool inside = target >= 0 && target < static_cast<float>(disparity.width());
+      if (!inside || !(std::abs(there[static_cast<int>(target)] - row[x]) <= tolerance)) {
+        row[x] = kNone;
+      }
+    }
+  }
+}
+
+void check_forward_backward(FlowField& forward, const FlowField& backward, double tolerance,
+                            double relative) {
+  for (int y = 0; y < forward.u.height(); ++y) {
+    for (int x = 0; x < forward.u.width(); ++x) {
+      float& u = forward.u.at(x, y);
+      float& v = forward.v.at(x, y);
+      const float tx = static_cast<float>(x) + u, ty = static_cast<float>(y) + v;
+      const double du = u + bilinear(backward.u, tx, ty);
+      const double dv = v + bilinear(backward.v, tx, ty);
+      if (!(std::hypot(du, dv) < tolerance + relative * std::hypot(u, v))) u = v = kNone;
+    }
+  }
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "priors/builder/options.h"
+
+namespace kys_slam {
+
+/// What was measured over one segment's pixels.
+struct SegmentStatistics {
+  std::uint32_t area = 0;         ///< px
+  std::uint32_t depth_count = 0;  ///< px with depth
+  double mean_depth = 0;          ///< m, over these
+  std::uint32_t flow_count = 0;   ///< px with a residual
+  double residual = 0;            ///< px, mean length of the corrected residual
+  double radial = 0;              ///< px, mean of its part along the predicted flow
+  double coverage = 0;            ///< 0..1, mean of the smoothed stuff mask
+};
+
+/// The background of one frame and camera, over its stuff pixels.
+struct BackgroundReferences {
+  double m_bg = 0;       ///< px, mean length of the corrected residual
+  double mu_par = 0;     ///< px, mean radial residual
+  double sigma_par = 0;  ///< px, its standard deviation
+  double pixels = 0;
+};
+
+/// What Eqs. 7 and 8 say about one thing segment.
+struct MotionDecision {
+  double omega = 1;  ///< threshold multiplier of the coverage
+  bool magnitude_test = false;
+  bool radial_test = false;
+  bool dynamic = false;
+  bool radial_only = false;
+  double rho = 0;    ///< residual over background, 0..100
+  double score = 0;  ///< m_k, 0..100
+};
+
+/// omega = clip(1 / (c + 0.1), 1, 4).
+double coverage_scale(const BuilderOptions::Detection& options, double coverage);
+/// psi = clip(2 |mu_par| / sigma_par, 1, 5).
+double rotation_guard(const BuilderOptions::Detection& options, const BackgroundReferences& bg);
+/// rho = clip(r / m_bg, 0, 100).
+double residual_ratio(double residual, double m_bg);
+/// Eq. 8: m = min(5 ln^2(1 + rho), 100).
+double motion_score(const BuilderOptions::Score& options, double rho);
+
+/// Eqs. 7 and 8 for one thing segment.
+MotionDecision decide(const BuilderOptions& options, const SegmentStatistics& segment,
+                      const BackgroundReferences& background);
+
+/// Eq. 3: a = area x (mean depth)^2, px^2 m^2; 0 without depth.
+float depth_compensated_scale(const SegmentStatistics& segment);
+
+}  // namespace kys_slam

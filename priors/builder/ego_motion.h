@@ -1,0 +1,38 @@
+#pragma once
+
+#include <kys_slam/rigid3.h>
+#include <kys_slam/stereo_camera.h>
+
+#include <array>
+#include <optional>
+#include <vector>
+
+#include "priors/builder/depth.h"
+#include "priors/builder/options.h"
+#include "priors/builder/panoptic.h"
+
+namespace kys_slam {
+
+/// The flow a static scene has in one camera between frame t and t+1 (Eq. 6).
+struct EgoMotion {
+  EgoMotionModel model = EgoMotionModel::kSe3;
+  StereoCamera camera;        ///< intrinsics of this camera (both have the same)
+  Rigid3 T_next_now;          ///< kSe3: this camera's motion
+  std::array<double, 8> c{};  ///< kRigid, kAsPrinted: c1..c8
+  int samples = 0;            ///< pixels used
+  double mean_residual = 0;   ///< px, over the samples, after the fit
+
+  /// Predicted flow (px) of row y from its inverse depths (1/m); NaN where these are.
+  void predict_row(int y, const float* inverse_depth, float* u, float* v) const;
+};
+
+/// Fits the static-scene flow to the stuff pixels by iteratively re-weighted least squares with
+/// Huber weights on the residual's length in px. Nothing when there are too few usable pixels.
+/// \param is_stuff by segment number, [0] (void) is false.
+std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,
+                                        const StereoCamera& camera, const FlowField& flow,
+                                        const ImageOf<float>& inverse_depth,
+                                        const ImageOf<std::uint16_t>& segment_map,
+                                        const std::vector<std::uint8_t>& is_stuff);
+
+}  // namespace kys_slam

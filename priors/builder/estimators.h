@@ -1,0 +1,16 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include "priors/builder/depth.h"
+
+namespace kys_slam {
+
+/// Left disparity (px, NaN where there is none) by semi-global matching. `right` false: of the left
+/// view; true: of the right view, by matching the mirrored pair.
+ImageOf<float> estimate_disparity(const GrayImage& left, const GrayImage& right_image, bool right);
+
+/// Dense inverse search flow from one image to another, px.
+FlowField estimate_flow(const GrayImage& from, const GrayImage& to);
+
+}  // namespace kys_slam

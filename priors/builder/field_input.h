@@ -1,0 +1,30 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include <filesystem>
+#include <string>
+
+#include "priors/builder/depth.h"
+
+namespace kys_slam {
+
+/// PNG encodings that a file does not tell apart by itself.
+enum class FieldEncoding {
+  kKitti,   ///< disparity u16/256; flow u = (R - 32768)/64, B valid
+  kVkitti,  ///< depth u16 in cm, 65535 sky; flow u = (2 R/65535 - 1)(w - 1), B 0 invalid
+};
+
+/// The file of a frame in a folder: <name>.png, .pfm, .npy or .flo, or <name>_disp.pfm,
+/// <name>_pred.flo (UniMatch). \throws InputError when there is none.
+std::filesystem::path find_field(const std::filesystem::path& folder, const std::string& name);
+
+/// Left disparity (px, NaN where there is none) from KITTI PNG, PFM or NPY; with kVkitti, from a
+/// depth PNG and `bf` (focal length times baseline, px m).
+ImageOf<float> read_disparity(const std::filesystem::path& path, FieldEncoding encoding, double bf);
+
+/// Flow (px, NaN where there is none) from KITTI or VKITTI PNG, .flo or NPY (h x w x 2 or
+/// 2 x h x w).
+FlowField read_flow(const std::filesystem::path& path, FieldEncoding encoding);
+
+}  // namespace kys_slam

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <kys_slam/stereo_camera.h>
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "priors/builder/depth.h"
+#include "priors/builder/detection.h"
+#include "priors/builder/ego_motion.h"
+#include "priors/builder/options.h"
+#include "priors/builder/panoptic.h"
+#include "priors/format/prior_writer.h"
+
+namespace kys_slam {
+
+/// Perception of one camera at one frame.
+struct CameraPerception {
+  PanopticMap panoptic;
+  std::vector<std::int32_t> instances;  ///< of the segments, as they go into the file
+  ImageOf<float> inverse_depth;         ///< 1/m, NaN where unknown; empty: no depth
+  std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
+};
+
+/// Where the time of one camera went, ms.
+struct FusionTimes {
+  double runs = 0, fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
+  [[nodiscard]] double total() const {
+    return runs + fit + residual + drift + statistics + decide_export;
+  }
+};
+
+/// What fusion found out, for the tables and the pictures.
+struct CameraFusion {
+  CameraPriors priors;
+  std::vector<SegmentStatistics> statistics;  ///< per segment
+  std::vector<MotionDecision> decisions;      ///< per segment; of stuff: nothing
+  std::optional<EgoMotion> ego_motion;        ///< none: no flow, or too few pixels
+  BackgroundReferences background;
+  FusionTimes times;
+};
+
+/// Images of the intermediate stages; filled only when asked for.
+struct FusionImages {
+  FlowField predicted, residual, drift;
+  ImageOf<float> corrected;  ///< px, length of the corrected residual
+};
+
+/// Secs. 3.2 (scale) and 3.3 for one camera and frame: perception in, priors out. A pixel of a
+/// flagged segment without a residual of its own gets the segment's mean.
+CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& camera,
+                         const CameraPerception& perception, FusionImages* images = nullptr);
+
+}  // namespace kys_slam

@@ -1,0 +1,164 @@
+#include "priors/builder/options.h"
+
+#include <kys_slam/error.h>
+
+#include <charconv>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <sstream>
+#include <variant>
+#include <vector>
+
+namespace kys_slam {
+namespace {
+
+using Target = std::variant<double*, int*, bool*, EgoMotionModel*, References*>;
+
+/// Name and place of every option, in the order of the documentation.
+std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
+  return {
+      {"association.max_distance", &o.association.max_distance},
+      {"association.max_missed_frames", &o.association.max_missed_frames},
+      {"association.class_agnostic", &o.association.class_agnostic},
+      {"depth.max_depth", &o.depth.max_depth},
+      {"depth.left_right_tolerance", &o.depth.left_right_tolerance},
+      {"flow_check.tolerance", &o.flow_check.tolerance},
+      {"flow_check.relative_tolerance", &o.flow_check.relative_tolerance},
+      {"ego_motion.model", &o.ego_motion.model},
+      {"ego_motion.border", &o.ego_motion.border},
+      {"ego_motion.huber_delta", &o.ego_motion.huber_delta},
+      {"ego_motion.iterations", &o.ego_motion.iterations},
+      {"ego_motion.grid_samples", &o.ego_motion.grid_samples},
+      {"ego_motion.min_samples", &o.ego_motion.min_samples},
+      {"drift.enabled", &o.drift.enabled},
+      {"drift.sigma", &o.drift.sigma},
+      {"drift.cell", &o.drift.cell},
+      {"detection.references", &o.detection.references},
+      {"detection.reference_floor", &o.detection.reference_floor},
+      {"detection.min_coverage", &o.detection.min_coverage},
+      {"detection.min_radial_coverage", &o.detection.min_radial_coverage},
+      {"detection.magnitude_factor", &o.detection.magnitude_factor},
+      {"detection.radial_factor", &o.detection.radial_factor},
+      {"detection.max_omega", &o.detection.max_omega},
+      {"detection.max_psi", &o.detection.max_psi},
+      {"detection.min_radial_area", &o.detection.min_radial_area},
+      {"detection.min_valid_fraction", &o.detection.min_valid_fraction},
+      {"detection.standard_error_factor", &o.detection.standard_error_factor},
+      {"score.factor", &o.score.factor},
+      {"score.maximum", &o.score.maximum},
+      {"export.motion_tolerance_steps", &o.exported.motion_tolerance_steps},
+  };
+}
+
+const std::vector<std::pair<std::string, EgoMotionModel>> kModels = {
+    {"se3", EgoMotionModel::kSe3},
+    {"rigid", EgoMotionModel::kRigid},
+    {"as_printed", EgoMotionModel::kAsPrinted}};
+const std::vector<std::pair<std::string, References>> kReferences = {
+    {"moments", References::kMoments}, {"robust", References::kRobust}};
+
+[[noreturn]] void bad_value(const std::string& name, const std::string& value) {
+  throw InputError("setting " + name + ": cannot be \"" + value + "\"");
+}
+
+template <typename T>
+void parse(const std::string& name, const std::string& text, T& out) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
+  if (error != std::errc() || end != text.data() + text.size()) bad_value(name, text);
+  if (!std::isfinite(static_cast<double>(out))) bad_value(name, text);
+}
+
+void parse(const std::string& name, const std::string& text, bool& out) {
+  if (text != "true" && text != "false") bad_value(name, text);
+  out = text == "true";
+}
+
+template <typename Enum>
+void parse_enum(const std::vector<std::pair<std::string, Enum>>& names, const std::string& name,
+                const std::string& text, Enum& out) {
+  for (const auto& [word, value] : names) {
+    if (word == text) {
+      out = value;
+      return;
+    }
+  }
+  bad_value(name, text);
+}
+void parse(const std::string& n, const std::string& t, EgoMotionModel& out) {
+  parse_enum(kModels, n, t, out);
+}
+void parse(const std::string& n, const std::string& t, References& out) {
+  parse_enum(kReferences, n, t, out);
+}
+
+std::string print(double value) {
+  std::ostringstream out;
+  out.precision(17);
+  out << value;
+  return out.str();
+}
+std::string print(int value) {
+  return std::to_string(value);
+}
+std::string print(bool value) {
+  return value ? "true" : "false";
+}
+std::string print(EgoMotionModel value) {
+  return kModels[static_cast<std::size_t>(value)].first;
+}
+std::string print(References value) {
+  return kReferences[static_cast<std::size_t>(value)].first;
+}
+
+}  // namespace
+
+void set_option(BuilderOptions& options, const std::string& name, const std::string& value) {
+  for (const auto& [field, target] : fields(options)) {
+    if (field != name) continue;
+    std::visit([&](auto* place) { parse(name, value, *place); }, target);
+    return;
+  }
+  throw InputError("setting " + name + ": there is no such setting");
+}
+
+std::string to_text(const BuilderOptions& options) {
+  BuilderOptions copy = options;
+  std::string text;
+  for (const auto& [field, target] : fields(copy)) {
+    text += field + ": " + std::visit([](auto* place) { return print(*place); }, target) + "\n";
+  }
+  return text;
+}
+
+void BuilderOptions::check() const {
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InputError(std::string("setting ") + what);
+  };
+  require(association.max_distance >= 0, "association.max_distance: must not be negative");
+  require(association.max_missed_frames >= 0,
+          "association.max_missed_frames: must not be negative");
+  require(depth.max_depth > 0, "depth.max_depth: must be positive");
+  require(ego_motion.border >= 0, "ego_motion.border: must not be negative");
+  require(ego_motion.huber_delta > 0, "ego_motion.huber_delta: must be positive");
+  require(ego_motion.iterations >= 1 && ego_motion.iterations <= 1000,
+          "ego_motion.iterations: must be 1 to 1000");
+  require(ego_motion.min_samples >= 8, "ego_motion.min_samples: must be 8 or more");
+  require(drift.sigma > 0, "drift.sigma: must be positive");
+  require(drift.cell >= 1 && drift.cell <= 64, "drift.cell: must be 1 to 64");
+  require(detection.reference_floor > 0, "detection.reference_floor: must be positive");
+  require(detection.max_omega >= 1, "detection.max_omega: must be 1 or more");
+  require(detection.max_psi >= 1, "detection.max_psi: must be 1 or more");
+  require(score.factor >= 0, "score.factor: must not be negative");
+  require(score.maximum >= 0 && score.maximum <= 100, "score.maximum: must be 0 to 100");
+  require(exported.motion_tolerance_steps >= 0 && exported.motion_tolerance_steps <= 64,
+          "export.motion_tolerance_steps: must be 0 to 64");
+}
+
+BuilderOptions paper_options() {
+  BuilderOptions options;
+  options.ego_motion.model = EgoMotionModel::kAsPrinted;
+  return options;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <string>
+
+namespace kys_slam {
+
+/// Which static-scene flow is fitted (Eq. 6 and its two alternatives).
+enum class EgoMotionModel {
+  kSe3,        ///< exact finite rigid motion, six parameters
+  kRigid,      ///< instantaneous rigid flow, eight parameters, consistent signs and aspect terms
+  kAsPrinted,  ///< Eq. 6 to the letter
+};
+
+/// How the per-frame references of Eq. 7 are taken over the stuff pixels.
+enum class References {
+  kMoments,  ///< mean, mean, standard deviation (paper)
+  kRobust,   ///< median, median, 1.4826 MAD
+};
+
+/// Every constant of Secs. 3.2-3.3, under the name it has in configs/priors_default.yaml.
+struct BuilderOptions {
+  struct Association {
+    double max_distance = 100;    ///< px between centroids
+    int max_missed_frames = 5;    ///< a track unmatched in more consecutive frames is dropped
+    bool class_agnostic = false;  ///< let a car continue as a truck (literal reading)
+  } association;
+
+  struct Depth {
+    double max_depth = 255;           ///< m, larger depths are set to it
+    double left_right_tolerance = 1;  ///< px, where both disparities exist
+  } depth;
+
+  struct FlowCheck {
+    double tolerance = 1;              ///< px, forward-backward
+    double relative_tolerance = 0.02;  ///< of the flow's length, added to it
+  } flow_check;
+
+  struct EgoMotion {
+    EgoMotionModel model = EgoMotionModel::kSe3;
+    int border = 20;          ///< px left out of the fit on every side
+    double huber_delta = 1;   ///< px
+    int iterations = 5;       ///< re-weighted solutions
+    int grid_samples = 6000;  ///< pixels of a regular grid that are looked at; 0: all
+    int min_samples = 200;    ///< fewer usable pixels: no motion is estimated for the frame
+  } ego_motion;
+
+  struct Drift {
+    double sigma = 60;  ///< px
+    int cell = 8;       ///< px, side of the cells that residuals are averaged in first
+    bool enabled = true;
+  } drift;
+
+  struct Detection {
+    References references = References::kMoments;
+    double reference_floor = 0.1;      ///< px, of m_bg and sigma_par
+    double min_coverage = 0.05;        ///< below: static
+    double min_radial_coverage = 0.3;  ///< below: no radial test
+    double magnitude_factor = 2;
+    double radial_factor = 2;
+    double max_omega = 4;
+    double max_psi = 5;
+    int min_radial_area = 0;           ///< px, smaller segments get no radial test (paper: 0)
+    double min_valid_fraction = 0;     ///< of a segment's pixels with a residual (paper: 0)
+    double standard_error_factor = 0;  ///< adds this many sigma_par / sqrt(area / 100 px) to the
+                                       ///< radial threshold: small means scatter more (paper: 0)
+  } detection;
+
+  struct Score {
+    double factor = 5;  ///< of ln^2(1 + rho)
+    double maximum = 100;
+  } score;
+
+  struct Export {
+    int motion_tolerance_steps = 2;  ///< see MotionCoding
+  } exported;
+
+  /// \throws InputError naming the setting that makes no sense.
+  void check() const;
+};
+
+/// The constants as the paper states them: model `as_printed`.
+BuilderOptions paper_options();
+
+/// Sets one option by its dotted name ("ego_motion.model", "rigid").
+/// \throws InputError for an unknown name or a value it cannot take.
+void set_option(BuilderOptions& options, const std::string& name, const std::string& value);
+
+/// All options, one "name: value" per line in a fixed order.
+std::string to_text(const BuilderOptions& options);
+
+}  // namespace kys_slam

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+/// A segment as a network (or an annotator) gave it.
+struct InputSegment {
+  std::uint32_t input_id = 0;  ///< its number in the input file; 0 for merged stuff
+  std::uint16_t label = 0;     ///< dense index in the label space
+  bool thing = false;
+};
+
+/// A panoptic map in one convention, whatever it was read from: every stuff class is one segment,
+/// every thing segment is one, none is empty, in order of (label, input id).
+struct PanopticMap {
+  ImageOf<std::uint16_t> map;  ///< 0 void, k = segments[k-1]
+  std::vector<InputSegment> segments;
+};
+
+/// Pixels x0 <= x < x1 of one row that belong to one segment.
+struct SegmentRun {
+  std::uint16_t x0 = 0;
+  std::uint16_t x1 = 0;
+  std::uint16_t segment = 0;  ///< 0 void
+};
+
+/// All runs of a map, row by row: those of row y are row_begin[y]..row_begin[y+1].
+struct SegmentRuns {
+  std::vector<SegmentRun> runs;
+  std::vector<std::uint32_t> row_begin;
+};
+
+SegmentRuns find_runs(const ImageOf<std::uint16_t>& map);
+
+/// What association needs of a segment.
+struct SegmentShape {
+  std::uint32_t area = 0;  ///< px
+  double u = 0;            ///< px, centroid
+  double v = 0;            ///< px
+};
+
+/// Area and centroid of every segment, index k-1.
+std::vector<SegmentShape> segment_shapes(const SegmentRuns& runs, std::size_t segment_count);
+
+}  // namespace kys_slam

@@ -1,0 +1,175 @@
+#include "priors/builder/panoptic_input.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "io/image_io.h"
+
+namespace kys_slam {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+fs::path first_png(const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    if (entry.path().extension() == ".png") files.push_back(entry.path());
+  }
+  if (files.empty()) throw InputError(folder.string() + ": has no segmentations (*.png)");
+  return *std::min_element(files.begin(), files.end());
+}
+
+}  // namespace
+
+PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
+                               PanopticEncoding encoding)
+    : folder_(std::move(folder)), labels_(&labels), encoding_(encoding) {
+  while (!folder_.has_filename() && folder_.has_parent_path()) folder_ = folder_.parent_path();
+  if (!fs::is_directory(folder_)) throw InputError(folder_.string() + ": is not a folder");
+  const fs::path beside = folder_.parent_path() / (folder_.filename().string() + ".json");
+  const bool json = fs::exists(beside);
+  if (encoding_ == PanopticEncoding::kAuto) {
+    encoding_ = json                                                ? PanopticEncoding::kCoco
+                : read_image_info(first_png(folder_)).channels >= 3 ? PanopticEncoding::kTwoChannel
+                                                                    : PanopticEncoding::kClassMap;
+  }
+  if (encoding_ == PanopticEncoding::kCoco) {
+    if (!json) throw InputError(beside.string() + ": missing; COCO panoptic needs it");
+    json_ = beside;
+    read_json();
+  }
+}
+
+fs::path PanopticReader::path_of(const std::string& name) const {
+  return folder_ / (name + ".png");
+}
+
+void PanopticReader::read_json() {
+  std::ifstream stream(json_);
+  if (!stream) throw InputError(json_.string() + ": cannot open");
+  try {
+    const Json document = Json::parse(stream);
+    // Categories by name where the file lists them; else the ids are those of the label space.
+    if (document.contains("categories")) {
+      for (const Json& category : document.at("categories")) {
+        const auto name = category.at("name").get<std::string>();
+        const auto& classes = labels_->classes();
+        const auto found = std::find_if(classes.begin(), classes.end(),
+                                        [&](const kys::LabelClass& c) { return c.name == name; });
+        if (found == classes.end()) continue;  // an error only when a segment uses it
+        label_of_category_[category.at("id").get<std::int64_t>()] =
+            static_cast<std::uint16_t>(found - classes.begin());
+      }
+    } else {
+      for (std::size_t i = 0; i < labels_->size(); ++i) {
+        label_of_category_[labels_->classes()[i].id] = static_cast<std::uint16_t>(i);
+      }
+    }
+    for (const Json& annotation : document.at("annotations")) {
+      auto& segments =
+          annotations_[fs::path(annotation.at("file_name").get<std::string>()).stem().string()];
+      for (const Json& s : annotation.at("segments_info")) {
+        segments.emplace_back(s.at("id").get<std::uint32_t>(),
+                              s.at("category_id").get<std::int64_t>());
+      }
+    }
+  } catch (const Json::exception& error) {
+    throw InputError(json_.string() + ": is not a COCO panoptic file: " + error.what());
+  }
+}
+
+std::uint16_t PanopticReader::label_of(std::int64_t category, const std::string& file) const {
+  const auto missing = [&]() -> InputError {
+    return InputError(file + ": category " + std::to_string(category) + " is not in label space " +
+                      labels_->name());
+  };
+  if (encoding_ == PanopticEncoding::kCoco) {
+    const auto found = label_of_category_.find(category);
+    if (found == label_of_category_.end()) throw missing();
+    return found->second;
+  }
+  try {
+    return labels_->index_of(static_cast<std::int32_t>(category));
+  } catch (const std::exception&) {
+    throw missing();
+  }
+}
+
+PanopticMap PanopticReader::read_coco(const std::string& name) const {
+  const fs::path path = path_of(name);
+  const RgbImage rgb = read_rgb(path);
+  const auto annotation = annotations_.find(name);
+  if (annotation == annotations_.end()) {
+    throw InputError(json_.string() + ": has no annotation of " + name + ".png");
+  }
+  std::map<std::uint32_t, std::int64_t> category_of;
+  for (const auto& [id, category] : annotation->second) {
+    const auto [entry, inserted] = category_of.emplace(id, category);
+    if (!inserted && entry->second != category) {
+      throw InputError(json_.string() + ": " + name + ".png: segment " + std::to_string(id) +
+                       " is listed with two categories");
+    }
+  }
+  ImageOf<std::uint32_t> keys(rgb.width(), rgb.height());
+  for (std::size_t i = 0; i < rgb.size(); ++i) {
+    const RgbPixel& p = rgb.data()[i];
+    keys.data()[i] = p[0] + 256u * p[1] + 65536u * p[2];
+  }
+  return make_panoptic_map(keys, [&](std::uint32_t id) {
+    const auto category = category_of.find(id);
+    if (category == category_of.end()) {
+      throw InputError(path.string() + ": segment " + std::to_string(id) + " is not in " +
+                       json_.filename().string());
+    }
+    const std::uint16_t label = label_of(category->second, path.string());
+    const bool thing = labels_->at(label).thing;
+    return InputSegment{thing ? id : 0, label, thing};
+  });
+}
+
+PanopticMap PanopticReader::read_two_channel(const std::string& name) const {
+  const fs::path path = path_of(name);
+  const RgbImage rgb = read_rgb(path);
+  ImageOf<std::uint32_t> keys(rgb.width(), rgb.height());
+  for (std::size_t i = 0; i < rgb.size(); ++i) {
+    const RgbPixel& p = rgb.data()[i];
+    keys.data()[i] = p[0] == 0 ? 0 : p[0] + 256u * p[1];
+  }
+  return make_panoptic_map(keys, [&](std::uint32_t key) {
+    const std::uint16_t label = label_of(key % 256, path.string());
+    const bool thing = labels_->at(label).thing;
+    return InputSegment{thing ? key : 0, label, thing};
+  });
+}
+
+PanopticMap PanopticReader::read_class_map(const std::string& name) const {
+  const fs::path path = path_of(name);
+  const ImageOf<std::uint8_t> classes = read_indexed(path);
+  ImageOf<std::uint32_t> keys(classes.width(), classes.height());
+  for (std::size_t i = 0; i < classes.size(); ++i) {
+    keys.data()[i] = classes.data()[i] == 255 ? 0u : classes.data()[i];
+  }
+  return make_panoptic_map(keys, [&](std::uint32_t key) {
+    // Without instances every class is one segment, and nothing of it moves.
+    return InputSegment{0, label_of(key, path.string()), false};
+  });
+}
+
+PanopticMap PanopticReader::read(const std::string& name, int width, int height) const {
+  PanopticMap map = encoding_ == PanopticEncoding::kCoco         ? read_coco(name)
+                    : encoding_ == PanopticEncoding::kTwoChannel ? read_two_channel(name)
+                                                                 : read_class_map(name);
+  if (map.map.width() != width || map.map.height() != height) {
+    throw InputError(path_of(name).string() + ": is " + std::to_string(map.map.width()) + "x" +
+                     std::to_string(map.map.height()) + ", the sequence has " +
+                     std::to_string(width) + "x" + std::to_string(height));
+  }
+  return map;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,96 @@
+#pragma once
+
+#include <kys/label_space.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "priors/builder/panoptic.h"
+
+namespace kys_slam {
+
+/// How a folder of segmentations is encoded.
+enum class PanopticEncoding {
+  kAuto,        ///< kCoco where a JSON lies beside the folder, else by the first picture
+  kCoco,        ///< DIR/<name>.png with id = R + 256 G + 65536 B, 0 void, and DIR.json
+  kTwoChannel,  ///< R category id of the data set, G instance; category 0 void
+  kClassMap,    ///< 8-bit: category id of the data set, 0 and 255 void; no instances
+};
+
+/// Reads the segmentation of one frame after the other from a folder, into one convention.
+/// Category ids are those of the data set and are looked up in the label space; stuff is merged by
+/// class, thing segments are kept apart.
+class PanopticReader {
+ public:
+  /// Reads the JSON, if there is one. \throws InputError naming file and reason.
+  PanopticReader(std::filesystem::path folder, const kys::LabelSpace& labels,
+                 PanopticEncoding encoding = PanopticEncoding::kAuto);
+
+  /// \throws InputError for a missing or corrupt picture, another size than `width` x `height`, a
+  /// segment or category that is not declared.
+  [[nodiscard]] PanopticMap read(const std::string& name, int width, int height) const;
+
+  [[nodiscard]] std::filesystem::path path_of(const std::string& name) const;
+  [[nodiscard]] PanopticEncoding encoding() const { return encoding_; }
+  /// Of the JSON; empty without one.
+  [[nodiscard]] const std::filesystem::path& json() const { return json_; }
+
+ private:
+  void read_json();
+  [[nodiscard]] std::uint16_t label_of(std::int64_t category, const std::string& file) const;
+  [[nodiscard]] PanopticMap read_coco(const std::string& name) const;
+  [[nodiscard]] PanopticMap read_two_channel(const std::string& name) const;
+  [[nodiscard]] PanopticMap read_class_map(const std::string& name) const;
+
+  std::filesystem::path folder_;
+  std::filesystem::path json_;
+  const kys::LabelSpace* labels_;
+  PanopticEncoding encoding_;
+  std::map<std::int64_t, std::uint16_t> label_of_category_;
+  /// By stem: input id and category id.
+  std::map<std::string, std::vector<std::pair<std::uint32_t, std::int64_t>>> annotations_;
+};
+
+/// Brings per-pixel keys into the convention of PanopticMap. `key` has 0 for void; `segment_of`
+/// gives label and id of a key (and may throw for one it does not know).
+template <typename SegmentOf>
+PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, SegmentOf&& segment_of) {
+  PanopticMap out;
+  out.map = ImageOf<std::uint16_t>(keys.width(), keys.height());
+  std::map<std::uint32_t, InputSegment> found;  // by key
+  std::uint32_t last = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const std::uint32_t key = keys.data()[i];
+    if (key == last) continue;
+    last = key;
+    if (key != 0 && !found.contains(key)) found.emplace(key, segment_of(key));
+  }
+  // In order of (label, input id); stuff has input id 0, so that a class is one segment.
+  std::map<std::pair<std::uint16_t, std::uint32_t>, std::uint16_t> number;
+  for (const auto& [key, s] : found) number[{s.label, s.input_id}] = 0;
+  for (auto& [id, index] : number) {
+    index = static_cast<std::uint16_t>(out.segments.size() + 1);
+    out.segments.push_back({});
+  }
+  std::map<std::uint32_t, std::uint16_t> index_of;
+  for (const auto& [key, s] : found) {
+    const std::uint16_t index = number[{s.label, s.input_id}];
+    out.segments[index - 1u] = s;
+    index_of[key] = index;
+  }
+  last = 0;
+  std::uint16_t index = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const std::uint32_t key = keys.data()[i];
+    if (key != last) index = key == 0 ? std::uint16_t{0} : index_of[key];
+    last = key;
+    out.map.data()[i] = index;
+  }
+  return out;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,117 @@
+#include "mapping/stereo_calibration.h"
+
+#include <array>
+#include <cmath>
+
+#include "mapping/local_bundle.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr double kStep = 0.2;  // px between the offsets that are tried
+
+struct Whole {
+  std::vector<KeyFrameId> poses;
+  std::vector<LandmarkId> landmarks;
+  BundleProblem problem;
+};
+
+Whole whole_map(const Map& map, int min_observers) {
+  Whole whole;
+  whole.problem.camera = map.camera();
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    whole.poses.push_back(id);
+    whole.problem.T_c_w.push_back(keyframe.T_c_w);
+    whole.problem.pose_fixed.push_back(keyframe.parent.valid() ? 0 : 1);
+  });
+  map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
+    if (static_cast<int>(landmark.observations.size()) >= min_observers) {
+      whole.landmarks.push_back(id);
+    }
+  });
+  add_landmarks(map, whole.poses, whole.landmarks, whole.problem);
+  return whole;
+}
+
+void shift_disparities(BundleProblem& problem, double offset) {
+  for (auto& o : problem.observations) o.u_right -= static_cast<float>(offset);
+}
+
+}  // namespace
+
+DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
+                                          const std::atomic<bool>* stop) {
+  BundleProblem problem = whole_map(map, options.min_observers).problem;
+  BundleOptions settle;
+  settle.iterations = 10;
+  settle.refine_iterations = 10;
+  settle.stop = stop;
+  const BundleSummary settled = adjust_bundle(problem, settle);
+
+  // The same observations at every offset, or the costs could not be compared.
+  std::vector<BundleProblem::Observation> inliers;
+  int residuals = 0;
+  for (std::size_t k = 0; k < problem.observations.size(); ++k) {
+    if (settled.outlier[k] != 0) continue;
+    inliers.push_back(problem.observations[k]);
+    residuals += std::isnan(problem.observations[k].u_right) ? 2 : 3;
+  }
+  problem.observations = std::move(inliers);
+  const int unknowns = 6 * static_cast<int>(problem.T_c_w.size()) +
+                       3 * static_cast<int>(problem.points.size());
+  if (settled.stopped || residuals < unknowns + 100) return {};
+
+  BundleOptions exact;
+  exact.iterations = 30;
+  exact.refine_iterations = 0;
+  exact.robust = false;
+  exact.chi2_mono = exact.chi2_stereo = 1e9;
+  exact.function_tolerance = 1e-9;
+  exact.stop = stop;
+  std::array<double, 3> cost{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    BundleProblem shifted = problem;
+    shift_disparities(shifted, kStep * (static_cast<double>(k) - 1));
+    const BundleSummary summary = adjust_bundle(shifted, exact);
+    if (summary.stopped) return {};
+    cost[k] = summary.final_cost;
+  }
+  const double curvature = (cost[0] - 2 * cost[1] + cost[2]) / (kStep * kStep);
+  if (!(curvature > 0)) return {};
+  const double variance = 2 * cost[1] / (residuals - unknowns);  // of a unit residual
+  DisparityOffset result;
+  result.offset = (cost[0] - cost[2]) / (2 * kStep) / curvature;
+  result.sigma = std::sqrt(variance / curvature);
+  return result;
+}
+
+bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
+  if (!options_.enabled || looks_ >= 2) return false;
+  const int wanted = options_.keyframes << looks_;
+  if (static_cast<int>(map.keyframes().size()) < wanted) return false;
+  ++looks_;
+  const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
+  const double total = map.disparity_offset() + found.offset;
+  const bool significant =
+      found.sigma > 0 && std::abs(found.offset) > options_.significance * found.sigma;
+  if (!significant || std::abs(total) > options_.max_correction) return false;
+
+  map.set_disparity_offset(static_cast<float>(total));
+  Whole whole = whole_map(map, 2);
+  BundleOptions settle;
+  settle.iterations = 10;
+  settle.refine_iterations = 10;
+  settle.stop = stop;
+  adjust_bundle(whole.problem, settle);
+  for (std::size_t k = 0; k < whole.poses.size(); ++k) {
+    if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
+  }
+  for (std::size_t k = 0; k < whole.landmarks.size(); ++k) {
+    map.set_position(whole.landmarks[k], whole.problem.points[k]);
+  }
+  for (const LandmarkId id : map.landmarks().ids()) map.refresh_geometry(id);
+  return true;
+}
+
+}  // namespace kys_slam

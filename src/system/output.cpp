@@ -1,0 +1,222 @@
+#include "system/output.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "evaluation/evaluation.h"
+#include "io/trajectory_file.h"
+#include "map/map.h"
+#include "util/atomic_file.h"
+#include "util/process_figures.h"
+
+namespace kys_slam {
+
+namespace {
+
+struct Stage {
+  const char* name;
+  double StageTimes::*value;
+};
+constexpr std::array<Stage, 10> kStages{{{"total", &StageTimes::total},
+                                         {"extract", &StageTimes::extract},
+                                         {"priors", &StageTimes::priors},
+                                         {"stereo", &StageTimes::stereo},
+                                         {"track", &StageTimes::track},
+                                         {"predict", &StageTimes::predict},
+                                         {"local_map", &StageTimes::local_map},
+                                         {"local_mapping", &StageTimes::local_mapping},
+                                         {"local_bundle", &StageTimes::local_bundle},
+                                         {"loop", &StageTimes::loop}}};
+
+struct Spread {
+  double median = 0;
+  double p95 = 0;
+  double mean = 0;
+};
+
+/// Of the back end's stages only frames that became keyframes count.
+Spread spread(const std::vector<FrameReport>& reports, const Stage& stage) {
+  const bool back_end = stage.value == &StageTimes::local_mapping ||
+                        stage.value == &StageTimes::local_bundle ||
+                        stage.value == &StageTimes::loop;
+  std::vector<double> values;
+  for (const FrameReport& report : reports) {
+    if (!back_end || report.keyframe) values.push_back(report.times.*stage.value);
+  }
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  Spread s;
+  s.median = values[values.size() / 2];
+  s.p95 = values[std::min(values.size() - 1, values.size() * 95 / 100)];
+  for (const double v : values) s.mean += v / static_cast<double>(values.size());
+  return s;
+}
+
+std::vector<TimedPose> connected_poses(const System& system) {
+  std::vector<TimedPose> poses;
+  for (const FrameEstimate& estimate : system.trajectory()) {
+    if (estimate.connected) poses.push_back({estimate.timestamp, estimate.T_w_c});
+  }
+  return poses;
+}
+
+/// One row per frame; a frame without a pose repeats the one before (frames.csv tells which).
+std::vector<Rigid3> all_poses(const System& system) {
+  std::vector<Rigid3> poses;
+  for (const FrameEstimate& estimate : system.trajectory()) {
+    if (estimate.connected) {
+      poses.push_back(estimate.T_w_c);
+    } else {
+      poses.push_back(poses.empty() ? Rigid3() : poses.back());
+    }
+  }
+  return poses;
+}
+
+std::string frames_csv(const System& system) {
+  constexpr std::array<const char*, kys::kTierCount> kTiers{
+      "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
+  std::string text =
+      "index,name,timestamp,status,reason,keyframe,keypoints,stereo_matches,matches,inliers,"
+      "prior_coverage,masked";
+  for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
+  for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
+  text += ",resident_mb\n";
+  for (const FrameReport& r : system.reports()) {
+    text += fmt::format("{},{},{:.9f},{},\"{}\",{},{},{},{},{},{:.4f},{}", r.index, r.name,
+                        r.timestamp, to_string(r.status), r.reason, r.keyframe ? 1 : 0, r.keypoints,
+                        r.stereo_matches, r.matches, r.inliers, r.prior_coverage, r.masked);
+    for (std::size_t t = 0; t < kys::kTierCount; ++t) {
+      text += fmt::format(",{},{}", r.statistics.pairs[t], r.statistics.accepted[t]);
+    }
+    for (const Stage& stage : kStages) text += fmt::format(",{:.3f}", r.times.*stage.value);
+    text += fmt::format(",{:.1f}\n", r.resident_mb);
+  }
+  return text;
+}
+
+std::string map_ply(const Map& map) {
+  std::string text = fmt::format(
+      "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
+      "property float x\nproperty float y\nproperty float z\nend_header\n",
+      map.landmarks().size());
+  map.landmarks().for_each([&](LandmarkId, const Landmark& l) {
+    text += fmt::format("{:.4f} {:.4f} {:.4f}\n", l.p_w.x(), l.p_w.y(), l.p_w.z());
+  });
+  return text;
+}
+
+/// Errors against the ground truth; nothing when too little of it belongs to frames with a pose.
+std::optional<Evaluation> accuracy(const System& system, const RunInfo& info) {
+  if (info.ground_truth.empty()) return std::nullopt;
+  const Evaluation evaluation = evaluate(info.ground_truth, connected_poses(system));
+  if (evaluation.pairs < 3) return std::nullopt;
+  return evaluation;
+}
+
+struct Counts {
+  std::int64_t frames = 0;
+  std::int64_t tracked = 0;
+  std::int64_t keyframes_made = 0;
+};
+
+Counts count(const System& system) {
+  Counts c;
+  for (const FrameReport& report : system.reports()) {
+    ++c.frames;
+    c.tracked += report.status != FrameStatus::kLost ? 1 : 0;
+    c.keyframes_made += report.keyframe ? 1 : 0;
+  }
+  return c;
+}
+
+nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info) {
+  nlohmann::ordered_json json;
+  const Counts counts = count(system);
+  json["sequence"] = info.sequence;
+  json["mode"] = info.mode;
+  json["schedule"] = to_string(schedule);
+  json["complete"] = info.complete;
+  if (!info.complete) json["end_reason"] = info.end_reason;
+  json["frames"] = counts.frames;
+  json["frames_tracked"] = counts.tracked;
+  json["keyframes"] = system.map().keyframes().size();
+  json["keyframes_made"] = counts.keyframes_made;
+  json["landmarks"] = system.map().landmarks().size();
+  json["loops_closed"] = 0;
+  json["submaps"] = system.map().keyframes().empty() ? 0 : 1;
+  json["path_length_m"] = path_length(connected_poses(system));
+  json["missing_priors"] = info.missing_priors;
+  if (const auto a = accuracy(system, info)) {
+    json["ate_se3_rmse_m"] = a->ate.rmse;
+    json["ate_se3_max_m"] = a->ate.max;
+    json["rpe_translation_rmse_m"] = a->rpe_translation.rmse;
+    json["rpe_rotation_rmse_deg"] = a->rpe_rotation.rmse;
+  }
+  kys::Statistics statistics;
+  for (const FrameReport& report : system.reports()) statistics += report.statistics;
+  json["descriptor_pairs"] = statistics.total();
+  for (const Stage& stage : kStages) {
+    const Spread s = spread(system.reports(), stage);
+    json["timing_ms"][stage.name] = {{"median", s.median}, {"p95", s.p95}, {"mean", s.mean}};
+  }
+  const double frames = std::max<double>(1, static_cast<double>(counts.frames));
+  json["process"] = {{"start_up_s", info.start_up_s},
+                     {"wall_s", info.wall_s},
+                     {"cpu_ms_per_frame", 1000 * info.cpu_s / frames}};
+  json["peak_memory_mb"] = process_figures().peak_resident_mb;
+  json["versions"] = {{"kys_slam", KYS_SLAM_VERSION}, {"compiler", __VERSION__}};
+  return json;
+}
+
+}  // namespace
+
+void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
+               Schedule schedule, const RunInfo& info) {
+  make_output_folder(folder);
+  write_tum_poses(folder / "trajectory.tum", connected_poses(system));
+  write_kitti_poses(folder / "trajectory.kitti", all_poses(system));
+  write_tum_poses(folder / "keyframes.tum", system.keyframes());
+  if (!info.ground_truth.empty()) {
+    write_tum_poses(folder / "ground_truth.tum", info.ground_truth);
+  }
+  write_file_atomic(folder / "frames.csv", frames_csv(system));
+  write_file_atomic(folder / "config.yaml", settings.to_yaml());
+  write_file_atomic(folder / "map.ply", map_ply(system.map()));
+  write_file_atomic(folder / "summary.json", summary(system, schedule, info).dump(2) + "\n");
+}
+
+std::string describe_run(const System& system, const RunInfo& info) {
+  const Counts counts = count(system);
+  std::string text;
+  const auto row = [&](const char* name, const std::string& value) {
+    text += fmt::format("  {:<28} {}\n", name, value);
+  };
+  row("frames tracked", fmt::format("{} of {}", counts.tracked, counts.frames));
+  row("keyframes, landmarks", fmt::format("{}, {}", system.map().keyframes().size(),
+                                          system.map().landmarks().size()));
+  row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
+  if (const auto a = accuracy(system, info)) {
+    row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a->ate.rmse));
+    row("RPE per frame, rmse", fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse,
+                                           a->rpe_rotation.rmse));
+  }
+  for (const Stage& stage : kStages) {
+    const Spread s = spread(system.reports(), stage);
+    if (s.mean <= 0) continue;
+    row(fmt::format("{} [ms]", stage.name).c_str(),
+        fmt::format("median {:6.2f}   p95 {:6.2f}   mean {:6.2f}", s.median, s.p95, s.mean));
+  }
+  const double frames = std::max<double>(1, static_cast<double>(counts.frames));
+  row("processor time per frame", fmt::format("{:.1f} ms", 1000 * info.cpu_s / frames));
+  row("start-up", fmt::format("{:.3f} s", info.start_up_s));
+  row("peak memory", fmt::format("{:.0f} MB", process_figures().peak_resident_mb));
+  return text;
+}
+
+}  // namespace kys_slam

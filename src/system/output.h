@@ -1,0 +1,36 @@
+#pragma once
+
+#include <kys_slam/settings.h>
+#include <kys_slam/system.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace kys_slam {
+
+/// What a run's folder says beside the trajectory.
+struct RunInfo {
+  std::string sequence;
+  std::string mode;
+  std::vector<TimedPose> ground_truth;   ///< left camera; empty: none
+  double start_up_s = 0;                 ///< from the program's start to the first frame
+  double wall_s = 0;                     ///< from the first frame to the end of the back end
+  double cpu_s = 0;                      ///< processor time in between
+  bool complete = true;                  ///< false: interrupted, or stopped by bad input
+  std::string end_reason;                ///< why, when it is not complete
+  std::int64_t missing_priors = 0;       ///< frames without a prior file
+};
+
+/// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
+/// ground_truth.tum (when there is any), frames.csv, summary.json, config.yaml, map.ply. All but
+/// summary.json's `timing_ms`, `process`, `peak_memory_mb` and frames.csv's columns `ms_*` and
+/// `resident_mb` depend on input and settings alone.
+/// \throws InputError when the folder cannot be written.
+void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
+               Schedule schedule, const RunInfo& info);
+
+/// The table a run ends with: frames, accuracy, time per stage, memory.
+std::string describe_run(const System& system, const RunInfo& info);
+
+}  // namespace kys_slam

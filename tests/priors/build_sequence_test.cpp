@@ -1,0 +1,159 @@
+#include "priors/builder/build_sequence.h"
+
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "io/image_io.h"
+#include "priors/format/prior_format.h"
+#include "synthetic_scene.h"
+
+namespace kys_slam {
+namespace {
+
+namespace fs = std::filesystem;
+using synthetic::Box;
+
+void put_float(std::ofstream& out, float value) {
+  out.write(reinterpret_cast<const char*>(&value), 4);
+}
+
+/// Perception of five frames on disk: COCO panoptic, .flo, .pfm. A crossing car and a parked one.
+class BuildSequenceTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    root_ = fs::temp_directory_path() / "kys_build_sequence_test";
+    fs::remove_all(root_);
+    for (const char* folder : {"pan", "flow", "disp"}) fs::create_directories(root_ / folder);
+    sequence_.camera = synthetic::kitti_camera(310, 94);
+    std::string annotations;
+    for (int t = 0; t < 5; ++t) {
+      const std::string name = "00000" + std::to_string(t);
+      sequence_.names.push_back(name);
+      write_frame(name, t);
+      annotations += (t > 0 ? "," : "") + std::string(R"({"file_name":")") + name +
+                     R"(.png","segments_info":[{"id":1,"category_id":149},)" +
+                     R"({"id":2,"category_id":197},{"id":300,"category_id":3},)" +
+                     R"({"id":70000,"category_id":3}]})";
+    }
+    std::ofstream(root_ / "pan.json") << R"({"annotations":[)" << annotations << "]}";
+    sequence_.read = [](std::size_t) { return std::pair<GrayImage, GrayImage>(); };
+    inputs_.panoptic = {root_ / "pan", root_ / "pan"};
+    inputs_.disparity = (root_ / "disp").string();
+    inputs_.flow = {(root_ / "flow").string(), ""};
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  void write_frame(const std::string& name, int t) {
+    const StereoCamera& k = sequence_.camera;
+    const CameraPerception p =
+        synthetic::street(k, synthetic::motion(0, 0.003, 0, 0, 0, -0.8),
+                          {Box{60 + 8 * t, 50, 100 + 8 * t, 75, 12, {0.8, 0, 0}},
+                           Box{200, 48, 240, 72, 15, {0, 0, 0}}});
+    const std::uint32_t ids[] = {0, 1, 2, 300, 70000};
+    RgbImage rgb(k.width, k.height);
+    for (std::size_t i = 0; i < rgb.size(); ++i) {
+      const std::uint32_t id = ids[p.panoptic.map.data()[i]];
+      rgb.data()[i] = {static_cast<std::uint8_t>(id), static_cast<std::uint8_t>(id >> 8),
+                       static_cast<std::uint8_t>(id >> 16)};
+    }
+    write_png(root_ / "pan" / (name + ".png"), rgb);
+    std::ofstream flo(root_ / "flow" / (name + ".flo"), std::ios::binary);
+    put_float(flo, 202021.25F);
+    const std::int32_t size[] = {k.width, k.height};
+    flo.write(reinterpret_cast<const char*>(size), 8);
+    std::ofstream pfm(root_ / "disp" / (name + ".pfm"), std::ios::binary);
+    pfm << "Pf\n" << k.width << " " << k.height << "\n-1.0\n";
+    for (int y = 0; y < k.height; ++y) {
+      for (int x = 0; x < k.width; ++x) {
+        put_float(flo, p.flow->u.at(x, y));
+        put_float(flo, p.flow->v.at(x, y));
+        put_float(pfm, static_cast<float>(k.bf()) * p.inverse_depth.at(x, k.height - 1 - y));
+      }
+    }
+  }
+
+  BuildSummary build(const std::string& output, int jobs) {
+    BuildSettings settings;
+    settings.output = root_ / output;
+    settings.jobs = jobs;
+    return build_sequence_priors(sequence_, labels_, inputs_, settings);
+  }
+
+  [[nodiscard]] std::string bytes(const fs::path& path) const {
+    std::ifstream stream(root_ / path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+  }
+
+  fs::path root_;
+  BuildSequence sequence_;
+  BuildInputs inputs_;
+  kys::LabelSpace labels_ = kys::load_label_space("coco_panoptic_133");
+};
+
+TEST_F(BuildSequenceTest, FindsTheMoverKeepsIdentitiesAndResumes) {
+  const BuildSummary summary = build("a", 1);
+  EXPECT_EQ(summary.built, 5u);
+  EXPECT_EQ(summary.tracks[0], 2);
+  EXPECT_EQ(summary.frames_without_motion, 1u);  // the last one
+  std::int32_t mover = -1;
+  for (const std::string& name : sequence_.names) {
+    const PriorFile file = PriorFile::open(root_ / "a" / (name + ".kysp"));
+    ASSERT_EQ(file.camera_count(), 2u);
+    const auto& segments = file.segments(CameraSide::kLeft);
+    ASSERT_EQ(segments.size(), 4u);
+    // In order of label: car (two), then road and building.
+    EXPECT_EQ(segments[0].label, labels_.index_of("car"));
+    const bool last = name == sequence_.names.back();
+    EXPECT_EQ((segments[0].flags & prior_format::kDynamic) != 0, !last) << name;
+    EXPECT_EQ(segments[1].flags & prior_format::kDynamic, 0) << name;
+    if (mover >= 0) {
+      EXPECT_EQ(segments[0].instance, mover);
+    }
+    mover = segments[0].instance;
+    EXPECT_GE(file.segments(CameraSide::kRight)[0].instance, prior_format::kRightInstances);
+  }
+  EXPECT_EQ(build("a", 1).kept, 5u);
+  write_frame("000002", 2);  // newer input: that frame again
+  fs::last_write_time(root_ / "flow" / "000002.flo",
+                      fs::file_time_type::clock::now() + std::chrono::seconds(5));
+  const BuildSummary again = build("a", 1);
+  EXPECT_GE(again.built, 1u);
+  EXPECT_LE(again.built, 2u);
+}
+
+TEST_F(BuildSequenceTest, BytesDoNotDependOnTheNumberOfThreads) {
+  build("one", 1);
+  build("three", 3);
+  for (const std::string& name : sequence_.names) {
+    EXPECT_EQ(bytes("one/" + name + ".kysp"), bytes("three/" + name + ".kysp"));
+  }
+  EXPECT_EQ(bytes("one/segments.csv"), bytes("three/segments.csv"));
+  EXPECT_EQ(bytes("one/background.csv"), bytes("three/background.csv"));
+}
+
+TEST_F(BuildSequenceTest, BadInputsAreNamed) {
+  const auto message = [&] {
+    try {
+      build("bad", 2);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  fs::resize_file(root_ / "flow" / "000001.flo", 1000);
+  EXPECT_NE(message().find("000001.flo: is truncated"), std::string::npos) << message();
+  fs::resize_file(root_ / "disp" / "000000.pfm", 500);
+  EXPECT_NE(message().find("000000.pfm: is truncated"), std::string::npos) << message();
+  std::ofstream(root_ / "pan.json") << R"({"annotations":[{"file_name":"000000.png",)"
+                                    << R"("segments_info":[{"id":1,"category_id":149}]}]})";
+  EXPECT_NE(message().find("000000.png: segment"), std::string::npos) << message();
+  std::ofstream(root_ / "pan.json") << "{";
+  EXPECT_NE(message().find("pan.json: is not a COCO panoptic file"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,379 @@
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <random>
+
+#include "priors/builder/drift.h"
+#include "priors/builder/fuse.h"
+#include "priors/format/prior_format.h"
+#include "synthetic_scene.h"
+
+namespace kys_slam {
+namespace {
+
+using synthetic::Box;
+using synthetic::kitti_camera;
+using synthetic::motion;
+using synthetic::street;
+
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+
+/// Mean distance (px) of the fitted static flow from the observed one, over stuff.
+double static_error(const BuilderOptions& options, const StereoCamera& camera,
+                    const CameraPerception& p, double* p95 = nullptr) {
+  std::vector<std::uint8_t> stuff(p.panoptic.segments.size() + 1, 0);
+  for (std::size_t k = 0; k < p.panoptic.segments.size(); ++k) {
+    stuff[k + 1] = !p.panoptic.segments[k].thing;
+  }
+  const auto fit =
+      fit_ego_motion(options.ego_motion, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  if (!fit) return 1e9;
+  std::vector<double> errors;
+  std::vector<float> u(static_cast<std::size_t>(camera.width)), v(u.size());
+  for (int y = 0; y < camera.height; y += 3) {
+    fit->predict_row(y, p.inverse_depth.row(y), u.data(), v.data());
+    for (int x = 0; x < camera.width; x += 3) {
+      if (!stuff[p.panoptic.map.at(x, y)] || !std::isfinite(p.flow->u.at(x, y))) continue;
+      errors.push_back(std::hypot(u[static_cast<std::size_t>(x)] - p.flow->u.at(x, y),
+                                  v[static_cast<std::size_t>(x)] - p.flow->v.at(x, y)));
+    }
+  }
+  std::sort(errors.begin(), errors.end());
+  if (p95 != nullptr) *p95 = errors[errors.size() * 95 / 100];
+  double sum = 0;
+  for (const double e : errors) sum += e;
+  return sum / static_cast<double>(errors.size());
+}
+
+/// The instantaneous flow of the Longuet-Higgins model in px, from a small twist.
+void make_instantaneous(const StereoCamera& k, const Eigen::Vector3d& w, const Eigen::Vector3d& t,
+                        CameraPerception& p) {
+  for (int v = 0; v < k.height; ++v) {
+    for (int u = 0; u < k.width; ++u) {
+      const double rho = p.inverse_depth.at(u, v);
+      // Centred principal point, as Eq. 6 assumes.
+      const double x = (u - 0.5 * k.width) / k.fx, y = (v - 0.5 * k.height) / k.fy;
+      const Eigen::Vector3d ray(x, y, 1);
+      const Eigen::Vector3d velocity = w.cross(ray) + rho * t;
+      p.flow->u.at(u, v) = static_cast<float>(k.fx * (velocity.x() - x * velocity.z()));
+      p.flow->v.at(u, v) = static_cast<float>(k.fy * (velocity.y() - y * velocity.z()));
+    }
+  }
+}
+
+BuilderOptions with_model(EgoMotionModel model) {
+  BuilderOptions options;
+  options.ego_motion.model = model;
+  return options;
+}
+
+TEST(EgoMotion, RigidSpansInstantaneousFlowAndThePrintedFormDoesNot) {
+  const StereoCamera camera = kitti_camera();
+  CameraPerception p = street(camera, {}, {});
+  const auto rigid = with_model(EgoMotionModel::kRigid);
+  const auto printed = with_model(EgoMotionModel::kAsPrinted);
+  make_instantaneous(camera, {0.002, 0.01, 0.005}, {0.05, 0.02, -0.9}, p);
+  EXPECT_LT(static_error(rigid, camera, p), 1e-3);
+  make_instantaneous(camera, {0.01, 0, 0}, {0, 0, -0.9}, p);  // pitch: 0.20 px in method notes
+  EXPECT_LT(static_error(rigid, camera, p), 1e-3);
+  EXPECT_NEAR(static_error(printed, camera, p), 0.2, 0.15);
+  make_instantaneous(camera, {0, 0, 0.01}, {0, 0, -0.9}, p);  // roll: 3.2 px in method notes
+  EXPECT_LT(static_error(rigid, camera, p), 1e-3);
+  EXPECT_NEAR(static_error(printed, camera, p), 3.2, 1.0);
+  // Without roll and pitch the printed form is as good.
+  make_instantaneous(camera, {0, 0.01, 0}, {0.1, 0, -0.9}, p);
+  EXPECT_LT(static_error(printed, camera, p), 1e-3);
+}
+
+TEST(EgoMotion, Se3IsExactOnFiniteMotionAndLinearModelsAreNot) {
+  const StereoCamera camera = kitti_camera();
+  const Rigid3 T = motion(0.004, 0.02, 0.003, 0.03, -0.02, -1.0);
+  const CameraPerception p = street(camera, T, {});
+  EXPECT_LT(static_error(with_model(EgoMotionModel::kSe3), camera, p), 2e-3);
+  double p95 = 0;
+  const double linear = static_error(with_model(EgoMotionModel::kRigid), camera, p, &p95);
+  EXPECT_GT(linear, 0.2);
+  EXPECT_LT(linear, 1.5);
+  EXPECT_GT(p95, 0.8);
+}
+
+TEST(EgoMotion, Se3FindsTheMotionUnderOutliersAndNoise) {
+  const StereoCamera camera = kitti_camera(620, 188);
+  const Rigid3 T = motion(0.004, 0.02, 0.003, 0.03, -0.02, -1.0);
+  CameraPerception p = street(camera, T, {});
+  std::mt19937 random(1);
+  std::normal_distribution<float> noise(0, 0.3F);
+  for (int y = 0; y < camera.height; ++y) {
+    for (int x = 0; x < camera.width; ++x) {
+      p.flow->u.at(x, y) += noise(random) + (random() % 10 == 0 ? 25.0F : 0.0F);
+      p.flow->v.at(x, y) += noise(random);
+      if (random() % 20 == 0) p.inverse_depth.at(x, y) = kNone;
+      if (random() % 20 == 0) p.flow->u.at(x, y) = p.flow->v.at(x, y) = kNone;
+    }
+  }
+  const std::vector<std::uint8_t> stuff = {0, 1, 1};
+  const auto fit = fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  ASSERT_TRUE(fit.has_value());
+  EXPECT_LT(minus(fit->T_next_now, T).head<3>().norm(), 1e-3);
+  EXPECT_LT((fit->T_next_now.t() - T.t()).norm(), 0.02);
+}
+
+TEST(EgoMotion, TheSubsampleMovesTheFieldByLessThanTheAllowedTwoHundredths) {
+  const StereoCamera camera = kitti_camera();
+  CameraPerception p = street(camera, motion(0.001, 0.01, 0.001, 0, 0, -0.8), {});
+  std::mt19937 random(1);
+  std::normal_distribution<float> noise(0, 0.3F);
+  for (std::size_t i = 0; i < p.flow->u.size(); ++i) {
+    p.flow->u.data()[i] += noise(random);
+    p.flow->v.data()[i] += noise(random);
+  }
+  const std::vector<std::uint8_t> stuff = {0, 1, 1};
+  BuilderOptions::EgoMotion all;
+  all.grid_samples = 0;
+  const auto a = fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  const auto b = fit_ego_motion(all, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  ASSERT_TRUE(a && b);
+  std::vector<float> ua(1241), va(1241), ub(1241), vb(1241);
+  double sum = 0;
+  int count = 0;
+  for (int y = 0; y < camera.height; y += 5, ++count) {
+    a->predict_row(y, p.inverse_depth.row(y), ua.data(), va.data());
+    b->predict_row(y, p.inverse_depth.row(y), ub.data(), vb.data());
+    double row = 0;
+    for (std::size_t x = 0; x < 1241; ++x) row += std::hypot(ua[x] - ub[x], va[x] - vb[x]);
+    sum += row / 1241;
+  }
+  EXPECT_LT(sum / count, 0.02);
+}
+
+TEST(EgoMotion, TooFewPixelsGiveNoMotion) {
+  const StereoCamera camera = kitti_camera(310, 94);
+  CameraPerception p = street(camera, motion(0, 0, 0, 0, 0, -1), {});
+  const std::vector<std::uint8_t> nothing = {0, 0, 0};
+  EXPECT_FALSE(
+      fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, nothing).has_value());
+  for (std::size_t i = 0; i < p.flow->u.size(); ++i) p.flow->u.data()[i] = kNone;
+  p.panoptic.segments[0].thing = false;
+  const CameraFusion fusion = fuse_camera({}, camera, p);
+  EXPECT_FALSE(fusion.ego_motion.has_value());
+  EXPECT_GT(fusion.priors.segments[0].scale, 0.0F);
+}
+
+/// The drift field at full size, straight from its definition.
+double exact_drift(const ImageOf<float>& r, double sigma, int u, int v) {
+  double sum = 0, weight = 0;
+  const auto reflect = [](int i, int n) {
+    i = ((i % (2 * n)) + 2 * n) % (2 * n);
+    return i < n ? i : 2 * n - 1 - i;
+  };
+  const int radius = static_cast<int>(4 * sigma);
+  for (int dy = -radius; dy <= radius; ++dy) {
+    for (int dx = -radius; dx <= radius; ++dx) {
+      const float value = r.at(reflect(u + dx, r.width()), reflect(v + dy, r.height()));
+      if (!std::isfinite(value)) continue;
+      const double w = std::exp(-0.5 * (dx * dx + dy * dy) / (sigma * sigma));
+      sum += w * value;
+      weight += w;
+    }
+  }
+  return sum / weight;
+}
+
+TEST(Drift, AgreesWithTheFullSizeGaussian) {
+  const int width = 317, height = 150;  // not multiples of the cell
+  ImageOf<float> r(width, height), zero(width, height);
+  std::mt19937 random(3);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const bool hole = (x > 100 && x < 180 && y > 40 && y < 110) || random() % 7 == 0;
+      r.at(x, y) =
+          hole ? kNone
+               : static_cast<float>(std::sin(0.02 * x) + 0.01 * y + 0.5 * (random() % 1000) * 1e-3);
+    }
+  }
+  BuilderOptions::Drift options;
+  DriftField drift(options, width, height);
+  for (int y = 0; y < height; ++y) drift.add(y, 0, width, r.row(y), r.row(y));
+  drift.smooth();
+  std::vector<float> u(width), v(width), c(width);
+  double worst = 0;
+  for (int y : {0, 37, 75, 149}) {
+    drift.row(y, u.data(), v.data(), c.data());
+    for (int x : {0, 3, 140, 200, 316}) {
+      worst = std::max(
+          worst, std::abs(exact_drift(r, options.sigma, x, y) - u[static_cast<std::size_t>(x)]));
+    }
+  }
+  EXPECT_LT(worst, 0.02);  // of a field with values up to 2.5 px
+  RecordProperty("worst_px", std::to_string(worst));
+}
+
+TEST(Drift, CoverageIsOneOverFullStuff) {
+  BuilderOptions::Drift options;
+  DriftField drift(options, 100, 60);
+  std::vector<float> ones(100, 1.0F), u(100), v(100), c(100);
+  for (int y = 0; y < 60; ++y) drift.add(y, 0, 100, ones.data(), ones.data());
+  drift.smooth();
+  drift.row(59, u.data(), v.data(), c.data());
+  for (std::size_t x = 0; x < 100; ++x) {
+    EXPECT_NEAR(c[x], 1.0F, 1e-4);
+    EXPECT_NEAR(u[x], 1.0F, 1e-4);
+  }
+}
+
+TEST(Detection, FormulasByHand) {
+  const BuilderOptions o;
+  EXPECT_DOUBLE_EQ(coverage_scale(o.detection, 0.15), 4.0);
+  EXPECT_DOUBLE_EQ(coverage_scale(o.detection, 0.3), 2.5);
+  EXPECT_DOUBLE_EQ(coverage_scale(o.detection, 0.95), 1.0);
+  BackgroundReferences bg;
+  bg.m_bg = 0.5;
+  bg.mu_par = 0.2;
+  bg.sigma_par = 0.4;
+  EXPECT_DOUBLE_EQ(rotation_guard(o.detection, bg), 1.0);
+  bg.mu_par = -0.6;
+  EXPECT_DOUBLE_EQ(rotation_guard(o.detection, bg), 3.0);
+  bg.mu_par = 4;
+  EXPECT_DOUBLE_EQ(rotation_guard(o.detection, bg), 5.0);
+  EXPECT_DOUBLE_EQ(residual_ratio(60, 0.5), 100.0);
+  EXPECT_DOUBLE_EQ(residual_ratio(2, 0.5), 4.0);
+  // 5 ln^2(5) = 12.9513...; rho = 100 saturates: 5 ln^2(101) = 106.5 -> 100.
+  EXPECT_NEAR(motion_score(o.score, 4), 12.95145, 1e-5);
+  EXPECT_DOUBLE_EQ(motion_score(o.score, 100), 100.0);
+  EXPECT_DOUBLE_EQ(motion_score(o.score, 0), 0.0);
+}
+
+TEST(Detection, RulesOfEquation7) {
+  const BuilderOptions o;
+  BackgroundReferences bg;
+  bg.m_bg = 0.5;
+  bg.mu_par = 0.1;
+  bg.sigma_par = 0.4;
+  SegmentStatistics s;
+  s.area = s.flow_count = 1000;
+  s.coverage = 0.9;  // omega = 1
+  s.residual = 0.99;
+  s.radial = 0.1;
+  EXPECT_FALSE(decide(o, s, bg).dynamic);
+  s.residual = 1.01;  // over 2 m_bg
+  EXPECT_TRUE(decide(o, s, bg).dynamic);
+  EXPECT_FALSE(decide(o, s, bg).radial_only);
+  s.coverage = 0.3;  // omega = 2.5
+  EXPECT_FALSE(decide(o, s, bg).dynamic);
+  s.residual = 0.9;
+  s.coverage = 0.9;
+  s.radial = 0.1 + 0.81;  // over 2 sigma
+  EXPECT_TRUE(decide(o, s, bg).radial_only);
+  s.coverage = 0.29;  // no radial test
+  EXPECT_FALSE(decide(o, s, bg).dynamic);
+  s.residual = 50;
+  s.coverage = 0.049;  // no context: static
+  EXPECT_FALSE(decide(o, s, bg).dynamic);
+}
+
+TEST(Scale, IsAreaTimesSquaredDepth) {
+  SegmentStatistics s;
+  s.area = 200;
+  EXPECT_EQ(depth_compensated_scale(s), 0.0F);
+  s.depth_count = 50;
+  s.mean_depth = 10;
+  EXPECT_FLOAT_EQ(depth_compensated_scale(s), 20000.0F);
+}
+
+TEST(Depth, InverseDepthCapsAndRefuses) {
+  ImageOf<float> d(4, 1);
+  d.at(0, 0) = 10;
+  d.at(1, 0) = 1e-3F;
+  d.at(2, 0) = 0;
+  d.at(3, 0) = kNone;
+  const ImageOf<float> rho = inverse_depth(d, 386.0, 255.0);
+  EXPECT_FLOAT_EQ(rho.at(0, 0), 10.0F / 386.0F);
+  EXPECT_FLOAT_EQ(rho.at(1, 0), 1.0F / 255.0F);
+  EXPECT_TRUE(std::isnan(rho.at(2, 0)));
+  EXPECT_TRUE(std::isnan(rho.at(3, 0)));
+}
+
+TEST(Depth, NearestSurfaceWinsInTheRightView) {
+  ImageOf<float> left(10, 1, kNone);
+  left.at(5, 0) = 2;  // to 3
+  left.at(8, 0) = 5;  // to 3, nearer
+  left.at(9, 0) = 2;  // to 7
+  left.at(1, 0) = 4;  // outside
+  const ImageOf<float> right = warp_disparity_to_right(left);
+  EXPECT_EQ(right.at(3, 0), 5.0F);
+  EXPECT_EQ(right.at(7, 0), 2.0F);
+  EXPECT_TRUE(std::isnan(right.at(0, 0)));
+  ImageOf<float> checked = left;
+  check_left_right(checked, right, -1, 1.0);
+  EXPECT_TRUE(std::isnan(checked.at(5, 0)));  // hidden in the right view
+  EXPECT_EQ(checked.at(8, 0), 5.0F);
+}
+
+TEST(FlowCheck, KeepsConsistentFlowOnly) {
+  FlowField forward{ImageOf<float>(20, 4, 3.0F), ImageOf<float>(20, 4, 0.0F)};
+  FlowField backward{ImageOf<float>(20, 4, -3.5F), ImageOf<float>(20, 4, 0.0F)};
+  for (int x = 8; x < 20; ++x) backward.u.at(x, 0) = 9;
+  check_forward_backward(forward, backward, 1, 0.02);
+  EXPECT_EQ(forward.u.at(2, 0), 3.0F);
+  EXPECT_TRUE(std::isnan(forward.u.at(6, 0)));   // contradicted
+  EXPECT_TRUE(std::isnan(forward.u.at(18, 1)));  // leaves the image
+}
+
+TEST(Fusion, FlagsMoversAndLeavesParkedCarsAlone) {
+  const StereoCamera camera = kitti_camera();
+  const std::vector<Box> boxes = {{300, 190, 380, 240, 15, {0.5, 0, 0}},  // crosses
+                                  {700, 185, 760, 225, 20, {0, 0, 1.0}},  // drives ahead
+                                  {850, 190, 930, 240, 14, {0, 0, 0}},    // parked
+                                  {450, 185, 490, 215, 25, {0, 0, 0}}};   // parked
+  for (const EgoMotionModel model : {EgoMotionModel::kSe3, EgoMotionModel::kRigid}) {
+    const CameraPerception p = street(camera, motion(0, 0.005, 0, 0, 0, -0.9), boxes);
+    const CameraFusion fusion = fuse_camera(with_model(model), camera, p);
+    ASSERT_TRUE(fusion.ego_motion.has_value());
+    const auto& segments = fusion.priors.segments;
+    ASSERT_EQ(segments.size(), 6u);
+    EXPECT_EQ(segments[0].flags, 0);
+    EXPECT_TRUE(segments[2].flags & prior_format::kDynamic);
+    EXPECT_TRUE(segments[3].flags & prior_format::kDynamic);
+    EXPECT_FALSE(segments[4].flags & prior_format::kDynamic) << static_cast<int>(model);
+    EXPECT_FALSE(segments[5].flags & prior_format::kDynamic) << static_cast<int>(model);
+    EXPECT_NEAR(segments[4].scale, 80 * 50 * 14.0 * 14.0, 1.0);
+    EXPECT_GT(segments[2].score, 20.0F);
+    // The crossing car moves 0.5 m at 15 m, seen from 0.9 m nearer: about 25 px.
+    EXPECT_NEAR(fusion.statistics[2].residual, 0.5 * camera.fx / 14.1, 3.0);
+    EXPECT_GT(fusion.priors.motion.at(340, 215), 20.0F);
+  }
+}
+
+TEST(Fusion, WithoutFlowNothingMovesAndScaleStays) {
+  const StereoCamera camera = kitti_camera(310, 94);
+  CameraPerception p =
+      street(camera, motion(0, 0, 0, 0, 0, -1), {{100, 50, 150, 80, 10, Eigen::Vector3d(1, 0, 0)}});
+  p.flow.reset();
+  const CameraFusion fusion = fuse_camera({}, camera, p);
+  for (const PriorSegment& s : fusion.priors.segments) {
+    EXPECT_EQ(s.flags & prior_format::kDynamic, 0);
+    EXPECT_GT(s.scale, 0.0F);
+  }
+  EXPECT_NEAR(fusion.priors.segments[2].scale, 50 * 30 * 100.0, 1.0);
+}
+
+TEST(Options, EveryNameIsSettableAndRefusesNonsense) {
+  BuilderOptions options;
+  set_option(options, "ego_motion.model", "as_printed");
+  set_option(options, "detection.references", "robust");
+  set_option(options, "drift.sigma", "45.5");
+  set_option(options, "association.class_agnostic", "true");
+  EXPECT_EQ(options.ego_motion.model, EgoMotionModel::kAsPrinted);
+  EXPECT_DOUBLE_EQ(options.drift.sigma, 45.5);
+  EXPECT_NE(to_text(options).find("detection.references: robust"), std::string::npos);
+  EXPECT_THROW(set_option(options, "drift.sigma", "nan"), InputError);
+  EXPECT_THROW(set_option(options, "drift.sigma", "4x"), InputError);
+  EXPECT_THROW(set_option(options, "drift.sigmas", "4"), InputError);
+  EXPECT_THROW(set_option(options, "ego_motion.model", "best"), InputError);
+  options.drift.cell = 0;
+  EXPECT_THROW(options.check(), InputError);
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,82 @@
+"""kysp.py against the C++ programs: `exchange FILE` of priors_exchange reads a file with the C++
+reader and writes it again with the C++ writer."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(__file__), "..", "..", "tools", "priors"))
+import kysp  # noqa: E402
+
+EXCHANGE = os.environ.get("KYS_PRIORS_EXCHANGE", "")
+
+
+def example(seed=0, width=211, height=57):
+    random = np.random.default_rng(seed)
+    frame = kysp.Frame("coco_panoptic_133", [], 0x0123456789ABCDEF, 77, True)
+    for c in range(2):
+        segments = np.zeros(5, kysp.SEGMENT)
+        segments["label"] = [100, 101, 2, 2, 7]
+        segments["flags"] = [0, 0, 1, 3, 7]
+        segments["instance"] = np.arange(5) + c * kysp.RIGHT_INSTANCES
+        segments["scale"] = [1e6, 2e6, 300, 0, 12.5]
+        segments["score"] = [0, 0, 0, 55, 3]
+        map_ = np.repeat(random.integers(0, 6, (height, width // 7 + 1)), 7, axis=1)[:, :width]
+        codes = random.integers(0, 256, (height, width))
+        frame.cameras.append(
+            kysp.Camera(segments, map_.astype(np.uint16), kysp.MOTION[codes]))
+    return frame
+
+
+class KyspTest(unittest.TestCase):
+    def check_equal(self, a, b):
+        self.assertEqual((a.label_space, a.calibration_hash, a.content_key, a.has_motion),
+                         (b.label_space, b.calibration_hash, b.content_key, b.has_motion))
+        for left, right in zip(a.cameras, b.cameras):
+            np.testing.assert_array_equal(left.segment_map, right.segment_map)
+            for name in ("label", "flags", "instance", "scale", "score"):
+                np.testing.assert_array_equal(left.segments[name], right.segments[name])
+            moving = np.isin(left.segment_map, [4, 5])
+            np.testing.assert_array_equal(left.motion[moving], right.motion[moving])
+            self.assertEqual(float(np.abs(right.motion[~moving]).max()), 0.0)
+
+    def test_round_trip_in_python(self):
+        frame = example()
+        self.check_equal(frame, kysp.decode(kysp.encode(frame)))
+
+    @unittest.skipUnless(EXCHANGE, "the C++ program is not built")
+    def test_round_trip_through_cpp(self):
+        frame = example(3)
+        with tempfile.TemporaryDirectory() as folder:
+            ours, theirs = os.path.join(folder, "a.kysp"), os.path.join(folder, "b.kysp")
+            kysp.write(ours, frame)
+            subprocess.run([EXCHANGE, ours, theirs], check=True)
+            self.check_equal(frame, kysp.read(theirs))
+            with open(ours, "rb") as a, open(theirs, "rb") as b:
+                self.assertEqual(a.read(), b.read())  # same runs, same bytes
+
+    def test_gates_are_kept(self):
+        values = np.array([8.0, np.nextafter(np.float32(8), np.float32(9)), 20.0, 20.01, 0, 100],
+                          np.float32)
+        decoded = kysp.MOTION[kysp._motion_codes(values)]
+        np.testing.assert_array_equal(decoded > 8, values > 8)
+        np.testing.assert_array_equal(decoded > 20, values > 20)
+
+    def test_damage_is_refused(self):
+        data = kysp.encode(example())
+        for at in range(0, len(data), 97):
+            bad = bytearray(data)
+            bad[at] ^= 0x55
+            with self.assertRaises(kysp.FormatError):
+                kysp.decode(bytes(bad))
+        for size in range(0, len(data), 101):
+            with self.assertRaises(kysp.FormatError):
+                kysp.decode(data[:size])
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,99 @@
+"""What the adapters share: lists of images, atomic files, progress, resuming."""
+
+import argparse
+import os
+import struct
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
+
+
+def list_images(folder):
+    """Images of a folder in order of name. Exits with one line when there are none."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        sys.exit(f"{folder}: is not a folder")
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in IMAGE_ENDINGS)
+    if not files:
+        sys.exit(f"{folder}: has no images")
+    return files
+
+
+def read_rgb(path):
+    """(H, W, 3) uint8; grey images are repeated."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except OSError as error:
+        sys.exit(f"{path}: cannot read: {error}")
+
+
+def write_atomic(path, data):
+    """Writes bytes to a temporary file beside `path` and renames it."""
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def write_flo(path, flow):
+    """Middlebury .flo of an (H, W, 2) array, px."""
+    height, width = flow.shape[:2]
+    header = struct.pack("<fii", 202021.25, width, height)
+    write_atomic(path, header + np.ascontiguousarray(flow, "<f4").tobytes())
+
+
+def write_pfm(path, disparity):
+    """Grey PFM of an (H, W) array, rows from bottom to top, little-endian."""
+    height, width = disparity.shape
+    header = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")
+    write_atomic(path, header + np.ascontiguousarray(disparity[::-1], "<f4").tobytes())
+
+
+def progress(items, label):
+    """tqdm when it is installed, plain lines otherwise."""
+    try:
+        from tqdm import tqdm
+
+        return tqdm(items, desc=label, unit="frame")
+    except ImportError:
+        return _lines(items, label)
+
+
+def _lines(items, label):
+    step = max(1, len(items) // 20)
+    for i, item in enumerate(items):
+        if i % step == 0:
+            print(f"{label} {i}/{len(items)}", file=sys.stderr, flush=True)
+        yield item
+
+
+def choose_device(name):
+    """torch device by name; "auto" is CUDA where there is one."""
+    import torch
+
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)
+
+
+def arguments(description, inputs):
+    """Parser with what every adapter has. `inputs`: (name, help) of the positional folders."""
+    parser = argparse.ArgumentParser(description=description)
+    for name, text in inputs:
+        parser.add_argument(name, help=text)
+    parser.add_argument("--output", required=True, help="folder to write to")
+    parser.add_argument("--device", default="auto", help="auto, cpu, cuda, cuda:1, mps")
+    parser.add_argument("--overwrite", action="store_true", help="also frames that are there")
+    return parser

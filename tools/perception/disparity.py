@@ -1,0 +1,64 @@
+"""Disparity of rectified pairs, through RAFT flow from one image to the other, as PFM.
+
+    disparity.py SEQUENCE/image_2 SEQUENCE/image_3 --output disparity [--right disparity_right]
+
+In a rectified pair the flow from left to right is (-disparity, 0). Pixels whose vertical flow says
+otherwise (over 2 px) get 0, which means unknown. Images must have the same names in both folders.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import common  # noqa: E402
+import flow as flow_module  # noqa: E402
+
+
+def to_disparity(flow, sign, largest_vertical=2.0):
+    """Positive disparity (H, W) in px, 0 unknown. sign -1: flow left to right; +1: right to left."""
+    disparity = sign * flow[..., 0]
+    bad = (np.abs(flow[..., 1]) > largest_vertical) | ~(disparity > 0)
+    return np.where(bad, 0, disparity).astype(np.float32)
+
+
+def process(left, right, output, output_right, model, device, iterations=20, overwrite=False):
+    """Disparity of all pairs; skips what is there."""
+    right_by_name = {f.stem: f for f in right}
+    folders = [Path(output)] + ([Path(output_right)] if output_right else [])
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    for file in common.progress(left, "disparity"):
+        targets = [folder / f"{file.stem}.pfm" for folder in folders]
+        if all(t.exists() for t in targets) and not overwrite:
+            continue
+        if file.stem not in right_by_name:
+            sys.exit(f"{file}: has no partner in the right folder")
+        pair = [common.read_rgb(file), common.read_rgb(right_by_name[file.stem])]
+        if pair[0].shape != pair[1].shape:
+            sys.exit(f"{right_by_name[file.stem]}: has another size than the left image")
+        forward = flow_module.estimate(model, *pair, device, iterations)
+        common.write_pfm(targets[0], to_disparity(forward, -1))
+        if output_right:
+            back = flow_module.estimate(model, *pair[::-1], device, iterations)
+            common.write_pfm(targets[1], to_disparity(back, +1))
+
+
+def main():
+    parser = common.arguments(__doc__.splitlines()[0],
+                              [("left", "folder of left images"), ("right", "of right images")])
+    parser.add_argument("--right", dest="output_right", help="folder for the right disparity")
+    parser.add_argument("--model", choices=["raft_large", "raft_small"], default="raft_large")
+    parser.add_argument("--weights", default="default", help="default (downloads) or a file")
+    parser.add_argument("--iterations", type=int, default=20)
+    options = parser.parse_args()
+    left, right = common.list_images(options.left), common.list_images(options.right)
+    device = common.choose_device(options.device)
+    model = flow_module.load_raft(options.model, options.weights, device)
+    process(left, right, options.output, options.output_right, model, device, options.iterations,
+            options.overwrite)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+// build_priors: perception outputs of a sequence in, prior files out.
+#include <kys_slam/error.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <iostream>
+
+#include "open_sequence.h"
+#include "options_file.h"
+#include "priors/builder/build_sequence.h"
+
+namespace {
+
+using namespace kys_slam;
+
+struct Arguments {
+  std::string sequence, panoptic[2], semantic[2], config, label_space = "coco_panoptic_133";
+  std::vector<std::string> set;
+  BuildInputs inputs;
+  BuildSettings settings;
+  std::size_t start = 0, frames = 0;
+  bool quiet = false;
+};
+
+void declare(CLI::App& app, Arguments& a) {
+  app.add_option("sequence", a.sequence, "Sequence folder")->required();
+  app.add_option("--panoptic-left", a.panoptic[0],
+                 "Panoptic maps of the left camera: COCO PNGs with DIR.json, or two-channel PNGs");
+  app.add_option("--panoptic-right", a.panoptic[1], "The same of the right camera");
+  app.add_option("--semantic-left", a.semantic[0],
+                 "Instead: 8-bit class maps (category ids, 0 void); no instances, no motion");
+  app.add_option("--semantic-right", a.semantic[1], "The same of the right camera");
+  app.add_option("--disparity", a.inputs.disparity,
+                 "Left disparity: folder of KITTI PNG, PFM or NPY; or 'sgbm' to estimate it");
+  app.add_option("--disparity-right", a.inputs.disparity_right,
+                 "Right disparity, folder (default: the left one is warped)");
+  app.add_option("--flow-left", a.inputs.flow[0],
+                 "Flow to the next frame, left: folder of KITTI PNG, .flo or NPY; or 'dis'");
+  app.add_option("--flow-right", a.inputs.flow[1], "The same of the right camera");
+  app.add_option("--flow-back-left", a.inputs.flow_back[0],
+                 "Flow from the next frame back, for the consistency check");
+  app.add_option("--flow-back-right", a.inputs.flow_back[1], "The same of the right camera");
+  app.add_option("--output", a.settings.output, "Folder for the prior files")->required();
+  app.add_option("--label-space", a.label_space,
+                 "Label space by name, or the beginning of its two files")
+      ->capture_default_str();
+  const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
+                                                          {"vkitti", FieldEncoding::kVkitti}};
+  app.add_option("--disparity-encoding", a.inputs.disparity_encoding,
+                 "What PNGs hold: 'kitti' disparity/256, 'vkitti' depth in cm")
+      ->transform(CLI::CheckedTransformer(encodings));
+  app.add_option("--flow-encoding", a.inputs.flow_encoding, "What flow PNGs hold: kitti, vkitti")
+      ->transform(CLI::CheckedTransformer(encodings));
+  app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
+  app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable");
+  app.add_option("--jobs", a.settings.jobs, "Threads")->check(CLI::Range(1, 256));
+  app.add_option("--start", a.start, "First frame, from 0");
+  app.add_option("--frames", a.frames, "How many frames (default: all)");
+  app.add_flag("--debug-images", a.settings.debug_images, "A picture of every frame's stages");
+  app.add_flag("--rebuild", a.settings.rebuild, "Also what is complete and current");
+  app.add_flag("--quiet", a.quiet, "No progress");
+}
+
+void prepare(Arguments& a) {
+  for (std::size_t c = 0; c < 2; ++c) {
+    if (!a.panoptic[c].empty() && !a.semantic[c].empty()) {
+      throw InputError("give panoptic or semantic maps of a camera, not both");
+    }
+    a.inputs.panoptic[c] = a.panoptic[c].empty() ? a.semantic[c] : a.panoptic[c];
+  }
+  if (!a.semantic[0].empty()) a.inputs.panoptic_encoding = PanopticEncoding::kClassMap;
+  if (a.inputs.panoptic[0].empty()) {
+    throw InputError("--panoptic-left or --semantic-left is needed");
+  }
+  if (!a.config.empty()) load_options(a.config, a.settings.options);
+  for (const std::string& assignment : a.set) {
+    const std::size_t equals = assignment.find('=');
+    if (equals == std::string::npos) throw InputError("--set " + assignment + ": not KEY=VALUE");
+    set_option(a.settings.options, assignment.substr(0, equals), assignment.substr(equals + 1));
+  }
+}
+
+void select_frames(const Arguments& a, BuildSequence& sequence) {
+  if (a.start >= sequence.names.size()) throw InputError("--start is beyond the last frame");
+  const std::size_t count =
+      std::min(a.frames == 0 ? sequence.names.size() : a.frames, sequence.names.size() - a.start);
+  const auto first = sequence.names.begin() + static_cast<std::ptrdiff_t>(a.start);
+  sequence.names = {first, first + static_cast<std::ptrdiff_t>(count)};
+  sequence.read = [read = sequence.read, start = a.start](std::size_t t) {
+    return read(start + t);
+  };
+}
+
+/// A line that is rewritten on a terminal; every tenth of the work otherwise.
+void report(const std::string& stage, std::size_t done, std::size_t total) {
+  static const bool terminal = ::isatty(STDERR_FILENO) != 0;
+  if (terminal) {
+    std::fprintf(stderr, "\r%-16s %zu/%zu%s", stage.c_str(), done, total,
+                 done == total ? "\n" : "");
+  } else if (done == total || done * 10 / total != (done - 1) * 10 / total) {
+    std::fprintf(stderr, "%s %zu/%zu\n", stage.c_str(), done, total);
+  }
+}
+
+void print(const BuildSummary& s) {
+  std::printf("frames            %zu (%zu built, %zu kept)\n", s.frames, s.built, s.kept);
+  std::printf("tracks            %lld left, %lld right\n", static_cast<long long>(s.tracks[0]),
+              static_cast<long long>(s.tracks[1]));
+  std::printf("thing segments    %zu, %zu moving (%zu by the radial test alone)\n",
+              s.thing_segments, s.dynamic_segments, s.radial_only_segments);
+  std::printf("pixels            %.1f %% labelled, %.2f %% flagged\n", 100 * s.labelled_pixels,
+              100 * s.flagged_pixels);
+  std::printf("without motion    %zu frames\n", s.frames_without_motion);
+  std::printf(
+      "file size         %.1f KB mean\n",
+      s.frames == 0 ? 0.0 : static_cast<double>(s.bytes) / 1024.0 / static_cast<double>(s.frames));
+  if (s.built == 0) return;
+  const double n = static_cast<double>(s.built);
+  std::printf(
+      "fusion            %.2f ms/frame: runs %.2f, fit %.2f, residual %.2f, drift %.2f, "
+      "statistics %.2f, export %.2f\n",
+      s.times.total() / n, s.times.runs / n, s.times.fit / n, s.times.residual / n,
+      s.times.drift / n, s.times.statistics / n, s.times.decide_export / n);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Makes prior files (one per frame, both cameras) from panoptic maps, disparity and flow.");
+  Arguments a;
+  declare(app, a);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    prepare(a);
+    BuildSequence sequence = open_build_sequence(a.sequence);
+    select_frames(a, sequence);
+    const kys::LabelSpace labels = kys::load_label_space(a.label_space);
+    if (!a.quiet) a.settings.progress = report;
+    print(build_sequence_priors(sequence, labels, a.inputs, a.settings));
+  } catch (const std::exception& error) {
+    std::cerr << "build_priors: " << error.what() << "\n";
+    return 2;
+  }
+  return 0;
+}

@@ -1,0 +1,29 @@
+#include "open_sequence.h"
+
+#include <kys_slam/error.h>
+
+#include <memory>
+
+#include "io/sequence.h"
+
+namespace kys_slam {
+
+BuildSequence open_build_sequence(const std::filesystem::path& folder) {
+  const bool euroc = std::filesystem::is_directory(folder / "mav0") ||
+                     (std::filesystem::is_directory(folder / "cam0") &&
+                      std::filesystem::is_directory(folder / "cam1"));
+  const std::shared_ptr<const Sequence> opened =
+      euroc ? open_euroc_sequence(folder) : open_kitti_sequence(folder);
+  BuildSequence sequence;
+  sequence.camera = opened->camera();
+  for (std::int64_t i = 0; i < opened->frame_count(); ++i) {
+    sequence.names.push_back(opened->frame(i).name);
+  }
+  sequence.read = [opened](std::size_t t) {
+    StereoFrame frame = opened->read(static_cast<std::int64_t>(t));
+    return std::pair(std::move(frame.left), std::move(frame.right));
+  };
+  return sequence;
+}
+
+}  // namespace kys_slam

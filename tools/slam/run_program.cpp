@@ -1,0 +1,215 @@
+#include "run_program.h"
+
+#include <fmt/format.h>
+#include <kys/mode_options.h>
+#include <kys_slam/error.h>
+#include <kys_slam/system.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <iostream>
+#include <opencv2/core/utility.hpp>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "io/read_ahead.h"
+#include "prior_files.h"
+#include "system/output.h"
+#include "util/atomic_file.h"
+#include "util/interrupt.h"
+#include "util/process_figures.h"
+#include "util/progress.h"
+#include "util/stopwatch.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr int kBadInput = 2;
+constexpr int kTrackingFailed = 3;
+
+struct Arguments {
+  std::filesystem::path sequence;
+  std::filesystem::path priors;
+  std::string mode;
+  std::filesystem::path config;
+  std::vector<std::string> settings;
+  std::filesystem::path output;
+  std::string schedule = "pipelined";
+  std::int64_t start = 0;
+  std::int64_t frames = 0;
+  bool quiet = false;
+  bool strict_priors = false;
+  bool list_settings = false;
+  std::string log_level = "info";
+};
+
+void declare(CLI::App& app, Arguments& a) {
+  std::string modes;
+  for (const kys::Mode mode : kys::all_modes()) {
+    modes += (modes.empty() ? "" : ", ") + std::string(kys::mode_name(mode));
+  }
+  app.add_option("SEQUENCE", a.sequence, "folder of the sequence");
+  app.add_option("--priors", a.priors, "folder of this sequence's prior files");
+  app.add_option("--mode", a.mode,
+                 "how descriptors are compared: " + modes +
+                     " (default: kys with --priors, stock without)");
+  app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
+  app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated");
+  app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
+  app.add_option("--output", a.output, "folder for the results (default: runs/<sequence>-<mode>)");
+  app.add_option("--schedule", a.schedule,
+                 "pipelined: mapping beside tracking, reproducible; sequential: one after the "
+                 "other, reproducible; realtime: frames by their time stamps")
+      ->capture_default_str();
+  app.add_option("--start", a.start, "first frame")->check(CLI::NonNegativeNumber);
+  app.add_option("--frames", a.frames, "number of frames (default: to the end)")
+      ->check(CLI::NonNegativeNumber);
+  app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
+  app.add_flag("--quiet", a.quiet, "no progress, no table");
+  app.add_option("--log-level", a.log_level, "trace, debug, info, warn, error, off")
+      ->capture_default_str();
+  app.set_version_flag("--version", std::string("KYS-SLAM ") + KYS_SLAM_VERSION);
+}
+
+Settings effective_settings(Settings settings, const Arguments& a) {
+  if (!a.config.empty()) settings.load(a.config);
+  for (const std::string& assignment : a.settings) {
+    const std::size_t equals = assignment.find('=');
+    if (equals == std::string::npos) {
+      throw InputError("--set " + assignment + ": KEY=VALUE expected");
+    }
+    settings.set(assignment.substr(0, equals), assignment.substr(equals + 1));
+  }
+  if (!a.mode.empty()) {
+    settings.set("kys.mode", a.mode);
+  } else if (!a.priors.empty() && settings.get("kys.mode") == "stock") {
+    settings.set("kys.mode", "kys");
+  }
+  settings.check();
+  return settings;
+}
+
+/// Feeds frames until the end, an interrupt or bad input; the two last are noted in `info`.
+void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
+              bool paced, const InterruptGuard& guard, RunInfo& info) {
+  Progress progress("tracking", total,
+                    quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+  std::int64_t done = 0;
+  Stopwatch clock;
+  std::optional<double> first_time;
+  try {
+    while (std::optional<StereoFrame> frame = source.next()) {
+      if (guard.requested()) {
+        info.complete = false;
+        info.end_reason = "interrupted";
+        return;
+      }
+      if (paced) {
+        if (!first_time) first_time = frame->timestamp;
+        const double due_ms = 1000 * (frame->timestamp - *first_time);
+        std::this_thread::sleep_for(
+            std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
+      }
+      const FrameReport report = system.feed(*frame);
+      if (report.status == FrameStatus::kLost) {
+        spdlog::debug("frame {} lost: {}", report.index, report.reason);
+      }
+      progress.update(++done);
+    }
+  } catch (const InputError& error) {
+    info.complete = false;
+    info.end_reason = error.what();
+  }
+}
+
+int run(const RunProgram& program, const Arguments& a) {
+  const Stopwatch start_up;
+  const Settings settings = effective_settings(program.settings, a);
+  const Schedule schedule = parse_schedule(a.schedule);
+  SequenceOptions options;
+  options.start = a.start;
+  if (a.frames > 0) options.frames = a.frames;
+  std::unique_ptr<Sequence> sequence = program.open(a.sequence, options);
+
+  RunInfo info;
+  info.sequence = sequence->name();
+  info.mode = settings.get("kys.mode");
+  info.ground_truth = sequence->ground_truth();
+  const std::filesystem::path output =
+      a.output.empty() ? std::filesystem::path("runs") / (info.sequence + "-" + info.mode)
+                       : a.output;
+  make_output_folder(output);
+  std::unique_ptr<PriorFiles> priors;
+  if (!a.priors.empty()) {
+    priors = std::make_unique<PriorFiles>(a.priors, sequence->camera(),
+                                          settings.get("control.label_space"), a.strict_priors);
+  }
+  const PriorFiles* prior_counts = priors.get();
+
+  // Images are small: handing their rows out to threads costs more than it gains, and the cores
+  // are taken.
+  cv::setNumThreads(1);
+  System system(sequence->camera(), settings, schedule, std::move(priors));
+  const std::optional<std::int64_t> total = sequence->size();
+  ReadAhead source(*sequence);
+  const InterruptGuard guard([&] { system.interrupt(); });
+  const double cpu_before = process_figures().cpu_seconds();
+  info.start_up_s = start_up.elapsed_ms() / 1000;
+  const Stopwatch wall;
+  feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, guard, info);
+  system.finish();
+  info.wall_s = wall.elapsed_ms() / 1000;
+  info.cpu_s = process_figures().cpu_seconds() - cpu_before;
+  if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
+
+  write_run(output, system, settings, schedule, info);
+  if (!a.quiet) {
+    fmt::print("{}\nresults in {}\n", describe_run(system, info), output.string());
+  }
+  if (!info.complete && info.end_reason != "interrupted") {
+    fmt::print(stderr, "{}: {}\n", program.name, info.end_reason);
+    return kBadInput;
+  }
+  const auto& reports = system.reports();
+  const auto tracked = std::count_if(reports.begin(), reports.end(), [](const FrameReport& r) {
+    return r.status != FrameStatus::kLost;
+  });
+  if (!reports.empty() && 2 * tracked < static_cast<std::ptrdiff_t>(reports.size())) {
+    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name, tracked,
+               reports.size());
+    return kTrackingFailed;
+  }
+  return 0;
+}
+
+}  // namespace
+
+int run_program(RunProgram program, int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app(program.description, program.name);
+  declare(app, arguments);
+  try {
+    app.parse(argc, argv);
+    if (arguments.list_settings) {
+      std::cout << program.settings.to_yaml();
+      return 0;
+    }
+    if (arguments.sequence.empty()) throw InputError("SEQUENCE is missing; see --help");
+    spdlog::set_default_logger(spdlog::stderr_color_mt(program.name));
+    spdlog::set_level(spdlog::level::from_str(arguments.log_level));
+    return run(program, arguments);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kBadInput;
+  } catch (const InputError& error) {
+    fmt::print(stderr, "{}: {}\n", program.name, error.what());
+    return kBadInput;
+  }
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <kys_slam/settings.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "io/sequence.h"
+
+namespace kys_slam {
+
+/// What tells one of the run_stereo programs from another.
+struct RunProgram {
+  std::string name;
+  std::string description;
+  Settings settings;  ///< defaults for this kind of sequence
+  std::function<std::unique_ptr<Sequence>(const std::filesystem::path&, const SequenceOptions&)>
+      open;
+};
+
+/// The whole program: command line, run, output. Returns the exit status: 0, 2 for bad usage or
+/// input, 3 when tracking failed.
+int run_program(RunProgram program, int argc, char** argv);
+
+}  // namespace kys_slam
