@@ -2,6 +2,7 @@
 
 #include <kys_slam/image.h>
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -30,17 +31,21 @@ class CornerDetector {
   /// Fills `corners`, ordered by row, then column. The image's sides are below 32768.
   void detect(const GrayImage& image, const CornerOptions& options, std::vector<Corner>& corners);
 
+  /// Where, relative to one of the corners last detected, the paraboloid fitted by least squares to
+  /// the 3x3 scores around it peaks, px; within half a pixel.
+  [[nodiscard]] std::array<float, 2> subpixel(const Corner& corner) const;
+
  private:
-  struct ScoreRow {
-    std::vector<std::uint8_t> scores;  // with kPad zeros before and after whole groups
-    std::vector<std::uint8_t> groups;  // whether a group has a score
-  };
+  [[nodiscard]] std::uint8_t* score_row(int y);
+  void collect(const CornerOptions& options, int width, int y);
+  void apply_thresholds(const CornerOptions& options, int width, int height,
+                        std::vector<Corner>& corners);
 
-  void resize(std::size_t groups);
-  void collect(const GrayImage& image, const CornerOptions& options, int y, const ScoreRow& above,
-               const ScoreRow& row, const ScoreRow& below);
-
-  ScoreRow rows_[3];
+  // Rows from `origin_` on, each of whole groups with padding around them.
+  std::vector<std::uint8_t> scores_;
+  std::vector<std::uint8_t> groups_;  // per row: whether a group has a score
+  std::size_t row_groups_ = 0;
+  int origin_ = 0;  // px, image coordinate of the first row and column of scores_
   std::vector<Corner> found_;
   std::vector<std::uint8_t> strong_;     // per cell: a corner reaches the threshold
   std::vector<std::int32_t> column_of_;  // cell column by x

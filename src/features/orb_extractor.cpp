@@ -3,6 +3,7 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "features/corner_detector.h"
@@ -65,7 +66,10 @@ struct OrbExtractor::Impl {
     blur.apply(image, blurred);
     for (const Corner& corner : kept) {
       const Orientation turn = orientation(image, corner.x, corner.y);
-      const Eigen::Vector2f at = pyramid.to_full(level, corner.x, corner.y);
+      std::array<float, 2> shift{};
+      if (options.subpixel) shift = detector.subpixel(corner);
+      const Eigen::Vector2f at = pyramid.to_full(level, static_cast<float>(corner.x) + shift[0],
+                                                 static_cast<float>(corner.y) + shift[1]);
       Keypoint keypoint;
       keypoint.x = at.x();
       keypoint.y = at.y();

@@ -157,6 +157,37 @@ TEST(OrbExtractor, FindsAndMatchesTheSamePlacesUnderAHomography) {
   EXPECT_GT(shifted.matched, 0.5);
 }
 
+TEST(OrbExtractor, SubpixelPositionsFollowAShift) {
+  const test::Texture texture(31);
+  const double dx = 0.4;
+  const double dy = -0.3;
+  const GrayImage image = texture.render(500, 300);
+  const GrayImage moved =
+      texture.render(500, 300, [&](double x, double y) { return std::pair(x - dx, y - dy); });
+  const auto error = [&](bool subpixel) {
+    OrbOptions options;
+    options.subpixel = subpixel;
+    const FeatureSet a = extract(image, options);
+    const FeatureSet b = extract(moved, options);
+    double sum = 0;
+    int count = 0;
+    for (const Keypoint& k : a.keypoints) {
+      const double scale = std::pow(1.2, k.octave);
+      double best = 1.5 * scale;
+      for (const Keypoint& other : b.keypoints) {
+        if (other.octave != k.octave) continue;
+        best = std::min(best, std::hypot(other.x - k.x - dx, other.y - k.y - dy));
+      }
+      if (best == 1.5 * scale) continue;
+      sum += best * best / (scale * scale);
+      ++count;
+    }
+    EXPECT_GT(count, 800);
+    return std::sqrt(sum / count);
+  };
+  EXPECT_LT(error(true), 0.75 * error(false));
+}
+
 TEST(OrbOptions, NamesTheSettingThatMakesNoSense) {
   const auto message = [](auto change) {
     OrbOptions options;
