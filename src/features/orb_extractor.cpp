@@ -3,10 +3,10 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
-#include "features/fast_score.h"
+#include "features/corner_detector.h"
 #include "features/orb_descriptor.h"
 #include "features/quadtree.h"
 
@@ -14,8 +14,7 @@ namespace kys_slam {
 
 namespace {
 
-constexpr int kCell = 35;            // px, cells of the two-threshold rule
-constexpr int kMargin = kOrbMargin + 1;  // px: the descriptor's patch, rounding included
+constexpr int kCell = 35;  // px, cells of the two-threshold rule
 
 void require(bool condition, const char* what) {
   if (!condition) throw InputError(what);
@@ -35,27 +34,6 @@ std::vector<int> share_out(const OrbOptions& options) {
   return wanted;
 }
 
-void build_pyramid(const GrayImage& image, const OrbOptions& options, ImagePyramid& pyramid) {
-  pyramid.levels.resize(static_cast<std::size_t>(options.levels));
-  pyramid.levels[0] = image;
-  double scale = 1;
-  for (std::size_t level = 1; level < pyramid.levels.size(); ++level) {
-    scale *= options.scale_factor;
-    const int width = static_cast<int>(std::lround(image.width() / scale));
-    const int height = static_cast<int>(std::lround(image.height() / scale));
-    GrayImage& to = pyramid.levels[level];
-    GrayImage& from = pyramid.levels[level - 1];
-    if (width < 1 || height < 1 || from.empty()) {
-      to = GrayImage();
-      continue;
-    }
-    if (to.width() != width || to.height() != height) to = GrayImage(width, height);
-    const cv::Mat source(from.height(), from.width(), CV_8U, from.data());
-    cv::Mat target(height, width, CV_8U, to.data());
-    cv::resize(source, target, target.size(), 0, 0, cv::INTER_LINEAR);
-  }
-}
-
 }  // namespace
 
 void OrbOptions::check() const {
@@ -67,51 +45,39 @@ void OrbOptions::check() const {
           "orb.fast_threshold must be between orb.fast_min_threshold and 254");
 }
 
-Eigen::Vector2f ImagePyramid::to_level(std::size_t octave, float x, float y) const {
-  const GrayImage& full = levels[0];
-  const GrayImage& level = levels[octave];
-  const float sx = static_cast<float>(level.width()) / static_cast<float>(full.width());
-  const float sy = static_cast<float>(level.height()) / static_cast<float>(full.height());
-  return {(x + 0.5f) * sx - 0.5f, (y + 0.5f) * sy - 0.5f};
-}
-
-Eigen::Vector2f ImagePyramid::to_full(std::size_t octave, float x, float y) const {
-  const GrayImage& full = levels[0];
-  const GrayImage& level = levels[octave];
-  const float sx = static_cast<float>(full.width()) / static_cast<float>(level.width());
-  const float sy = static_cast<float>(full.height()) / static_cast<float>(level.height());
-  return {(x + 0.5f) * sx - 0.5f, (y + 0.5f) * sy - 0.5f};
-}
-
 struct OrbExtractor::Impl {
   OrbOptions options;
   std::vector<int> wanted;  // corners per level
   ImagePyramid pyramid;
-  GrayImage score;
+  PyramidBuilder pyramid_builder;
+  CornerDetector detector;
+  DescriptorBlur blur;
   GrayImage blurred;
   std::vector<Corner> corners;
 
   void extract_level(std::size_t level, FeatureSet& features) {
     const GrayImage& image = pyramid.levels[level];
-    if (image.width() <= 2 * kMargin || image.height() <= 2 * kMargin) return;
-    fast_score_map(image, options.fast_min_threshold, kMargin - 1, score);
-    select_corners(score, options.fast_threshold, kMargin, kCell, corners);
+    detector.detect(image, {options.fast_threshold, options.fast_min_threshold, kOrbMargin, kCell},
+                    corners);
     if (corners.empty()) return;
     const std::vector<Corner> kept =
-        distribute(corners, kMargin, image.width() - kMargin, kMargin, image.height() - kMargin,
-                   wanted[level]);
-    blur_for_descriptors(image, blurred);
+        distribute(corners, kOrbMargin, image.width() - kOrbMargin, kOrbMargin,
+                   image.height() - kOrbMargin, wanted[level]);
+    blur.apply(image, blurred);
     for (const Corner& corner : kept) {
+      const Orientation turn = orientation(image, corner.x, corner.y);
+      std::array<float, 2> shift{};
+      if (options.subpixel) shift = detector.subpixel(corner);
+      const Eigen::Vector2f at = pyramid.to_full(level, static_cast<float>(corner.x) + shift[0],
+                                                 static_cast<float>(corner.y) + shift[1]);
       Keypoint keypoint;
-      const Eigen::Vector2f at = pyramid.to_full(level, corner.x, corner.y);
       keypoint.x = at.x();
       keypoint.y = at.y();
       keypoint.octave = static_cast<std::uint8_t>(level);
       keypoint.response = corner.score;
-      keypoint.angle = corner_angle(image, corner.x, corner.y);
-      features.descriptors.push_back(
-          orb_descriptor(blurred, corner.x, corner.y, keypoint.angle));
+      keypoint.angle = turn.angle();
       features.keypoints.push_back(keypoint);
+      features.descriptors.push_back(orb_descriptor(blurred, corner.x, corner.y, turn));
     }
   }
 };
@@ -128,12 +94,15 @@ OrbExtractor& OrbExtractor::operator=(OrbExtractor&&) noexcept = default;
 void OrbExtractor::extract(const GrayImage& image, FeatureSet& features) {
   features.clear();
   if (image.empty()) return;
-  build_pyramid(image, impl_->options, impl_->pyramid);
+  const OrbOptions& options = impl_->options;
+  impl_->pyramid_builder.build(image, options.scale_factor, options.levels, impl_->pyramid);
   for (std::size_t level = 0; level < impl_->pyramid.levels.size(); ++level) {
     impl_->extract_level(level, features);
   }
 }
 
-const ImagePyramid& OrbExtractor::pyramid() const { return impl_->pyramid; }
+const ImagePyramid& OrbExtractor::pyramid() const {
+  return impl_->pyramid;
+}
 
 }  // namespace kys_slam

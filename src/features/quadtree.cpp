@@ -3,131 +3,154 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <utility>
 
 namespace kys_slam {
 
 namespace {
 
-struct Cell {
-  float x0, x1, y0, y1;      // px
-  std::size_t first, last;   // its corners, a range of `order`
-  [[nodiscard]] std::size_t count() const { return last - first; }
+constexpr int kDepth = 12;  // how often a root can be split
+constexpr int kMaxRoots = 255;
+
+/// A corner's path through the tree: the root, then two bits per split (lower half, right half).
+/// Corners in the order of their keys lie node by node, at every depth.
+struct Entry {
+  std::uint32_t key;
+  std::uint32_t corner;
 };
+
+std::uint32_t spread_bits(std::uint32_t v) {  // bit i to bit 2 i, for 16 bits
+  v = (v | v << 8) & 0x00FF00FFu;
+  v = (v | v << 4) & 0x0F0F0F0Fu;
+  v = (v | v << 2) & 0x33333333u;
+  return (v | v << 1) & 0x55555555u;
+}
+
+/// Place of `at` within [from, from + extent) in steps of extent / steps.
+std::uint32_t step_of(int at, int from, int extent, int steps) {
+  const std::int64_t step = static_cast<std::int64_t>(at - from) * steps / extent;
+  return static_cast<std::uint32_t>(std::clamp<std::int64_t>(step, 0, steps - 1));
+}
+
+/// Sorts by key; equal keys stay in their order.
+void radix_sort(std::vector<Entry>& entries) {
+  constexpr int kBits = 11;
+  std::vector<Entry> other(entries.size());
+  for (int shift = 0; shift < 32; shift += kBits) {
+    std::array<std::uint32_t, 1u << kBits> start{};
+    const auto digit = [shift](const Entry& e) {
+      return static_cast<std::size_t>(e.key >> shift & ((1u << kBits) - 1));
+    };
+    for (const Entry& e : entries) ++start[digit(e)];
+    std::uint32_t sum = 0;
+    for (std::uint32_t& s : start) sum += std::exchange(s, sum);
+    for (const Entry& e : entries) other[start[digit(e)]++] = e;
+    entries.swap(other);
+  }
+}
 
 class Quadtree {
  public:
-  explicit Quadtree(const std::vector<Corner>& corners) : corners_(corners) {
-    order_.resize(corners.size());
-    scratch_.resize(corners.size());
-  }
-
-  /// Puts the corners into columns of equal width, the first cells.
-  void start(int min_x, int max_x, int min_y, int max_y) {
-    const auto width = static_cast<float>(max_x - min_x);
-    const auto height = static_cast<float>(max_y - min_y);
-    const int columns = std::max(1, static_cast<int>(std::lround(width / height)));
-    const float step = width / static_cast<float>(columns);
-    std::size_t filled = 0;
-    for (int c = 0; c < columns; ++c) {
-      Cell cell{static_cast<float>(min_x) + static_cast<float>(c) * step,
-                static_cast<float>(min_x) + static_cast<float>(c + 1) * step,
-                static_cast<float>(min_y), static_cast<float>(max_y), filled, filled};
-      for (std::size_t i = 0; i < corners_.size(); ++i) {
-        const int column = std::clamp(
-            static_cast<int>((static_cast<float>(corners_[i].x) - static_cast<float>(min_x)) / step),
-            0, columns - 1);
-        if (column == c) order_[cell.last++] = static_cast<std::uint32_t>(i);
-      }
-      filled = cell.last;
-      if (cell.count() > 0) cells_.push_back(cell);
+  Quadtree(const std::vector<Corner>& corners, int min_x, int max_x, int min_y, int max_y)
+      : corners_(corners) {
+    const int width = max_x - min_x;
+    const int height = max_y - min_y;
+    const int roots = std::clamp(static_cast<int>(std::lround(static_cast<double>(width) / height)),
+                                 1, kMaxRoots);
+    constexpr int kSteps = 1 << kDepth;
+    entries_.reserve(corners.size());
+    for (const Corner& c : corners) {
+      const std::uint32_t x = step_of(c.x, min_x, width, roots * kSteps);
+      const std::uint32_t y = step_of(c.y, min_y, height, kSteps);
+      const std::uint32_t path = spread_bits(x % kSteps) | spread_bits(y) << 1;
+      entries_.push_back(
+          {(x / kSteps) << (2 * kDepth) | path, static_cast<std::uint32_t>(entries_.size())});
+    }
+    radix_sort(entries_);
+    std::uint32_t first = 0;
+    for (std::uint32_t root = 0; root < static_cast<std::uint32_t>(roots); ++root) {
+      first = add({first, static_cast<std::uint32_t>(entries_.size()), -1}, root + 1, 2 * kDepth);
     }
   }
 
   void grow(std::size_t wanted) {
-    while (cells_.size() < wanted) {
-      std::vector<std::size_t> splittable;
-      for (std::size_t c = 0; c < cells_.size(); ++c) {
-        if (cells_[c].count() > 1) splittable.push_back(c);
+    while (nodes_.size() < wanted) {
+      std::vector<std::uint32_t> splittable;
+      for (std::uint32_t n = 0; n < nodes_.size(); ++n) {
+        if (nodes_[n].count() > 1 && nodes_[n].depth < kDepth) splittable.push_back(n);
       }
       if (splittable.empty()) return;
-      const bool last_round = cells_.size() + 3 * splittable.size() > wanted;
+      const bool last_round = nodes_.size() + 3 * splittable.size() > wanted;
       if (last_round) {
-        // Not all can be split any more: the fullest first.
-        std::stable_sort(splittable.begin(), splittable.end(), [&](std::size_t a, std::size_t b) {
-          return cells_[a].count() > cells_[b].count();
+        // Not all can be split any more: the fullest first, in reading order of the tree.
+        std::sort(splittable.begin(), splittable.end(), [&](std::uint32_t a, std::uint32_t b) {
+          const Node& l = nodes_[a];
+          const Node& r = nodes_[b];
+          return l.count() != r.count() ? l.count() > r.count() : l.first < r.first;
         });
       }
-      const std::size_t before = cells_.size();
-      for (const std::size_t c : splittable) {
-        split(c);
-        if (last_round && cells_.size() >= wanted) return;
+      for (const std::uint32_t n : splittable) {
+        split(n);
+        if (last_round && nodes_.size() >= wanted) return;
       }
-      // Cells that shrink without dividing go on until they hold one place.
-      if (cells_.size() == before && all_at_one_place()) return;
     }
   }
 
-  [[nodiscard]] std::vector<Corner> best() const {
+  /// The strongest corner of each node, of equal ones the first in reading order.
+  [[nodiscard]] std::vector<Corner> best() {
+    std::sort(nodes_.begin(), nodes_.end(),
+              [](const Node& a, const Node& b) { return a.first < b.first; });
     std::vector<Corner> kept;
-    kept.reserve(cells_.size());
-    for (const Cell& cell : cells_) {
-      std::uint32_t chosen = order_[cell.first];
-      for (std::size_t k = cell.first; k < cell.last; ++k) {
-        const Corner& candidate = corners_[order_[k]];
-        const Corner& leader = corners_[chosen];
-        if (candidate.score > leader.score ||
-            (candidate.score == leader.score && order_[k] < chosen)) {
-          chosen = order_[k];
+    kept.reserve(nodes_.size());
+    for (const Node& node : nodes_) {
+      Corner best = corners_[entries_[node.first].corner];
+      for (std::uint32_t k = node.first + 1; k < node.last; ++k) {
+        const Corner& c = corners_[entries_[k].corner];
+        if (c.score != best.score ? c.score > best.score
+                                  : (c.y != best.y ? c.y < best.y : c.x < best.x)) {
+          best = c;
         }
       }
-      kept.push_back(corners_[chosen]);
+      kept.push_back(best);
     }
     return kept;
   }
 
  private:
-  void split(std::size_t index) {
-    const Cell cell = cells_[index];
-    const float mx = 0.5f * (cell.x0 + cell.x1);
-    const float my = 0.5f * (cell.y0 + cell.y1);
-    const auto quarter = [&](std::uint32_t i) {
-      const Corner& c = corners_[i];
-      return (static_cast<float>(c.x) >= mx ? 1u : 0u) + (static_cast<float>(c.y) >= my ? 2u : 0u);
-    };
-    std::array<std::size_t, 5> start{};
-    for (std::size_t k = cell.first; k < cell.last; ++k) ++start[quarter(order_[k]) + 1];
-    for (std::size_t q = 1; q < 5; ++q) start[q] += start[q - 1];
-    std::array<std::size_t, 4> next{start[0], start[1], start[2], start[3]};
-    for (std::size_t k = cell.first; k < cell.last; ++k) {
-      scratch_[next[quarter(order_[k])]++] = order_[k];
-    }
-    std::copy_n(scratch_.begin(), cell.count(),
-                order_.begin() + static_cast<std::ptrdiff_t>(cell.first));
-    bool placed = false;
-    for (std::size_t q = 0; q < 4; ++q) {
-      if (start[q + 1] == start[q]) continue;
-      Cell child{(q & 1) != 0 ? mx : cell.x0, (q & 1) != 0 ? cell.x1 : mx,
-                 (q & 2) != 0 ? my : cell.y0, (q & 2) != 0 ? cell.y1 : my,
-                 cell.first + start[q],       cell.first + start[q + 1]};
-      if (!placed) {
-        cells_[index] = child;
-      } else {
-        cells_.push_back(child);
-      }
-      placed = true;
-    }
+  struct Node {
+    std::uint32_t first, last;  // range of entries_
+    int depth;                  // splits below the root
+
+    [[nodiscard]] std::uint32_t count() const { return last - first; }
+  };
+
+  /// Adds the child of `parent` made of the entries from parent.first whose key, from bit `shift`
+  /// on, is below `end`, if there are any. Returns where the next child begins.
+  std::uint32_t add(const Node& parent, std::uint32_t end, int shift) {
+    const auto from = entries_.begin() + parent.first;
+    const auto to = entries_.begin() + parent.last;
+    const auto last = std::partition_point(
+        from, to, [end, shift](const Entry& e) { return e.key >> shift < end; });
+    const auto at = static_cast<std::uint32_t>(last - entries_.begin());
+    if (at > parent.first) nodes_.push_back({parent.first, at, parent.depth + 1});
+    return at;
   }
 
-  [[nodiscard]] bool all_at_one_place() const {
-    return std::all_of(cells_.begin(), cells_.end(), [](const Cell& c) {
-      return c.count() <= 1 || (c.x1 - c.x0 < 0.5f && c.y1 - c.y0 < 0.5f);
-    });
+  void split(std::uint32_t index) {
+    Node rest = nodes_[index];
+    const int shift = 2 * (kDepth - 1 - rest.depth);
+    const std::uint32_t path = entries_[rest.first].key >> shift & ~3u;
+    for (std::uint32_t quarter = 1; quarter <= 4; ++quarter) {
+      rest.first = add(rest, path + quarter, shift);
+    }
+    nodes_[index] = nodes_.back();  // there is at least one child
+    nodes_.pop_back();
   }
 
   const std::vector<Corner>& corners_;
-  std::vector<std::uint32_t> order_;
-  std::vector<std::uint32_t> scratch_;
-  std::vector<Cell> cells_;
+  std::vector<Entry> entries_;
+  std::vector<Node> nodes_;
 };
 
 }  // namespace
@@ -135,8 +158,7 @@ class Quadtree {
 std::vector<Corner> distribute(const std::vector<Corner>& corners, int min_x, int max_x, int min_y,
                                int max_y, int wanted) {
   if (corners.empty() || wanted <= 0 || max_x <= min_x || max_y <= min_y) return {};
-  Quadtree tree(corners);
-  tree.start(min_x, max_x, min_y, max_y);
+  Quadtree tree(corners, min_x, max_x, min_y, max_y);
   tree.grow(static_cast<std::size_t>(wanted));
   return tree.best();
 }

@@ -1,0 +1,132 @@
+#include "features/corner_detector.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "features/kernels.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr int kGroup = kernels::kScoreGroup;
+constexpr std::size_t kPad = 64;  // keeps the groups aligned
+
+/// Cell of a coordinate when `extent` pixels from `margin` on are divided into `cells`.
+int cell_of(int at, int margin, int extent, int cells) {
+  return std::min(cells - 1, (at - margin) * cells / extent);
+}
+
+}  // namespace
+
+std::uint8_t* CornerDetector::score_row(int y) {
+  return scores_.data() + static_cast<std::size_t>(y - origin_) * (row_groups_ * kGroup + kPad) +
+         kPad;
+}
+
+void CornerDetector::collect(const CornerOptions& options, int width, int y) {
+  const auto suppress = kernels::kernels().suppress;
+  const std::uint8_t* above = score_row(y - 1);
+  const std::uint8_t* row = score_row(y);
+  const std::uint8_t* below = score_row(y + 1);
+  const std::uint8_t* occupied =
+      groups_.data() + static_cast<std::size_t>(y - origin_) * row_groups_;
+  for (std::size_t g = 0; g < row_groups_; ++g) {
+    if (occupied[g] == 0) continue;
+    const std::size_t at = g * kGroup;
+    std::uint64_t peaks = suppress(above + at, row + at, below + at);
+    for (; peaks != 0; peaks &= peaks - 1) {
+      const int i = static_cast<int>(at) + std::countr_zero(peaks);
+      const int x = origin_ + i;
+      if (x < options.margin || x >= options.margin + width) continue;
+      found_.push_back({static_cast<std::int16_t>(x), static_cast<std::int16_t>(y), row[i]});
+    }
+  }
+}
+
+void CornerDetector::detect(const GrayImage& image, const CornerOptions& options,
+                            std::vector<Corner>& corners) {
+  corners.clear();
+  found_.clear();
+  const int width = image.width() - 2 * options.margin;
+  const int height = image.height() - 2 * options.margin;
+  if (width <= 0 || height <= 0) return;
+  // One pixel more all around, so that the outermost corners have their neighbours.
+  origin_ = options.margin - 1;
+  const std::size_t groups = (static_cast<std::size_t>(width) + 2 + kGroup - 1) / kGroup;
+  const auto rows_scored = static_cast<std::size_t>(height) + 2;
+  if (groups != row_groups_) scores_.clear();  // padding has moved: zero it anew
+  row_groups_ = groups;
+  scores_.resize(rows_scored * (groups * kGroup + kPad) + kPad);
+  groups_.resize(rows_scored * groups);
+  const auto fast_score = kernels::kernels().fast_score;
+  for (int y = origin_; y <= options.margin + height; ++y) {
+    fast_score(image.row(y) + origin_, image.width(), width + 2, options.min_threshold,
+               score_row(y), groups_.data() + static_cast<std::size_t>(y - origin_) * groups);
+    if (y >= origin_ + 2) collect(options, width, y - 1);
+  }
+  apply_thresholds(options, width, height, corners);
+}
+
+void CornerDetector::apply_thresholds(const CornerOptions& options, int width, int height,
+                                      std::vector<Corner>& corners) {
+  const int columns = std::max(1, width / options.cell);
+  const int rows = std::max(1, height / options.cell);
+  strong_.assign(static_cast<std::size_t>(columns * rows), 0);
+  column_of_.resize(static_cast<std::size_t>(options.margin + width));
+  for (int x = options.margin; x < options.margin + width; ++x) {
+    column_of_[static_cast<std::size_t>(x)] = cell_of(x, options.margin, width, columns);
+  }
+  const auto cell = [&](const Corner& c) {
+    return static_cast<std::size_t>(cell_of(c.y, options.margin, height, rows) * columns +
+                                    column_of_[static_cast<std::size_t>(c.x)]);
+  };
+  for (const Corner& c : found_) {
+    if (c.score >= options.threshold) strong_[cell(c)] = 1;
+  }
+  for (const Corner& c : found_) {
+    if (c.score >= options.threshold || strong_[cell(c)] == 0) corners.push_back(c);
+  }
+}
+
+std::array<float, 2> CornerDetector::subpixel(const Corner& corner) const {
+  const auto stride = static_cast<std::ptrdiff_t>(row_groups_ * kGroup + kPad);
+  const std::uint8_t* centre =
+      scores_.data() + kPad + (corner.y - origin_) * stride + (corner.x - origin_);
+  const auto at = [&](int u, int v) { return static_cast<int>(centre[v * stride + u]); };
+  // Sums over the columns and rows of the 3x3 block; scaled so that everything stays integer.
+  const int left = at(-1, -1) + at(-1, 0) + at(-1, 1);
+  const int right = at(1, -1) + at(1, 0) + at(1, 1);
+  const int top = at(-1, -1) + at(0, -1) + at(1, -1);
+  const int bottom = at(-1, 1) + at(0, 1) + at(1, 1);
+  const int column = at(0, -1) + at(0, 0) + at(0, 1);
+  const int row = at(-1, 0) + at(0, 0) + at(1, 0);
+  const double gx = (right - left) / 6.0;
+  const double gy = (bottom - top) / 6.0;
+  const double xx = (right - 2 * column + left) / 3.0;
+  const double yy = (bottom - 2 * row + top) / 3.0;
+  const double xy = (at(1, 1) - at(-1, 1) - at(1, -1) + at(-1, -1)) / 4.0;
+  const double determinant = xx * yy - xy * xy;
+  if (!(determinant > 1e-9) || xx >= 0) return {0, 0};  // no peak
+  const double dx = (xy * gy - yy * gx) / determinant;
+  const double dy = (xy * gx - xx * gy) / determinant;
+  return {static_cast<float>(std::clamp(dx, -0.5, 0.5)),
+          static_cast<float>(std::clamp(dy, -0.5, 0.5))};
+}
+
+GrayImage fast_score_map(const GrayImage& image, int min_threshold, int margin) {
+  GrayImage map(image.width(), image.height());
+  const int width = image.width() - 2 * margin;
+  if (width <= 0) return map;
+  const auto groups = static_cast<std::size_t>((width + kGroup - 1) / kGroup);
+  std::vector<std::uint8_t> scores(groups * kGroup);
+  std::vector<std::uint8_t> any(groups);
+  for (int y = margin; y < image.height() - margin; ++y) {
+    kernels::kernels().fast_score(image.row(y) + margin, image.width(), width, min_threshold,
+                                  scores.data(), any.data());
+    std::copy_n(scores.data(), width, map.row(y) + margin);
+  }
+  return map;
+}
+
+}  // namespace kys_slam

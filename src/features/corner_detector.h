@@ -1,0 +1,59 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+struct Corner {
+  std::int16_t x = 0;  ///< px of its level
+  std::int16_t y = 0;
+  std::uint8_t score = 0;
+
+  friend bool operator==(const Corner&, const Corner&) = default;
+};
+
+struct CornerOptions {
+  int threshold = 20;     ///< grey levels
+  int min_threshold = 7;  ///< grey levels, used in cells where the first finds nothing
+  int margin = 19;        ///< px without corners along the border, at least 4
+  int cell = 35;          ///< px, about the side of a cell
+};
+
+/// FAST-9/16 corners with 3x3 non-maximum suppression and two thresholds (ORB-SLAM): cells in which
+/// a corner reaches `threshold` keep such corners alone, the others those of `min_threshold`. One
+/// pass over the image serves both. Of equal neighbours the first in reading order wins.
+class CornerDetector {
+ public:
+  /// Fills `corners`, ordered by row, then column. The image's sides are below 32768.
+  void detect(const GrayImage& image, const CornerOptions& options, std::vector<Corner>& corners);
+
+  /// Where, relative to one of the corners last detected, the paraboloid fitted by least squares to
+  /// the 3x3 scores around it peaks, px; within half a pixel.
+  [[nodiscard]] std::array<float, 2> subpixel(const Corner& corner) const;
+
+ private:
+  [[nodiscard]] std::uint8_t* score_row(int y);
+  void collect(const CornerOptions& options, int width, int y);
+  void apply_thresholds(const CornerOptions& options, int width, int height,
+                        std::vector<Corner>& corners);
+
+  // Rows from `origin_` on, each of whole groups with padding around them.
+  std::vector<std::uint8_t> scores_;
+  std::vector<std::uint8_t> groups_;  // per row: whether a group has a score
+  std::size_t row_groups_ = 0;
+  int origin_ = 0;  // px, image coordinate of the first row and column of scores_
+  std::vector<Corner> found_;
+  std::vector<std::uint8_t> strong_;     // per cell: a corner reaches the threshold
+  std::vector<std::int32_t> column_of_;  // cell column by x
+};
+
+/// FAST-9/16 score of every pixel: the largest threshold t at which nine contiguous pixels of the
+/// circle of radius 3 are all brighter than the centre by more than t, or all darker; 0 where it is
+/// no corner at `min_threshold`, and in the outer `margin` (at least 3) pixels.
+GrayImage fast_score_map(const GrayImage& image, int min_threshold, int margin);
+
+}  // namespace kys_slam
