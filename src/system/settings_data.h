@@ -36,6 +36,7 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("orb.fast_threshold", s.orb.fast_threshold, "grey levels", "FAST threshold");
   visit("orb.fast_min_threshold", s.orb.fast_min_threshold, "grey levels",
         "FAST threshold where a cell finds nothing with the first");
+  visit("orb.subpixel", s.orb.subpixel, "", "corners placed to a fraction of a pixel");
 
   visit("stereo.max_distance", s.stereo.max_distance, "bits", "largest distance of a stereo match");
   visit("stereo.row_tolerance", s.stereo.row_tolerance, "px", "half width of the row band, octave 0");
