@@ -154,6 +154,10 @@ void Map::set_disparity_offset(float offset) {
   }
 }
 
+void Map::scale_culled(double factor) {
+  for (const KeyFrameId id : culled_.ids()) culled_.at(id).T_c_parent.translation *= factor;
+}
+
 bool Map::cull_keyframe(KeyFrameId id) {
   const KeyFrame& doomed = keyframe(id);
   if (!doomed.parent.valid()) return false;

@@ -55,6 +55,9 @@ class Map {
   /// Disparities of all keyframes, present and future, get this offset added.
   void set_disparity_offset(float offset);
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
+  /// Stretches the fixed motions by which culled keyframes hang on their parents, when the scale of
+  /// the whole map was corrected.
+  void scale_culled(double factor);
   /// Removes a keyframe and its observations; its children find a new parent among its own parent
   /// and each other. The root of the spanning tree stays: returns false.
   bool cull_keyframe(KeyFrameId id);

@@ -34,6 +34,15 @@ Whole whole_map(const Map& map, int min_observers) {
   return whole;
 }
 
+/// Length of the way through the camera centres, m.
+double way(const BundleProblem& problem) {
+  double length = 0;
+  for (std::size_t k = 1; k < problem.T_c_w.size(); ++k) {
+    length += (problem.T_c_w[k].inverse().t() - problem.T_c_w[k - 1].inverse().t()).norm();
+  }
+  return length;
+}
+
 void shift_disparities(BundleProblem& problem, double offset) {
   for (auto& o : problem.observations) o.u_right -= static_cast<float>(offset);
 }
@@ -98,12 +107,15 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   if (!significant || std::abs(total) > options_.max_correction) return false;
 
   map.set_disparity_offset(static_cast<float>(total));
-  Whole whole = whole_map(map, 2);
+  // All landmarks, those with one stereo view as well: what stayed behind would mislead the tracker.
+  Whole whole = whole_map(map, 1);
   BundleOptions settle;
   settle.iterations = 10;
   settle.refine_iterations = 10;
   settle.stop = stop;
+  const double before = way(whole.problem);
   adjust_bundle(whole.problem, settle);
+  if (before > 0) map.scale_culled(way(whole.problem) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
   }

@@ -61,5 +61,33 @@ TEST(System, DriftsLittleInANoisyWorld) {
   EXPECT_LT(worst_error(run), 0.0025 * 0.8 * 100);
 }
 
+TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.3;
+  options.flipped_bits = 10;
+  options.length = 200;
+  options.points = 20000;
+  const FeatureWorld world(kitti_camera(), options);
+  Settings settings;
+  settings.set("stereo.added_disparity", "0.4");
+  settings.set("calibration.keyframes", "8");
+  settings.set("keyframes.reference_ratio", "0.9");
+  System system(world.camera(), settings, Schedule::kSequential);
+  constexpr int kFrames = 120;
+  constexpr double kStep = 0.8;
+  for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
+  system.finish();
+  system.map().check_consistency();
+  EXPECT_NEAR(system.map().disparity_offset(), -0.4, 0.1);
+  const auto estimates = system.trajectory();
+  // Frame to frame: the correction has to move landmarks and last frame together.
+  for (std::size_t i = 1; i < kFrames; ++i) {
+    const Rigid3 truth = weaving_pose(kStep * static_cast<double>(i - 1)).inverse() *
+                         weaving_pose(kStep * static_cast<double>(i));
+    const Rigid3 step = estimates[i - 1].T_w_c.inverse() * estimates[i].T_w_c;
+    EXPECT_LT((step.t() - truth.t()).norm(), 0.05) << "frame " << i;
+  }
+}
+
 }  // namespace
 }  // namespace kys_slam
