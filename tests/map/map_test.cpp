@@ -68,6 +68,17 @@ TEST(Map, CountsWhatKeyframesShare) {
   EXPECT_EQ(map.keyframe(kf(2)).parent, kf(1)) << "of equals the younger";
 }
 
+TEST(Map, AKeyframeConnectedAgainLeavesItsFormerParent) {
+  Map map = chain(3);
+  map.connect_to_spanning_tree(kf(1), kf(0));
+  map.connect_to_spanning_tree(kf(2), kf(0));
+  see(map, 0, 0, {1, 2});
+  map.connect_to_spanning_tree(kf(2), kf(0));
+  EXPECT_EQ(map.keyframe(kf(2)).parent, kf(1));
+  EXPECT_EQ(map.keyframe(kf(0)).children, std::vector<KeyFrameId>{kf(1)});
+  map.check_consistency();
+}
+
 TEST(Map, RefusesASecondBondOfAFeatureOrOfALandmarkInOneKeyframe) {
   Map map = chain(2);
   see(map, 0, 0, {0, 1});
