@@ -128,6 +128,10 @@ void Map::connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise) {
     }
   }
   if (!has(parent) || parent == id) return;
+  if (const KeyFrameId before = keyframe(id).parent; before.valid()) {
+    erase_sorted(keyframes_.at(before).children, id);
+    touch(before);
+  }
   keyframes_.at(id).parent = parent;
   insert_sorted(keyframes_.at(parent).children, id);
   touch(id);

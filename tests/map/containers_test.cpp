@@ -1,0 +1,175 @@
+#include <gtest/gtest.h>
+
+#include <map>
+#include <random>
+#include <set>
+#include <string>
+
+#include "map/id_table.h"
+#include "map/ids.h"
+#include "support/map_builder.h"
+
+namespace kys_slam {
+namespace {
+
+using Table = IdTable<LandmarkId, std::string>;
+
+TEST(IdTable, FindsWhatWasPutAndNothingElse) {
+  Table table;
+  EXPECT_TRUE(table.empty());
+  EXPECT_FALSE(table.contains({0}));
+  EXPECT_FALSE(table.contains(LandmarkId{}));
+  table.put({7}, "seven");
+  table.put({2}, "two");
+  EXPECT_EQ(table.size(), 2u);
+  EXPECT_EQ(table.id_end(), 8u);
+  EXPECT_EQ(table.at({7}), "seven");
+  EXPECT_EQ(*table.find({2}), "two");
+  EXPECT_EQ(table.find({3}), nullptr);
+  EXPECT_THROW((void)table.at({3}), std::out_of_range);
+  EXPECT_THROW((void)table.at(LandmarkId{}), std::out_of_range);
+  table.put({7}, "another");
+  EXPECT_EQ(table.size(), 2u);
+  EXPECT_EQ(table.at({7}), "another");
+}
+
+TEST(IdTable, UsesSlotsOfErasedObjectsAgainAndKeepsReferencesOfOthers) {
+  Table table;
+  for (std::uint32_t i = 0; i < 100; ++i) table.put({i}, std::to_string(i));
+  const std::string* kept = table.find({50});
+  EXPECT_TRUE(table.erase({10}));
+  EXPECT_FALSE(table.erase({10}));
+  EXPECT_FALSE(table.erase({1000}));
+  for (std::uint32_t i = 100; i < 2000; ++i) {
+    table.put({i}, std::to_string(i));
+    EXPECT_TRUE(table.erase({i}));
+  }
+  EXPECT_EQ(kept, table.find({50}));
+  EXPECT_EQ(*kept, "50");
+  EXPECT_EQ(table.size(), 99u);
+  EXPECT_EQ(table.id_end(), 2000u);
+}
+
+TEST(IdTable, BehavesLikeAnOrderedMap) {
+  std::mt19937 random(5);
+  Table table;
+  std::map<LandmarkId, std::string> reference;
+  for (int step = 0; step < 20000; ++step) {
+    const LandmarkId id{static_cast<std::uint32_t>(random() % 300)};
+    if (random() % 2 == 0) {
+      const std::string text = std::to_string(step);
+      table.put(id, text);
+      reference[id] = text;
+    } else {
+      EXPECT_EQ(table.erase(id), reference.erase(id) == 1);
+    }
+    ASSERT_EQ(table.size(), reference.size());
+  }
+  auto expected = reference.begin();
+  table.for_each([&](LandmarkId id, const std::string& text) {
+    ASSERT_NE(expected, reference.end());
+    EXPECT_EQ(id, expected->first);
+    EXPECT_EQ(text, expected->second);
+    ++expected;
+  });
+  EXPECT_EQ(expected, reference.end());
+  table.clear();
+  EXPECT_TRUE(table.empty());
+  EXPECT_TRUE(table.ids().empty());
+}
+
+TEST(ScaleLevels, ScalesGrowByTheFactorAndOctavesArePredictedByDistance) {
+  const ScaleLevels scales(1.2, 8);
+  ASSERT_EQ(scales.levels(), 8);
+  EXPECT_FLOAT_EQ(scales.scale[0], 1);
+  EXPECT_NEAR(scales.scale[3], 1.728, 1e-6);
+  EXPECT_NEAR(scales.inv_sigma(1), 1 / 1.2, 1e-6);
+  // Seen from its largest distance a landmark is on octave 0; 1.2 times nearer, on octave 1.
+  EXPECT_EQ(scales.predict_octave(10, 10), 0);
+  EXPECT_EQ(scales.predict_octave(10, 12), 0);
+  EXPECT_EQ(scales.predict_octave(10, 10 / 1.19f), 1);
+  EXPECT_EQ(scales.predict_octave(10, 10 / 1.43f), 2);
+  EXPECT_EQ(scales.predict_octave(10, 0.01f), 7);
+}
+
+TEST(FrameFeatures, FindsNeighboursAsBruteForceDoes) {
+  const StereoCamera camera = testing::kitti_camera();
+  const auto features = testing::random_features(camera, 1500, 3);
+  std::mt19937 random(8);
+  std::uniform_real_distribution<float> unit(-0.2f, 1.2f);
+  for (int query = 0; query < 400; ++query) {
+    const float u = unit(random) * static_cast<float>(camera.width);
+    const float v = unit(random) * static_cast<float>(camera.height);
+    const float radius = 200 * (unit(random) + 0.2f);
+    const int low = static_cast<int>(random() % 9) - 1;
+    const int high = low + static_cast<int>(random() % 4);
+    std::set<std::size_t> expected;
+    for (std::size_t i = 0; i < features->size(); ++i) {
+      const Keypoint& k = features->keypoint(i);
+      if (k.octave >= low && k.octave <= high && std::abs(k.x - u) <= radius &&
+          std::abs(k.y - v) <= radius) {
+        expected.insert(i);
+      }
+    }
+    std::set<std::size_t> found;
+    features->for_each_near(u, v, radius, low, high, [&](std::size_t i) {
+      EXPECT_TRUE(found.insert(i).second) << "feature " << i << " was visited twice";
+    });
+    ASSERT_EQ(found, expected) << "around " << u << ", " << v << " radius " << radius;
+  }
+}
+
+TEST(FrameFeatures, SearchFarOutsideTheImageFindsNothing) {
+  const auto features = testing::random_features(testing::kitti_camera(), 200, 3);
+  for (const float far : {-1e30f, 1e30f, -5000.0f, 1e9f}) {
+    features->for_each_near(far, far, 50, 0, 7, [](std::size_t) { ADD_FAILURE(); });
+  }
+  FrameFeatures().for_each_near(0, 0, 1e9f, 0, 7, [](std::size_t) { ADD_FAILURE(); });
+}
+
+TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
+  const StereoCamera camera = testing::kitti_camera();
+  FeatureSet set;
+  set.keypoints = {{100, 50, 0, 1, 0}, {300, 50, 0, 1, 0}, {500, 80, 0, 1, 2}};
+  set.descriptors.resize(3);
+  const FrameFeatures plain(camera, set, {90, testing::kNoStereo, 500.5f}, {});
+  EXPECT_FLOAT_EQ(plain.depth(0), static_cast<float>(camera.bf() / 10));
+  EXPECT_FALSE(plain.has_stereo(1));
+  EXPECT_FALSE(plain.has_stereo(2)) << "a negative disparity has no depth";
+
+  const FrameFeatures shifted = plain.with_disparity_offset(camera, 0.75f);
+  EXPECT_FLOAT_EQ(shifted.disparity_offset(), 0.75f);
+  EXPECT_FLOAT_EQ(shifted.u_right(0), 89.25f);
+  EXPECT_FLOAT_EQ(shifted.depth(0), static_cast<float>(camera.bf() / 10.75));
+  EXPECT_TRUE(std::isnan(shifted.u_right(1)));
+  EXPECT_FALSE(shifted.has_stereo(1));
+  EXPECT_TRUE(shifted.has_stereo(2)) << "the offset makes the disparity positive";
+  EXPECT_EQ(shifted.keypoints().size(), 3u);
+
+  // An offset given at once, and one replaced by another, are the same.
+  const FrameFeatures direct(camera, set, {90, testing::kNoStereo, 500.5f}, {}, 0.75f);
+  const FrameFeatures again =
+      plain.with_disparity_offset(camera, 0.25f).with_disparity_offset(camera, 0.75f);
+  for (std::size_t i : {0u, 2u}) {
+    EXPECT_FLOAT_EQ(direct.u_right(i), shifted.u_right(i));
+    EXPECT_FLOAT_EQ(again.u_right(i), shifted.u_right(i));
+    EXPECT_FLOAT_EQ(again.depth(i), shifted.depth(i));
+  }
+  const FrameFeatures back = again.with_disparity_offset(camera, 0);
+  EXPECT_FLOAT_EQ(back.u_right(0), 90);
+}
+
+TEST(FrameFeatures, RefusesArraysOfUnequalLength) {
+  const StereoCamera camera = testing::kitti_camera();
+  FeatureSet set;
+  set.keypoints.resize(2);
+  set.descriptors.resize(2);
+  EXPECT_THROW(FrameFeatures(camera, set, {1.0f}, {}), std::logic_error);
+  EXPECT_THROW(FrameFeatures(camera, set, {1.0f, 2.0f}, std::vector<kys::Prior>(1)),
+               std::logic_error);
+  set.descriptors.resize(1);
+  EXPECT_THROW(FrameFeatures(camera, set, {1.0f, 2.0f}, {}), std::logic_error);
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,105 @@
+#include "mapping/stereo_calibration.h"
+
+#include <gtest/gtest.h>
+
+#include "support/map_builder.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+
+constexpr int kKeyFrames = 20;
+
+std::vector<Rigid3> drive() {
+  std::vector<Rigid3> poses;
+  for (int i = 0; i < kKeyFrames; ++i) poses.push_back(testing::weaving_pose(0.8 * i));
+  return poses;
+}
+
+/// A drive of twenty keyframes whose disparities all are wrong by `error` px.
+Map map_with_error(float error, unsigned seed) {
+  FeatureWorld::Options options;
+  options.points = 2000;
+  options.pixel_noise = 0.4;
+  options.seed = seed;
+  return testing::map_of_world(FeatureWorld(testing::kitti_camera(), options), drive(), error).map;
+}
+
+double worst_position_error(const Map& map) {
+  double worst = 0;
+  const std::vector<Rigid3> truth = drive();
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    worst = std::max(worst, (keyframe.T_c_w.inverse().t() - truth[id.value].t()).norm());
+  });
+  return worst;
+}
+
+TEST(StereoCalibration, FindsAConstantErrorOfAllDisparities) {
+  for (const float error : {0.3f, -0.2f}) {
+    const Map map = map_with_error(error, 3);
+    const DisparityOffset found = estimate_disparity_offset(map, {});
+    ASSERT_GT(found.sigma, 0);
+    EXPECT_LT(found.sigma, 0.05) << "a drive of 15 m past 2000 points tells a twentieth of a pixel";
+    EXPECT_LT(std::abs(found.offset + error), 3 * found.sigma)
+        << "error " << error << ": " << found.offset << " +- " << found.sigma;
+  }
+}
+
+TEST(StereoCalibration, ItsStandardDeviationIsHonest) {
+  // Of offsets estimated from independent noise nearly all lie within three deviations.
+  double sum_squares = 0;
+  constexpr int kRuns = 5;
+  for (unsigned seed = 1; seed <= kRuns; ++seed) {
+    const DisparityOffset found = estimate_disparity_offset(map_with_error(0, seed), {});
+    ASSERT_GT(found.sigma, 0);
+    const double score = found.offset / found.sigma;
+    EXPECT_LT(std::abs(score), 3.5)
+        << "seed " << seed << ": " << found.offset << " +- " << found.sigma;
+    sum_squares += score * score;
+  }
+  EXPECT_LT(sum_squares / kRuns, 4.2) << "99.9 % of the means of five squares lie below";
+}
+
+TEST(StereoCalibration, AnErrorIsPutRightInTheMap) {
+  Map map = map_with_error(0.3f, 5);
+  // The map as it would have been made: adjusted with the wrong disparities.
+  StereoCalibration calibration({});
+  ASSERT_TRUE(calibration.update(map));
+  map.check_consistency();
+  EXPECT_NEAR(map.disparity_offset(), -0.3, 0.12);
+  EXPECT_FLOAT_EQ(map.keyframe({4}).features->disparity_offset(), map.disparity_offset());
+  EXPECT_LT(worst_position_error(map), 0.06);
+  EXPECT_FALSE(calibration.update(map)) << "looks again when there are twice as many keyframes";
+}
+
+TEST(StereoCalibration, AnAccurateRigIsLeftAlone) {
+  Map map = map_with_error(0, 6);
+  StereoCalibration calibration({});
+  EXPECT_FALSE(calibration.update(map));
+  EXPECT_EQ(map.disparity_offset(), 0);
+}
+
+TEST(StereoCalibration, WaitsForEnoughKeyframesAndCanBeSwitchedOff) {
+  Map map = map_with_error(0.3f, 7);
+  StereoCalibrationOptions options;
+  options.keyframes = kKeyFrames + 1;
+  EXPECT_FALSE(StereoCalibration(options).update(map));
+  options.keyframes = kKeyFrames;
+  options.enabled = false;
+  EXPECT_FALSE(StereoCalibration(options).update(map));
+  options.enabled = true;
+  options.max_correction = 0.1;
+  EXPECT_FALSE(StereoCalibration(options).update(map)) << "more than can be a calibration error";
+  EXPECT_EQ(map.disparity_offset(), 0);
+}
+
+TEST(StereoCalibration, AMapThatSaysTooLittleGivesNoEstimate) {
+  const Map empty(testing::kitti_camera(), ScaleLevels(1.2, 8));
+  EXPECT_EQ(estimate_disparity_offset(empty, {}).sigma, 0);
+  const std::atomic<bool> stop{true};
+  EXPECT_EQ(estimate_disparity_offset(map_with_error(0.3f, 7), {}, &stop).sigma, 0);
+}
+
+}  // namespace
+}  // namespace kys_slam

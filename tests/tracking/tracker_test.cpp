@@ -1,0 +1,191 @@
+#include "tracking/tracker.h"
+
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <set>
+
+#include "support/map_builder.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::see;
+using testing::weaving_pose;
+
+class TrackerTest : public ::testing::Test {
+ protected:
+  static FeatureWorld world(unsigned seed) {
+    FeatureWorld::Options options;
+    options.seed = seed;
+    return {testing::kitti_camera(), options};
+  }
+  TrackResult track(std::int64_t index, std::shared_ptr<const FrameFeatures> features,
+                    int waiting = 0) {
+    return tracker_.track(index, 0.1 * static_cast<double>(index), std::move(features), waiting);
+  }
+  TrackResult track_world(std::int64_t index, double metres) {
+    return track(index, see(world_, index, weaving_pose(metres)).features);
+  }
+  /// T_w_c of the truth relative to the first frame.
+  static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
+
+  FeatureWorld world_ = world(1);
+  kys::DistanceModel model_;
+  Tracker tracker_{testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model_};
+};
+
+TEST_F(TrackerTest, StartsAMapOfAllStereoPointsAtTheOrigin) {
+  const auto seen = see(world_, 0, weaving_pose(0));
+  const TrackResult result = track(0, seen.features);
+  EXPECT_EQ(result.status, TrackingStatus::kStarted);
+  ASSERT_TRUE(result.keyframe.has_value());
+  EXPECT_EQ(result.keyframe->id, KeyFrameId{0});
+  EXPECT_EQ(result.keyframe->new_landmarks.size(), seen.features->size());
+  EXPECT_FALSE(result.keyframe->reference.valid());
+  EXPECT_LT(minus(result.T_c_w, Rigid3()).norm(), 1e-12);
+  std::set<std::uint32_t> ids;
+  for (const NewLandmark& landmark : result.keyframe->new_landmarks) {
+    EXPECT_EQ(landmark.id.value % 2, 0u) << "odd ids are the back end's";
+    EXPECT_TRUE(ids.insert(landmark.id.value).second);
+    const Eigen::Vector3d expected =
+        weaving_pose(0).inverse() * world_.points()[seen.points[landmark.feature]].p_w;
+    EXPECT_LT((landmark.p_w - expected).norm(), 1e-3 * expected.norm());
+  }
+  EXPECT_EQ(tracker_.replica().landmarks().size(), ids.size());
+}
+
+TEST_F(TrackerTest, SaysWhyItCannotStart) {
+  const auto without = see(world_, 0, weaving_pose(0), false);
+  TrackResult result = track(0, without.features);
+  EXPECT_EQ(result.status, TrackingStatus::kLost);
+  EXPECT_EQ(result.reason, "too few stereo points to start a map: 0");
+  EXPECT_FALSE(result.keyframe.has_value());
+  EXPECT_FALSE(result.pose.reference.valid());
+  result = track(1, testing::random_features(testing::kitti_camera(), 99, 5, 1.0));
+  EXPECT_EQ(result.reason, "too few stereo points to start a map: 99");
+  result = track_world(2, 0);
+  EXPECT_EQ(result.status, TrackingStatus::kStarted) << "the first good frame starts it";
+}
+
+TEST_F(TrackerTest, FollowsTheCameraExactlyAndTellsHow) {
+  track_world(0, 0);
+  TrackResult result = track_world(1, 0.4);
+  ASSERT_EQ(result.status, TrackingStatus::kTracked);
+  EXPECT_EQ(result.reason, "reference keyframe") << "no velocity yet";
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(0.4).t()).norm(), 2e-3);
+  for (int i = 2; i < 8; ++i) {
+    result = track_world(i, 0.4 * i);
+    ASSERT_EQ(result.status, TrackingStatus::kTracked);
+    EXPECT_EQ(result.reason, "motion model");
+    EXPECT_LT((result.T_c_w.inverse().t() - truth(0.4 * i).t()).norm(), 2e-3);
+    EXPECT_GE(result.matches, result.inliers);
+    EXPECT_LT(minus(tracker_.current_pose(result.pose), result.T_c_w).norm(), 1e-9);
+  }
+}
+
+TEST_F(TrackerTest, AnotherPlaceIsLostWithAReasonAndFoundAgain) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  const FeatureWorld elsewhere = world(77);
+  const TrackResult lost = track(3, see(elsewhere, 3, weaving_pose(0)).features);
+  EXPECT_EQ(lost.status, TrackingStatus::kLost);
+  EXPECT_NE(lost.reason.find("motion model: "), std::string::npos) << lost.reason;
+  EXPECT_NE(lost.reason.find("reference keyframe: "), std::string::npos) << lost.reason;
+  EXPECT_NE(lost.reason.find(" matches"), std::string::npos) << lost.reason;
+  EXPECT_FALSE(lost.keyframe.has_value());
+  EXPECT_FALSE(lost.pose.reference.valid());
+
+  const TrackResult nothing = track(
+      4, std::make_shared<const FrameFeatures>(testing::kitti_camera(), FeatureSet{},
+                                               std::vector<float>{}, std::vector<kys::Prior>{}));
+  EXPECT_EQ(nothing.status, TrackingStatus::kLost);
+  EXPECT_EQ(nothing.reason, "reference keyframe: 0 matches") << "the velocity went with the loss";
+
+  const TrackResult again = track_world(5, 1.2);
+  EXPECT_EQ(again.status, TrackingStatus::kTracked);
+  EXPECT_EQ(again.reason, "reference keyframe");
+  EXPECT_LT((again.T_c_w.inverse().t() - truth(1.2).t()).norm(), 2e-3);
+}
+
+TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  // Twenty-five of the features are all that is seen.
+  const auto seen = see(world_, 2, weaving_pose(0.8));
+  FeatureSet few{{seen.features->keypoints().begin(), seen.features->keypoints().begin() + 25},
+                 {seen.features->descriptors().begin(), seen.features->descriptors().begin() + 25}};
+  std::vector<float> u_right;
+  for (std::size_t i = 0; i < 25; ++i) u_right.push_back(seen.features->u_right(i));
+  const TrackResult result = track(
+      2, std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(few),
+                                               std::move(u_right), std::vector<kys::Prior>{}));
+  EXPECT_EQ(result.status, TrackingStatus::kLost);
+  EXPECT_NE(result.reason.find("inliers"), std::string::npos) << result.reason;
+  EXPECT_LT(result.inliers, 30);
+}
+
+TEST_F(TrackerTest, AKeyframeEntersTheReplicaAtOnceAndCarriesCounts) {
+  track_world(0, 0);
+  std::optional<KeyFrameMessage> message;
+  for (int i = 1; i < 40 && !message; ++i) message = track_world(i, 0.8 * i).keyframe;
+  ASSERT_TRUE(message.has_value()) << "30 m on, the first view must be out of sight";
+  EXPECT_EQ(message->id, KeyFrameId{1});
+  EXPECT_EQ(message->reference, KeyFrameId{0});
+  const KeyFrameView* view = tracker_.replica().keyframes().find(message->id);
+  ASSERT_NE(view, nullptr);
+  EXPECT_EQ(view->parent, KeyFrameId{0});
+  EXPECT_LT(
+      minus(message->T_c_reference * tracker_.replica().keyframes().at({0}).T_c_w, message->T_c_w)
+          .norm(),
+      1e-9);
+  EXPECT_FALSE(message->counts.empty());
+  for (const VisibilityCount& count : message->counts) EXPECT_LE(count.found, count.visible);
+  int tracked = 0;
+  for (const LandmarkId id : message->tracked) tracked += id.valid() ? 1 : 0;
+  EXPECT_GT(tracked, 15);
+  for (const NewLandmark& landmark : message->new_landmarks) {
+    EXPECT_FALSE(message->tracked[landmark.feature].valid()) << "its feature was free";
+    EXPECT_EQ(view->landmarks[landmark.feature], landmark.id);
+  }
+}
+
+TEST_F(TrackerTest, PosesFollowWhenTheBackEndMovesTheMap) {
+  track_world(0, 0);
+  const TrackResult before = track_world(1, 0.4);
+  // The whole map is moved: keyframe and landmarks alike.
+  const Rigid3 T_new_old(so3_exp({0, 0.3, 0}), {5, 0, -2});
+  ChangeSet changes;
+  KeyFrameView keyframe = tracker_.replica().keyframes().at({0});
+  keyframe.T_c_w = keyframe.T_c_w * T_new_old.inverse();
+  changes.keyframes.emplace_back(KeyFrameId{0}, keyframe);
+  tracker_.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
+    LandmarkView moved = landmark;
+    moved.p_w = T_new_old * landmark.p_w;
+    moved.normal = (T_new_old.R() * landmark.normal.cast<double>()).cast<float>();
+    changes.landmarks.emplace_back(id, moved);
+  });
+  tracker_.apply(changes);
+  EXPECT_LT(minus(tracker_.current_pose(before.pose).inverse(), T_new_old * before.T_c_w.inverse())
+                .norm(),
+            1e-9);
+  const TrackResult after = track_world(2, 0.8);
+  ASSERT_EQ(after.status, TrackingStatus::kTracked);
+  EXPECT_LT((after.T_c_w.inverse().t() - (T_new_old * truth(0.8)).t()).norm(), 2e-3);
+}
+
+TEST(TrackerOptions, OnesThatMakeNoSenseAreNamed) {
+  TrackerOptions options;
+  options.close_baselines = -1;
+  try {
+    options.check();
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(), "tracking.close_baselines must be positive");
+  }
+}
+
+}  // namespace
+}  // namespace kys_slam
