@@ -1,7 +1,9 @@
 #include "priors/builder/depth.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace kys_slam {
 namespace {
@@ -22,6 +24,25 @@ float bilinear(const ImageOf<float>& image, float x, float y) {
          b * ((1 - a) * image.at(x0, y1) + a * image.at(x1, y1));
 }
 
+/// A surface that is wider in the right view arrives with gaps; what is seen through them does not
+/// belong there.
+void close_gaps(const std::vector<float>& row, float* out) {
+  constexpr std::ptrdiff_t kReach = 2;  // px
+  constexpr float kStep = 1.0F;         // px of disparity; less is the surface's own slope
+  const auto width = static_cast<std::ptrdiff_t>(row.size());
+  const auto nearer = [&](std::ptrdiff_t x, std::ptrdiff_t step) {
+    for (std::ptrdiff_t i = 1; i <= kReach; ++i) {
+      const std::ptrdiff_t at = x + i * step;
+      if (at < 0 || at >= width) return false;
+      if (row[static_cast<std::size_t>(at)] > row[static_cast<std::size_t>(x)] + kStep) return true;
+    }
+    return false;
+  };
+  for (std::ptrdiff_t x = 0; x < width; ++x) {
+    out[x] = nearer(x, -1) && nearer(x, 1) ? kNone : row[static_cast<std::size_t>(x)];
+  }
+}
+
 }  // namespace
 
 ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth) {
@@ -38,19 +59,26 @@ ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double 
   return result;
 }
 
-ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left) {
+ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
+                                       const ImageOf<std::uint16_t>* left_labels,
+                                       const ImageOf<std::uint16_t>* right_labels) {
   const int width = left.width();
+  const bool labels = left_labels != nullptr && right_labels != nullptr;
   ImageOf<float> right(width, left.height(), kNone);
+  std::vector<float> row(static_cast<std::size_t>(width));
   for (int y = 0; y < left.height(); ++y) {
     const float* in = left.row(y);
-    float* out = right.row(y);
+    std::fill(row.begin(), row.end(), kNone);
     for (int x = 0; x < width; ++x) {
       const float d = in[x];
       if (!(d > 0 && d < static_cast<float>(width))) continue;
       const int target = static_cast<int>(static_cast<float>(x) - d + 0.5F);
       if (static_cast<float>(x) - d + 0.5F < 0) continue;
-      if (!(out[target] > d)) out[target] = d;  // true for NaN as well
+      if (labels && left_labels->at(x, y) != right_labels->at(target, y)) continue;
+      float& out = row[static_cast<std::size_t>(target)];
+      if (!(out > d)) out = d;  // true for NaN as well
     }
+    close_gaps(row, right.row(y));
   }
   return right;
 }
