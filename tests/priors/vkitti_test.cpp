@@ -41,7 +41,7 @@ class VkittiTest : public testing::Test {
 
   [[nodiscard]] std::string error_of(const kys::LabelSpace& labels, int width) const {
     try {
-      PanopticReader(instances(), labels).read("rgb_00007", width, 1);
+      static_cast<void>(PanopticReader(instances(), labels).read("rgb_00007", width, 1));
     } catch (const InputError& error) {
       return error.what();
     }

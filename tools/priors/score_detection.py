@@ -1,6 +1,6 @@
 """Precision and recall of "moving" per thing segment, and the exported motion it leads to.
 
-    score_detection.py PRIORS ground_truth.csv [--motion motion.csv] [--min-area 200] [--list]
+    score_detection.py PRIORS ground_truth.csv [--motion motion.csv] [--min-area 200] [--mu-step 8] [--list]
 
 PRIORS is a folder made by build_priors. The truth has columns frame,camera,moving (0/1) and
 segment_id or input_id: simulate_sequence's ground_truth.csv as it is. --motion is the table of
@@ -39,6 +39,8 @@ def score(rows, truth, motion, options):
     last = max((key[0] for key in rows), default=0)
     for key, row in rows.items():
         if int(row["area_px"]) < options.min_area or key[0] == last:
+            continue
+        if options.camera and key[1] != options.camera:
             continue
         if key not in truth:
             result["unknown"] += 1
@@ -87,10 +89,10 @@ def report(result, options):
                   f"{row['radial_test']}")
 
 
-def exported_motion(folder):
+def exported_motion(folder, step):
     """Motion values mu of all pixels of flagged segments (the paper's Fig. S2)."""
     values = []
-    for path in sorted(Path(folder).glob("*.kysp")):
+    for path in sorted(Path(folder).glob("*.kysp"))[::step]:
         for camera in kysp.read(path).cameras:
             dynamic = np.concatenate([[False], (camera.segments["flags"] & kysp.DYNAMIC) != 0])
             values.append(camera.motion[dynamic[camera.segment_map]])
@@ -105,12 +107,15 @@ def main():
     parser.add_argument("--min-area", type=int, default=200, help="px")
     parser.add_argument("--min-shift", type=float, default=0.3, help="m between frames")
     parser.add_argument("--max-depth", type=float, default=30.0, help="m")
+    parser.add_argument("--camera", choices=("left", "right"), help="only this one")
+    parser.add_argument("--mu-step", type=int, default=0,
+                        help="also the exported motion, of every so many-th frame (slow)")
     parser.add_argument("--list", action="store_true", help="every wrong decision")
     options = parser.parse_args()
     rows = read(Path(options.priors) / "segments.csv")
     report(score(rows, read(options.truth), read(options.motion) if options.motion else {}, options),
            options)
-    mu = exported_motion(options.priors)
+    mu = exported_motion(options.priors, options.mu_step) if options.mu_step else np.zeros(0)
     if mu.size:
         print(f"exported mu over {mu.size} px of flagged segments: {np.mean(mu > 8):.3f} above 8, "
               f"{np.mean(mu > 20):.3f} above 20; quartiles "
