@@ -24,22 +24,32 @@ float bilinear(const ImageOf<float>& image, float x, float y) {
          b * ((1 - a) * image.at(x0, y1) + a * image.at(x1, y1));
 }
 
-/// A surface that is wider in the right view arrives with gaps; what is seen through them does not
-/// belong there.
-void close_gaps(const std::vector<float>& row, float* out) {
-  constexpr std::ptrdiff_t kReach = 2;  // px
-  constexpr float kStep = 1.0F;         // px of disparity; less is the surface's own slope
-  const auto width = static_cast<std::ptrdiff_t>(row.size());
-  const auto nearer = [&](std::ptrdiff_t x, std::ptrdiff_t step) {
-    for (std::ptrdiff_t i = 1; i <= kReach; ++i) {
-      const std::ptrdiff_t at = x + i * step;
-      if (at < 0 || at >= width) return false;
-      if (row[static_cast<std::size_t>(at)] > row[static_cast<std::size_t>(x)] + kStep) return true;
+/// A surface that is wider in the right view arrives with gaps of a pixel or two. What is seen
+/// through them does not belong there. Where the classes (`labels`, may be null) say that the
+/// surface goes on, the gap is filled from its sides.
+void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, float* out) {
+  constexpr int kReach = 2;      // px
+  constexpr float kStep = 1.0F;  // px of disparity; less is the surface's own slope
+  const int width = static_cast<int>(row.size());
+  const auto at = [&](int x) { return row[static_cast<std::size_t>(x)]; };
+  // How far away a nearer surface is (any, when there is none here); 0: not within reach.
+  const auto nearer = [&](int x, int step) {
+    for (int i = 1; i <= kReach && x + i * step >= 0 && x + i * step < width; ++i) {
+      const float side = at(x + i * step);
+      if (side > at(x) + kStep || (std::isnan(at(x)) && !std::isnan(side))) return i;
     }
-    return false;
+    return 0;
   };
-  for (std::ptrdiff_t x = 0; x < width; ++x) {
-    out[x] = nearer(x, -1) && nearer(x, 1) ? kNone : row[static_cast<std::size_t>(x)];
+  for (int x = 0; x < width; ++x) {
+    out[x] = at(x);
+    const int left = nearer(x, -1), right = left == 0 ? 0 : nearer(x, 1);
+    if (right == 0) continue;
+    const float a = at(x - left), b = at(x + right);
+    const bool same_surface = labels != nullptr && labels[x] == labels[x - left] &&
+                              labels[x] == labels[x + right] &&
+                              std::abs(a - b) <= kStep * static_cast<float>(left + right);
+    const float share = static_cast<float>(left) / static_cast<float>(left + right);
+    out[x] = same_surface ? a + share * (b - a) : kNone;
   }
 }
 
@@ -78,7 +88,7 @@ ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
       float& out = row[static_cast<std::size_t>(target)];
       if (!(out > d)) out = d;  // true for NaN as well
     }
-    close_gaps(row, right.row(y));
+    close_gaps(row, labels ? right_labels->row(y) : nullptr, right.row(y));
   }
   return right;
 }

@@ -327,11 +327,14 @@ TEST(Depth, WarpingClosesGapsAndHeedsClasses) {
   EXPECT_TRUE(std::isnan(right.at(4, 0)));
   EXPECT_TRUE(std::isnan(right.at(5, 0)));
   EXPECT_EQ(right.at(17, 0), 2.0F);
-  // The same wall without disparity, as it is too near: its class keeps others off.
+  // What is of another class in the right view is hidden there.
   ImageOf<std::uint16_t> left_labels(20, 1, 7), right_labels(20, 1, 7);
   left_labels.at(19, 0) = 3;
   const ImageOf<float> labelled = warp_disparity_to_right(left, &left_labels, &right_labels);
   EXPECT_EQ(labelled.at(3, 0), 8.0F);
+  EXPECT_EQ(labelled.at(4, 0), 8.0F);  // all one class: the wall goes on
+  right_labels.at(4, 0) = 3;
+  EXPECT_TRUE(std::isnan(warp_disparity_to_right(left, &left_labels, &right_labels).at(4, 0)));
   EXPECT_TRUE(std::isnan(labelled.at(17, 0)));
 }
 
