@@ -160,17 +160,23 @@ class SequenceBuilder {
            settings_.debug_images;
   }
 
+  [[nodiscard]] fs::path back_flow(const std::string& folder, std::size_t t) const {
+    return find_back_flow(folder, sequence_.names[t], sequence_.names[t + 1]);
+  }
+
   /// Digest of everything the file of frame t depends on.
   [[nodiscard]] std::uint64_t content_key(std::size_t t) const {
     const std::string& name = sequence_.names[t];
     Digest digest;
-    digest.add("kysp builder 1\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 2\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
                std::to_string(static_cast<int>(inputs_.flow_encoding)));
     for (std::size_t c = 0; c < readers_.size(); ++c) {
       digest.add_file(readers_[c].path_of(name));
+      const fs::path classes = readers_[c].class_path_of(name);
+      if (!classes.empty()) digest.add_file(classes);
       for (const std::int32_t instance : instances_[c][t]) digest.add(std::to_string(instance));
     }
     const auto add_source = [&](const std::string& source) {
@@ -181,9 +187,10 @@ class SequenceBuilder {
     add_source(inputs_.disparity);
     add_source(inputs_.disparity_right);
     if (t + 1 < frames()) {
-      for (const auto& source : {inputs_.flow, inputs_.flow_back}) {
-        add_source(source[0]);
-        add_source(source[1]);
+      for (const std::string& source : inputs_.flow) add_source(source);
+      for (const std::string& source : inputs_.flow_back) {
+        if (!source.empty()) digest.add_file(back_flow(source, t));
+        digest.add(source);
       }
     }
     return digest.value();
@@ -216,14 +223,24 @@ class SequenceBuilder {
 
   using Pair = std::pair<GrayImage, GrayImage>;
 
-  [[nodiscard]] std::array<ImageOf<float>, 2> disparities(std::size_t t, const Pair& now) const {
+  [[nodiscard]] ImageOf<float> warp(const ImageOf<float>& left,
+                                    const std::vector<PanopticMap>& maps) const {
+    if (maps.size() < 2) return {};
+    if (!settings_.options.depth.match_labels) return warp_disparity_to_right(left);
+    const ImageOf<std::uint16_t> left_labels = label_image(maps[0]);
+    const ImageOf<std::uint16_t> right_labels = label_image(maps[1]);
+    return warp_disparity_to_right(left, &left_labels, &right_labels);
+  }
+
+  [[nodiscard]] std::array<ImageOf<float>, 2> disparities(
+      std::size_t t, const Pair& now, const std::vector<PanopticMap>& maps) const {
     std::array<ImageOf<float>, 2> d;
     if (inputs_.disparity.empty()) return d;
     const double tolerance = settings_.options.depth.left_right_tolerance;
     if (inputs_.disparity == "sgbm") {
       d[0] = estimate_disparity(now.first, now.second, false);
       check_left_right(d[0], estimate_disparity(now.first, now.second, true), -1, tolerance);
-      d[1] = warp_disparity_to_right(d[0]);
+      d[1] = warp(d[0], maps);
       return d;
     }
     const auto read = [&](const std::string& folder) {
@@ -235,7 +252,7 @@ class SequenceBuilder {
     };
     d[0] = read(inputs_.disparity);
     if (inputs_.disparity_right.empty()) {
-      d[1] = warp_disparity_to_right(d[0]);
+      d[1] = warp(d[0], maps);
       return d;
     }
     d[1] = read(inputs_.disparity_right);
@@ -255,15 +272,14 @@ class SequenceBuilder {
                              check.relative_tolerance);
       return forward;
     }
-    const auto read = [&](const std::string& folder) {
-      const fs::path path = find_field(folder, sequence_.names[t]);
+    const auto read = [&](const fs::path& path) {
       FlowField field = read_flow(path, inputs_.flow_encoding);
       check_size(path, field.u);
       return field;
     };
-    FlowField forward = read(inputs_.flow[c]);
+    FlowField forward = read(find_field(inputs_.flow[c], sequence_.names[t]));
     if (!inputs_.flow_back[c].empty()) {
-      check_forward_backward(forward, read(inputs_.flow_back[c]), check.tolerance,
+      check_forward_backward(forward, read(back_flow(inputs_.flow_back[c], t)), check.tolerance,
                              check.relative_tolerance);
     }
     return forward;
@@ -282,7 +298,9 @@ class SequenceBuilder {
     Pair now, next;
     if (needs_images()) now = sequence_.read(t);
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
-    std::array<ImageOf<float>, 2> disparity = disparities(t, now);
+    std::vector<PanopticMap> maps;
+    for (std::size_t c = 0; c < readers_.size(); ++c) maps.push_back(read_panoptic(c, t));
+    std::array<ImageOf<float>, 2> disparity = disparities(t, now, maps);
 
     FramePriors priors;
     priors.label_space = labels_.name();
@@ -292,7 +310,7 @@ class SequenceBuilder {
     std::vector<CameraFusion> fusions;
     for (std::size_t c = 0; c < readers_.size(); ++c) {
       CameraPerception in;
-      in.panoptic = read_panoptic(c, t);
+      in.panoptic = std::move(maps[c]);
       in.instances = instances_[c][t];
       if (!disparity[c].empty()) {
         in.inverse_depth =

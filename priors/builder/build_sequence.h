@@ -29,10 +29,11 @@ struct BuildSequence {
 struct BuildInputs {
   std::array<std::filesystem::path, 2> panoptic;  ///< left, right; right may be empty
   PanopticEncoding panoptic_encoding = PanopticEncoding::kAuto;
-  std::string disparity;                 ///< folder, "sgbm" or ""
-  std::string disparity_right;           ///< folder or "" (the left one is warped)
-  std::array<std::string, 2> flow;       ///< folder, "dis" or ""
-  std::array<std::string, 2> flow_back;  ///< t+1 to t, filed under t: folder or ""; for the check
+  std::string disparity;            ///< folder, "sgbm" or ""
+  std::string disparity_right;      ///< folder or "" (the left one is warped)
+  std::array<std::string, 2> flow;  ///< folder, "dis" or ""
+  /// Flow from t+1 to t: folder or ""; for the check. File names: find_back_flow().
+  std::array<std::string, 2> flow_back;
   FieldEncoding disparity_encoding = FieldEncoding::kKitti;
   FieldEncoding flow_encoding = FieldEncoding::kKitti;
 };

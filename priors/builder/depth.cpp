@@ -1,7 +1,9 @@
 #include "priors/builder/depth.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace kys_slam {
 namespace {
@@ -22,6 +24,35 @@ float bilinear(const ImageOf<float>& image, float x, float y) {
          b * ((1 - a) * image.at(x0, y1) + a * image.at(x1, y1));
 }
 
+/// A surface that is wider in the right view arrives with gaps of a pixel or two. What is seen
+/// through them does not belong there. Where the classes (`labels`, may be null) say that the
+/// surface goes on, the gap is filled from its sides.
+void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, float* out) {
+  constexpr int kReach = 2;      // px
+  constexpr float kStep = 1.0F;  // px of disparity; less is the surface's own slope
+  const int width = static_cast<int>(row.size());
+  const auto at = [&](int x) { return row[static_cast<std::size_t>(x)]; };
+  // How far away a nearer surface is (any, when there is none here); 0: not within reach.
+  const auto nearer = [&](int x, int step) {
+    for (int i = 1; i <= kReach && x + i * step >= 0 && x + i * step < width; ++i) {
+      const float side = at(x + i * step);
+      if (side > at(x) + kStep || (std::isnan(at(x)) && !std::isnan(side))) return i;
+    }
+    return 0;
+  };
+  for (int x = 0; x < width; ++x) {
+    out[x] = at(x);
+    const int left = nearer(x, -1), right = left == 0 ? 0 : nearer(x, 1);
+    if (right == 0) continue;
+    const float a = at(x - left), b = at(x + right);
+    const bool same_surface = labels != nullptr && labels[x] == labels[x - left] &&
+                              labels[x] == labels[x + right] &&
+                              std::abs(a - b) <= kStep * static_cast<float>(left + right);
+    const float share = static_cast<float>(left) / static_cast<float>(left + right);
+    out[x] = same_surface ? a + share * (b - a) : kNone;
+  }
+}
+
 }  // namespace
 
 ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth) {
@@ -38,19 +69,26 @@ ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double 
   return result;
 }
 
-ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left) {
+ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
+                                       const ImageOf<std::uint16_t>* left_labels,
+                                       const ImageOf<std::uint16_t>* right_labels) {
   const int width = left.width();
+  const bool labels = left_labels != nullptr && right_labels != nullptr;
   ImageOf<float> right(width, left.height(), kNone);
+  std::vector<float> row(static_cast<std::size_t>(width));
   for (int y = 0; y < left.height(); ++y) {
     const float* in = left.row(y);
-    float* out = right.row(y);
+    std::fill(row.begin(), row.end(), kNone);
     for (int x = 0; x < width; ++x) {
       const float d = in[x];
       if (!(d > 0 && d < static_cast<float>(width))) continue;
       const int target = static_cast<int>(static_cast<float>(x) - d + 0.5F);
       if (static_cast<float>(x) - d + 0.5F < 0) continue;
-      if (!(out[target] > d)) out[target] = d;  // true for NaN as well
+      if (labels && left_labels->at(x, y) != right_labels->at(target, y)) continue;
+      float& out = row[static_cast<std::size_t>(target)];
+      if (!(out > d)) out = d;  // true for NaN as well
     }
+    close_gaps(row, labels ? right_labels->row(y) : nullptr, right.row(y));
   }
   return right;
 }

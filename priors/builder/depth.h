@@ -2,6 +2,8 @@
 
 #include <kys_slam/image.h>
 
+#include <cstdint>
+
 namespace kys_slam {
 
 /// Disparity images are in px, NaN where there is none. Inverse depth images are in 1/m, NaN where
@@ -17,8 +19,14 @@ struct FlowField {
 ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth);
 
 /// The right view's disparity from the left one: each pixel moves to u - disparity (rounded), the
-/// nearest surface wins; pixels nothing arrives at are NaN.
-ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left);
+/// nearest surface wins; pixels nothing arrives at are NaN, and so are those where a farther
+/// surface shows through a gap of at most 2 px in a nearer one. \param left_labels,right_labels
+/// class of each pixel. Given both, a pixel arrives only at one of its own class: what is hidden in
+/// the right view by something the left view gives no disparity of (too near, or unmatched) would
+/// otherwise land on that.
+ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
+                                       const ImageOf<std::uint16_t>* left_labels = nullptr,
+                                       const ImageOf<std::uint16_t>* right_labels = nullptr);
 
 /// Sets to NaN what the other view's disparity contradicts by more than `tolerance` px or cannot
 /// confirm. `sign` -1 for the left view (its pixel u is at u - d in the right), +1 for the right.

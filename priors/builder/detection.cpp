@@ -31,8 +31,17 @@ MotionDecision decide(const BuilderOptions& options, const SegmentStatistics& se
   decision.omega = coverage_scale(o, segment.coverage);
   const bool measured =
       segment.flow_count > 0 && segment.flow_count >= o.min_valid_fraction * segment.area;
-  if (!measured || segment.coverage < o.min_coverage) return decision;
-  decision.magnitude_test = segment.residual > o.magnitude_factor * bg.m_bg * decision.omega;
+  const double threshold = o.magnitude_factor * bg.m_bg * decision.omega;
+  if (!measured) return decision;
+  if (segment.coverage < o.min_coverage) {
+    // The paper calls it static. But a bus that fills the view has no stuff around it, and moves by
+    // far more than any drift that could not be corrected there.
+    decision.magnitude_test =
+        o.uncovered_factor > 0 && segment.residual > o.uncovered_factor * threshold;
+    decision.dynamic = decision.magnitude_test;
+    return decision;
+  }
+  decision.magnitude_test = segment.residual > threshold;
   const double scatter = o.standard_error_factor / std::sqrt(segment.area / 100.0);
   decision.radial_test =
       segment.coverage >= o.min_radial_coverage &&

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "io/image_io.h"
+#include "priors/builder/vkitti_names.h"
 #include "priors/format/byte_io.h"
 
 namespace kys_slam {
@@ -205,7 +206,18 @@ fs::path find_field(const fs::path& folder, const std::string& name) {
     std::error_code error;
     if (fs::exists(path, error)) return path;
   }
+  for (const char* prefix : {"depth_", "flow_"}) {
+    fs::path path = folder / vkitti_name(prefix, name);
+    std::error_code error;
+    if (name.starts_with("rgb_") && fs::exists(path, error)) return path;
+  }
   throw InputError((folder / name).string() + ": no .png, .pfm, .npy or .flo file of this frame");
+}
+
+fs::path find_back_flow(const fs::path& folder, const std::string& name, const std::string& next) {
+  fs::path path = folder / vkitti_name("backwardFlow_", next);
+  std::error_code error;
+  return fs::exists(path, error) ? path : find_field(folder, name);
 }
 
 ImageOf<float> read_disparity(const fs::path& path, FieldEncoding encoding, double bf) {

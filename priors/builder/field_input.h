@@ -16,8 +16,14 @@ enum class FieldEncoding {
 };
 
 /// The file of a frame in a folder: <name>.png, .pfm, .npy or .flo, or <name>_disp.pfm,
-/// <name>_pred.flo (UniMatch). \throws InputError when there is none.
+/// <name>_pred.flo (UniMatch); of rgb_<number> also depth_<number>.png and flow_<number>.png
+/// (Virtual KITTI 2). \throws InputError when there is none.
 std::filesystem::path find_field(const std::filesystem::path& folder, const std::string& name);
+
+/// The file with the flow from frame `next` back to frame `name`: Virtual KITTI 2 files it under
+/// `next` (backwardFlow_<number>.png), everybody else under `name`. \throws InputError.
+std::filesystem::path find_back_flow(const std::filesystem::path& folder, const std::string& name,
+                                     const std::string& next);
 
 /// Left disparity (px, NaN where there is none) from KITTI PNG, PFM or NPY; with kVkitti, from a
 /// depth PNG and `bf` (focal length times baseline, px m).

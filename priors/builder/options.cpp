@@ -23,6 +23,7 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"association.class_agnostic", &o.association.class_agnostic},
       {"depth.max_depth", &o.depth.max_depth},
       {"depth.left_right_tolerance", &o.depth.left_right_tolerance},
+      {"depth.match_labels", &o.depth.match_labels},
       {"flow_check.tolerance", &o.flow_check.tolerance},
       {"flow_check.relative_tolerance", &o.flow_check.relative_tolerance},
       {"ego_motion.model", &o.ego_motion.model},
@@ -37,6 +38,7 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"detection.references", &o.detection.references},
       {"detection.reference_floor", &o.detection.reference_floor},
       {"detection.min_coverage", &o.detection.min_coverage},
+      {"detection.uncovered_factor", &o.detection.uncovered_factor},
       {"detection.min_radial_coverage", &o.detection.min_radial_coverage},
       {"detection.magnitude_factor", &o.detection.magnitude_factor},
       {"detection.radial_factor", &o.detection.radial_factor},
@@ -147,6 +149,7 @@ void BuilderOptions::check() const {
   require(drift.sigma > 0, "drift.sigma: must be positive");
   require(drift.cell >= 1 && drift.cell <= 64, "drift.cell: must be 1 to 64");
   require(detection.reference_floor > 0, "detection.reference_floor: must be positive");
+  require(detection.uncovered_factor >= 0, "detection.uncovered_factor: must not be negative");
   require(detection.max_omega >= 1, "detection.max_omega: must be 1 or more");
   require(detection.max_psi >= 1, "detection.max_psi: must be 1 or more");
   require(score.factor >= 0, "score.factor: must not be negative");
@@ -158,6 +161,7 @@ void BuilderOptions::check() const {
 BuilderOptions paper_options() {
   BuilderOptions options;
   options.ego_motion.model = EgoMotionModel::kAsPrinted;
+  options.detection.uncovered_factor = 0;
   return options;
 }
 

@@ -28,6 +28,7 @@ struct BuilderOptions {
   struct Depth {
     double max_depth = 255;           ///< m, larger depths are set to it
     double left_right_tolerance = 1;  ///< px, where both disparities exist
+    bool match_labels = true;         ///< warping to the right view keeps what has the class there
   } depth;
 
   struct FlowCheck {
@@ -53,7 +54,9 @@ struct BuilderOptions {
   struct Detection {
     References references = References::kMoments;
     double reference_floor = 0.1;      ///< px, of m_bg and sigma_par
-    double min_coverage = 0.05;        ///< below: static
+    double min_coverage = 0.05;        ///< below: static, unless:
+    double uncovered_factor = 10;      ///< below min_coverage the magnitude test is this many times
+                                       ///< harder; 0: static (paper)
     double min_radial_coverage = 0.3;  ///< below: no radial test
     double magnitude_factor = 2;
     double radial_factor = 2;

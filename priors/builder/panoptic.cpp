@@ -2,6 +2,15 @@
 
 namespace kys_slam {
 
+ImageOf<std::uint16_t> label_image(const PanopticMap& map) {
+  ImageOf<std::uint16_t> labels(map.map.width(), map.map.height(), 0xFFFF);
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const std::uint16_t segment = map.map.data()[i];
+    if (segment != 0) labels.data()[i] = map.segments[segment - 1u].label;
+  }
+  return labels;
+}
+
 SegmentRuns find_runs(const ImageOf<std::uint16_t>& map) {
   SegmentRuns result;
   result.row_begin.reserve(static_cast<std::size_t>(map.height()) + 1);

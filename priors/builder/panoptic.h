@@ -34,6 +34,9 @@ struct SegmentRuns {
   std::vector<std::uint32_t> row_begin;
 };
 
+/// Class of every pixel, 65535 where void.
+ImageOf<std::uint16_t> label_image(const PanopticMap& map);
+
 SegmentRuns find_runs(const ImageOf<std::uint16_t>& map);
 
 /// What association needs of a segment.

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "io/image_io.h"
+#include "priors/builder/vkitti_names.h"
 
 namespace kys_slam {
 namespace {
@@ -24,6 +25,29 @@ fs::path first_png(const fs::path& folder) {
   return *std::min_element(files.begin(), files.end());
 }
 
+/// The colours of Virtual KITTI 2.0.3's class pictures (colors.txt; the same in every scene).
+struct VkittiClass {
+  RgbPixel colour;
+  const char* name;
+};
+constexpr VkittiClass kVkittiClasses[] = {
+    {{0, 0, 0}, "Undefined"},        {{210, 0, 200}, "Terrain"},     {{90, 200, 255}, "Sky"},
+    {{0, 199, 0}, "Tree"},           {{90, 240, 0}, "Vegetation"},   {{140, 140, 140}, "Building"},
+    {{100, 60, 100}, "Road"},        {{250, 100, 255}, "GuardRail"}, {{255, 255, 0}, "TrafficSign"},
+    {{200, 200, 0}, "TrafficLight"}, {{255, 130, 0}, "Pole"},        {{80, 80, 80}, "Misc"},
+    {{160, 60, 60}, "Truck"},        {{255, 127, 80}, "Car"},        {{0, 139, 139}, "Van"},
+};
+
+/// Index into kVkittiClasses; 0 is Undefined.
+std::uint32_t vkitti_class(const RgbPixel& colour, const fs::path& path) {
+  for (std::uint32_t i = 0; i < std::size(kVkittiClasses); ++i) {
+    if (kVkittiClasses[i].colour == colour) return i;
+  }
+  throw InputError(path.string() + ": colour (" + std::to_string(colour[0]) + ", " +
+                   std::to_string(colour[1]) + ", " + std::to_string(colour[2]) +
+                   ") is no class of Virtual KITTI 2");
+}
+
 }  // namespace
 
 PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
@@ -34,9 +58,11 @@ PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
   const fs::path beside = folder_.parent_path() / (folder_.filename().string() + ".json");
   const bool json = fs::exists(beside);
   if (encoding_ == PanopticEncoding::kAuto) {
-    encoding_ = json                                                ? PanopticEncoding::kCoco
-                : read_image_info(first_png(folder_)).channels >= 3 ? PanopticEncoding::kTwoChannel
-                                                                    : PanopticEncoding::kClassMap;
+    const fs::path first = json ? fs::path() : first_png(folder_);
+    encoding_ = json                                   ? PanopticEncoding::kCoco
+                : is_vkitti_instances(first)           ? PanopticEncoding::kVkitti
+                : read_image_info(first).channels >= 3 ? PanopticEncoding::kTwoChannel
+                                                       : PanopticEncoding::kClassMap;
   }
   if (encoding_ == PanopticEncoding::kCoco) {
     if (!json) throw InputError(beside.string() + ": missing; COCO panoptic needs it");
@@ -46,7 +72,14 @@ PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
 }
 
 fs::path PanopticReader::path_of(const std::string& name) const {
+  if (encoding_ == PanopticEncoding::kVkitti) return folder_ / vkitti_name("instancegt_", name);
   return folder_ / (name + ".png");
+}
+
+fs::path PanopticReader::class_path_of(const std::string& name) const {
+  if (encoding_ != PanopticEncoding::kVkitti) return {};
+  return folder_.parent_path().parent_path() / "classSegmentation" / folder_.filename() /
+         vkitti_name("classgt_", name);
 }
 
 void PanopticReader::read_json() {
@@ -160,9 +193,47 @@ PanopticMap PanopticReader::read_class_map(const std::string& name) const {
   });
 }
 
+/// Vehicles without an instance (far away, not tracked) are void: nothing tells them apart. Where
+/// the two pictures disagree at an edge the class decides.
+PanopticMap PanopticReader::read_vkitti(const std::string& name) const {
+  const fs::path path = class_path_of(name);
+  const ImageOf<std::uint8_t> instances = read_indexed(path_of(name));
+  const RgbImage classes = read_rgb(path);
+  if (classes.width() != instances.width() || classes.height() != instances.height()) {
+    throw InputError(path.string() + ": has another size than " + path_of(name).string());
+  }
+  std::vector<std::pair<std::uint16_t, bool>> label_of(std::size(kVkittiClasses));
+  for (std::size_t i = 1; i < label_of.size(); ++i) {
+    try {
+      const std::uint16_t label = labels_->index_of(std::string_view(kVkittiClasses[i].name));
+      label_of[i] = {label, labels_->at(label).thing};
+    } catch (const std::exception&) {
+      throw InputError(path.string() + ": class " + kVkittiClasses[i].name +
+                       " is not in label space " + labels_->name() + " (vkitti2 has it)");
+    }
+  }
+  ImageOf<std::uint32_t> keys(classes.width(), classes.height());
+  RgbPixel last_colour = {0, 0, 0};
+  std::uint32_t last = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    if (classes.data()[i] != last_colour) {
+      last = vkitti_class(classes.data()[i], path);
+      last_colour = classes.data()[i];
+    }
+    const std::uint32_t instance = label_of[last].second ? instances.data()[i] : 0u;
+    const bool nobody = label_of[last].second && instance == 0;
+    keys.data()[i] = last == 0 || nobody ? 0 : last + 256u * instance;
+  }
+  return make_panoptic_map(keys, [&](std::uint32_t key) {
+    const auto& [label, thing] = label_of[key % 256];
+    return InputSegment{key / 256, label, thing};
+  });
+}
+
 PanopticMap PanopticReader::read(const std::string& name, int width, int height) const {
   PanopticMap map = encoding_ == PanopticEncoding::kCoco         ? read_coco(name)
                     : encoding_ == PanopticEncoding::kTwoChannel ? read_two_channel(name)
+                    : encoding_ == PanopticEncoding::kVkitti     ? read_vkitti(name)
                                                                  : read_class_map(name);
   if (map.map.width() != width || map.map.height() != height) {
     throw InputError(path_of(name).string() + ": is " + std::to_string(map.map.width()) + "x" +

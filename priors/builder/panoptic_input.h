@@ -19,6 +19,8 @@ enum class PanopticEncoding {
   kCoco,        ///< DIR/<name>.png with id = R + 256 G + 65536 B, 0 void, and DIR.json
   kTwoChannel,  ///< R category id of the data set, G instance; category 0 void
   kClassMap,    ///< 8-bit: category id of the data set, 0 and 255 void; no instances
+  kVkitti,      ///< Virtual KITTI 2: .../instanceSegmentation/Camera_c/instancegt_*.png and
+                ///< .../classSegmentation/Camera_c/classgt_*.png
 };
 
 /// Reads the segmentation of one frame after the other from a folder, into one convention.
@@ -34,7 +36,10 @@ class PanopticReader {
   /// segment or category that is not declared.
   [[nodiscard]] PanopticMap read(const std::string& name, int width, int height) const;
 
+  /// The picture of a frame; `name` is the stem of its image.
   [[nodiscard]] std::filesystem::path path_of(const std::string& name) const;
+  /// The other picture of a frame, kVkitti only: its classes. Else empty.
+  [[nodiscard]] std::filesystem::path class_path_of(const std::string& name) const;
   [[nodiscard]] PanopticEncoding encoding() const { return encoding_; }
   /// Of the JSON; empty without one.
   [[nodiscard]] const std::filesystem::path& json() const { return json_; }
@@ -45,6 +50,7 @@ class PanopticReader {
   [[nodiscard]] PanopticMap read_coco(const std::string& name) const;
   [[nodiscard]] PanopticMap read_two_channel(const std::string& name) const;
   [[nodiscard]] PanopticMap read_class_map(const std::string& name) const;
+  [[nodiscard]] PanopticMap read_vkitti(const std::string& name) const;
 
   std::filesystem::path folder_;
   std::filesystem::path json_;

@@ -267,9 +267,12 @@ TEST(Detection, RulesOfEquation7) {
   EXPECT_TRUE(decide(o, s, bg).radial_only);
   s.coverage = 0.29;  // no radial test
   EXPECT_FALSE(decide(o, s, bg).dynamic);
-  s.residual = 50;
-  s.coverage = 0.049;  // no context: static
+  s.coverage = 0.049;  // no context: omega = 4, ten times as hard: 40 px
+  s.residual = 39;
   EXPECT_FALSE(decide(o, s, bg).dynamic);
+  s.residual = 41;
+  EXPECT_TRUE(decide(o, s, bg).dynamic);
+  EXPECT_FALSE(decide(paper_options(), s, bg).dynamic);  // the paper: static
 }
 
 TEST(Scale, IsAreaTimesSquaredDepth) {
@@ -308,6 +311,31 @@ TEST(Depth, NearestSurfaceWinsInTheRightView) {
   check_left_right(checked, right, -1, 1.0);
   EXPECT_TRUE(std::isnan(checked.at(5, 0)));  // hidden in the right view
   EXPECT_EQ(checked.at(8, 0), 5.0F);
+}
+
+TEST(Depth, WarpingClosesGapsAndHeedsClasses) {
+  // A near wall with a hole of 2 px at 4 and 5, through which a far surface shows.
+  ImageOf<float> left(20, 1, kNone);
+  for (int x = 8; x < 18; ++x) {
+    if (x != 12 && x != 13) left.at(x, 0) = 8;  // to 0..3 and 6..9
+  }
+  left.at(5, 0) = 1;   // to 4
+  left.at(6, 0) = 1;   // to 5
+  left.at(19, 0) = 2;  // to 17: in the open
+  const ImageOf<float> right = warp_disparity_to_right(left);
+  EXPECT_EQ(right.at(3, 0), 8.0F);
+  EXPECT_TRUE(std::isnan(right.at(4, 0)));
+  EXPECT_TRUE(std::isnan(right.at(5, 0)));
+  EXPECT_EQ(right.at(17, 0), 2.0F);
+  // What is of another class in the right view is hidden there.
+  ImageOf<std::uint16_t> left_labels(20, 1, 7), right_labels(20, 1, 7);
+  left_labels.at(19, 0) = 3;
+  const ImageOf<float> labelled = warp_disparity_to_right(left, &left_labels, &right_labels);
+  EXPECT_EQ(labelled.at(3, 0), 8.0F);
+  EXPECT_EQ(labelled.at(4, 0), 8.0F);  // all one class: the wall goes on
+  right_labels.at(4, 0) = 3;
+  EXPECT_TRUE(std::isnan(warp_disparity_to_right(left, &left_labels, &right_labels).at(4, 0)));
+  EXPECT_TRUE(std::isnan(labelled.at(17, 0)));
 }
 
 TEST(FlowCheck, KeepsConsistentFlowOnly) {

@@ -26,7 +26,8 @@ struct Arguments {
 void declare(CLI::App& app, Arguments& a) {
   app.add_option("sequence", a.sequence, "Sequence folder")->required();
   app.add_option("--panoptic-left", a.panoptic[0],
-                 "Panoptic maps of the left camera: COCO PNGs with DIR.json, or two-channel PNGs");
+                 "Panoptic maps of the left camera: COCO PNGs with DIR.json, two-channel PNGs, or "
+                 "Virtual KITTI 2's instanceSegmentation/Camera_0 (classes beside it)");
   app.add_option("--panoptic-right", a.panoptic[1], "The same of the right camera");
   app.add_option("--semantic-left", a.semantic[0],
                  "Instead: 8-bit class maps (category ids, 0 void); no instances, no motion");
@@ -39,7 +40,8 @@ void declare(CLI::App& app, Arguments& a) {
                  "Flow to the next frame, left: folder of KITTI PNG, .flo or NPY; or 'dis'");
   app.add_option("--flow-right", a.inputs.flow[1], "The same of the right camera");
   app.add_option("--flow-back-left", a.inputs.flow_back[0],
-                 "Flow from the next frame back, for the consistency check");
+                 "Flow from the next frame back, for the consistency check (file of frame t: from "
+                 "t+1 to t; with vkitti encoding the file of t+1)");
   app.add_option("--flow-back-right", a.inputs.flow_back[1], "The same of the right camera");
   app.add_option("--output", a.settings.output, "Folder for the prior files")->required();
   app.add_option("--label-space", a.label_space,

@@ -1,63 +1,125 @@
-"""Precision and recall of "moving" per thing segment.
+"""Precision and recall of "moving" per thing segment, and the exported motion it leads to.
 
-    score_detection.py priors/segments.csv truth.csv [--min-area 200]
+    score_detection.py PRIORS ground_truth.csv [--motion motion.csv] [--min-area 200] [--mu-step 8] [--list]
 
-truth.csv has columns frame,camera,input_id,moving (0/1) and, if known, shift_m and depth_m: with
-them the segments that move more than --min-shift within --max-depth are reported as well.
+PRIORS is a folder made by build_priors. The truth has columns frame,camera,moving (0/1) and
+segment_id or input_id: simulate_sequence's ground_truth.csv as it is. --motion is the table of
+segment_motion (frame,camera,input_id,shift_m,depth_m): with it the segments that move more than
+--min-shift within --max-depth are reported as well. --list prints every wrong decision.
+The last frame has no flow and is left out. Precision counts every flagged segment of --min-area.
 """
 
 import argparse
 import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import kysp  # noqa: E402
+
+
+def frame_number(text):
+    """Frames are called 12, 000012 or rgb_00012."""
+    digits = text[len(text.rstrip("0123456789")):]
+    return int(digits) if digits else text
 
 
 def read(path):
     with open(path, newline="", encoding="utf-8") as stream:
-        return {(r["frame"], r["camera"], r["input_id"]): r for r in csv.DictReader(stream)}
+        return {(frame_number(r["frame"]), r["camera"], r.get("input_id") or r["segment_id"]): r
+                for r in csv.DictReader(stream)}
+
+
+def score(rows, truth, motion, options):
+    """Counts of decisions; `rows` are those of segments.csv."""
+    result = {"true": 0, "false": 0, "missed": 0, "unknown": 0, "clear": 0, "clear_found": 0,
+              "magnitude_test": [0, 0], "radial_test": [0, 0], "wrong": []}
+    last = max((key[0] for key in rows), default=0)
+    for key, row in rows.items():
+        if int(row["area_px"]) < options.min_area or key[0] == last:
+            continue
+        if options.camera and key[1] != options.camera:
+            continue
+        if key not in truth:
+            result["unknown"] += 1
+            continue
+        moving = truth[key]["moving"] == "1"
+        tests = [test for test in ("magnitude_test", "radial_test") if row[test] == "1"]
+        if tests:
+            result["true" if moving else "false"] += 1
+        elif moving:
+            result["missed"] += 1
+        if bool(tests) != moving:
+            result["wrong"].append((key, truth[key], motion.get(key), row))
+        for test in tests:
+            result[test][0 if moving else 1] += 1
+        measured = motion.get(key)
+        if moving and measured and float(measured["shift_m"]) > options.min_shift and float(
+                measured["depth_m"]) < options.max_depth:
+            result["clear"] += 1
+            result["clear_found"] += bool(tests)
+    return result
+
+
+def ratio(part, whole):
+    return f"{part / whole:.3f}" if whole else "-"
+
+
+def report(result, options):
+    flagged = result["true"] + result["false"]
+    moving = result["true"] + result["missed"]
+    print(f"precision {ratio(result['true'], flagged)} ({flagged} flagged)")
+    print(f"recall    {ratio(result['true'], moving)} ({moving} moving)")
+    for test in ("magnitude_test", "radial_test"):
+        print(f"{test}: {result[test][0]} right, {result[test][1]} wrong")
+    if result["clear"]:
+        print(f"recall over {options.min_shift} m within {options.max_depth} m: "
+              f"{ratio(result['clear_found'], result['clear'])} ({result['clear']})")
+    if result["unknown"]:
+        print(f"{result['unknown']} segments are not in {options.truth}")
+    if options.list:
+        for key, true, measured, row in result["wrong"]:
+            shift = f"{measured['shift_m']} m at {measured['depth_m']} m" if measured else "?"
+            print(f"{'missed' if true['moving'] == '1' else 'false '} {key[0]:6} {key[1]:5} "
+                  f"id {key[2]:8} {true.get('class', '')} area {row['area_px']} moves {shift}; "
+                  f"residual {row['residual_px']} radial {row['radial_px']} coverage "
+                  f"{row['coverage']} omega {row['omega']} tests {row['magnitude_test']}"
+                  f"{row['radial_test']}")
+
+
+def exported_motion(folder, step):
+    """Motion values mu of all pixels of flagged segments (the paper's Fig. S2)."""
+    values = []
+    for path in sorted(Path(folder).glob("*.kysp"))[::step]:
+        for camera in kysp.read(path).cameras:
+            dynamic = np.concatenate([[False], (camera.segments["flags"] & kysp.DYNAMIC) != 0])
+            values.append(camera.motion[dynamic[camera.segment_map]])
+    return np.concatenate(values) if values else np.zeros(0)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("segments")
+    parser.add_argument("priors")
     parser.add_argument("truth")
+    parser.add_argument("--motion")
     parser.add_argument("--min-area", type=int, default=200, help="px")
     parser.add_argument("--min-shift", type=float, default=0.3, help="m between frames")
     parser.add_argument("--max-depth", type=float, default=30.0, help="m")
+    parser.add_argument("--camera", choices=("left", "right"), help="only this one")
+    parser.add_argument("--mu-step", type=int, default=0,
+                        help="also the exported motion, of every so many-th frame (slow)")
+    parser.add_argument("--list", action="store_true", help="every wrong decision")
     options = parser.parse_args()
-    truth = read(options.truth)
-    counts = {"true": 0, "false": 0, "missed": 0}
-    clear, clear_found, unknown = 0, 0, 0
-    by_test = {"magnitude_test": [0, 0], "radial_test": [0, 0]}
-    for key, row in read(options.segments).items():
-        if int(row["area_px"]) < options.min_area:
-            continue
-        if key not in truth:
-            unknown += 1
-            continue
-        moving = truth[key]["moving"] == "1"
-        found = row["magnitude_test"] == "1" or row["radial_test"] == "1"
-        if found:
-            counts["true" if moving else "false"] += 1
-        elif moving:
-            counts["missed"] += 1
-        for test, hits in by_test.items():
-            if row[test] == "1":
-                hits[0 if moving else 1] += 1
-        shift, depth = truth[key].get("shift_m"), truth[key].get("depth_m")
-        if shift and depth and float(shift) > options.min_shift and float(
-                depth) < options.max_depth:
-            clear += 1
-            clear_found += found
-    flagged = counts["true"] + counts["false"]
-    moving = counts["true"] + counts["missed"]
-    print(f"precision {counts['true'] / flagged if flagged else 1:.3f} ({flagged} flagged)")
-    print(f"recall    {counts['true'] / moving if moving else 1:.3f} ({moving} moving)")
-    for test, (right, wrong) in by_test.items():
-        print(f"{test}: {right} right, {wrong} wrong")
-    if clear:
-        print(f"recall over {options.min_shift} m within {options.max_depth} m: "
-              f"{clear_found / clear:.3f} ({clear})")
-    if unknown:
-        print(f"{unknown} segments are not in {options.truth}")
+    rows = read(Path(options.priors) / "segments.csv")
+    report(score(rows, read(options.truth), read(options.motion) if options.motion else {}, options),
+           options)
+    mu = exported_motion(options.priors, options.mu_step) if options.mu_step else np.zeros(0)
+    if mu.size:
+        print(f"exported mu over {mu.size} px of flagged segments: {np.mean(mu > 8):.3f} above 8, "
+              f"{np.mean(mu > 20):.3f} above 20; quartiles "
+              + ", ".join(f"{q:.1f}" for q in np.percentile(mu, [25, 50, 75])))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,116 @@
+// compare_priors: at how many ORB keypoints two sets of priors differ.
+#include <kys_slam/error.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <iostream>
+
+#include "exposure.h"
+#include "features/orb_extractor.h"
+#include "open_sequence.h"
+#include "priors/format/prior_file.h"
+#include "util/atomic_file.h"
+
+namespace {
+
+using namespace kys_slam;
+namespace fs = std::filesystem;
+
+PriorFile open_checked(const fs::path& path, const StereoCamera& camera) {
+  ExpectedPriors expected;
+  expected.width = camera.width;
+  expected.height = camera.height;
+  return PriorFile::open(path, expected);
+}
+
+std::string row_of(const std::string& name, const char* camera, const Exposure& e) {
+  char line[256];
+  std::snprintf(line, sizeof line, "%s,%s,%zu,%zu,%zu,%zu,%zu,%zu,%zu\n", name.c_str(), camera,
+                e.keypoints, e.label, e.instance, e.dynamic, e.stereo_gate, e.temporal_gate, e.any);
+  return line;
+}
+
+void print(const char* what, std::size_t count, std::size_t total) {
+  std::printf("%-34s %7.3f %%\n", what,
+              total == 0 ? 0.0 : 100.0 * static_cast<double>(count) / static_cast<double>(total));
+}
+
+void run(const fs::path& reference, const fs::path& other, const fs::path& folder,
+         const OrbOptions& orb, const std::string& csv) {
+  const BuildSequence sequence = open_build_sequence(folder);
+  OrbExtractor extractor(orb);
+  FeatureSet features;
+  std::vector<kys::Prior> a, b;
+  Exposure total;
+  std::string table =
+      "frame,camera,keypoints,label,instance,dynamic,stereo_gate,temporal_gate,any\n";
+  std::size_t used = 0;
+  for (std::size_t t = 0; t < sequence.names.size(); ++t) {
+    const fs::path name = sequence.names[t] + ".kysp";
+    if (!fs::exists(reference / name) || !fs::exists(other / name)) continue;
+    ++used;
+    const PriorFile first = open_checked(reference / name, sequence.camera);
+    const PriorFile second = open_checked(other / name, sequence.camera);
+    if (first.label_space() != second.label_space()) {
+      throw InputError((other / name).string() + ": label space " + second.label_space() +
+                       " instead of " + first.label_space());
+    }
+    const auto images = sequence.read(t);
+    for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+      const bool left = side == CameraSide::kLeft;
+      extractor.extract(left ? images.first : images.second, features);
+      a.resize(features.size());
+      b.resize(features.size());
+      first.lookup(side, features.keypoints, a);
+      second.lookup(side, features.keypoints, b);
+      Exposure frame;
+      frame.add(a, b);
+      table += row_of(sequence.names[t], left ? "left" : "right", frame);
+      total += frame;
+    }
+    if (used % 50 == 0) std::fprintf(stderr, "frame %zu/%zu\n", t + 1, sequence.names.size());
+  }
+  if (used == 0) {
+    throw InputError(other.string() + ": has no prior file that is in " + reference.string() +
+                     " and belongs to a frame of " + folder.string());
+  }
+  if (!csv.empty()) write_file_atomic(csv, table);
+  std::printf("%zu frames, %zu keypoints of both cameras\n", used, total.keypoints);
+  print("another class", total.label, total.keypoints);
+  print("another instance or class", total.instance, total.keypoints);
+  print("flagged as moving in one only", total.dynamic, total.keypoints);
+  print("on the other side of mu = 8", total.stereo_gate, total.keypoints);
+  print("on the other side of mu = 20", total.temporal_gate, total.keypoints);
+  print("wrong: class, flag or gate", total.any, total.keypoints);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Keypoint exposure: the share of ORB keypoints of a sequence that get another prior from "
+      "one folder than from another, e.g. from perturbed perception.");
+  std::string reference, other, sequence, csv;
+  OrbOptions orb;
+  app.add_option("reference", reference, "Folder of prior files")->required();
+  app.add_option("other", other, "Folder of prior files")->required();
+  app.add_option("sequence", sequence, "Sequence folder, for the keypoints")->required();
+  app.add_option("--features", orb.features, "Keypoints wanted per image")->capture_default_str();
+  app.add_option("--csv", csv, "Table of counts per frame and camera to write");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    orb.check();
+    for (const std::string& folder : {reference, other}) {
+      if (!fs::is_directory(folder)) throw InputError(folder + ": is not a folder");
+    }
+    run(reference, other, sequence, orb, csv);
+  } catch (const std::exception& error) {
+    std::cerr << "compare_priors: " << error.what() << "\n";
+    return 2;
+  }
+  return 0;
+}

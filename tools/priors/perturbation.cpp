@@ -1,0 +1,154 @@
+#include "perturbation.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "io/image_io.h"
+#include "util/atomic_file.h"
+
+namespace kys_slam {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+/// A number in 0..1 that depends on nothing but its arguments (splitmix64).
+double uniform(std::uint64_t seed, std::uint64_t a, std::uint64_t b = 0) {
+  std::uint64_t z = seed * 0x9E3779B97F4A7C15ull + a * 0xBF58476D1CE4E5B9ull +
+                    b * 0x94D049BB133111EBull + 0x2545F4914F6CDD1Dull;
+  for (int i = 0; i < 2; ++i) {
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ull;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
+    z ^= z >> 31;
+  }
+  return static_cast<double>(z >> 11) * 0x1.0p-53;
+}
+
+double gaussian(std::uint64_t seed, std::uint64_t a, std::uint64_t b) {
+  const double u = std::max(uniform(seed, a, 2 * b), 1e-300), v = uniform(seed, a, 2 * b + 1);
+  return std::sqrt(-2 * std::log(u)) * std::cos(2 * 3.14159265358979323846 * v);
+}
+
+std::uint64_t hash_of(const std::string& text) {
+  std::uint64_t value = 0xCBF29CE484222325ull;
+  for (const char c : text) value = (value ^ static_cast<std::uint8_t>(c)) * 0x100000001B3ull;
+  return value;
+}
+
+/// Smooth noise of unit variance: Gaussian numbers on a coarse grid, interpolated bilinearly.
+double smooth_noise(std::uint64_t seed, std::uint64_t frame, double x, double y) {
+  const double fx = std::floor(x), fy = std::floor(y), a = x - fx, b = y - fy;
+  const auto node = [&](double dx, double dy) {
+    return gaussian(seed, frame, static_cast<std::uint64_t>((fy + dy) * 4096 + fx + dx));
+  };
+  const double value = (1 - b) * ((1 - a) * node(0, 0) + a * node(1, 0)) +
+                       b * ((1 - a) * node(0, 1) + a * node(1, 1));
+  const double norm = std::sqrt(((1 - a) * (1 - a) + a * a) * ((1 - b) * (1 - b) + b * b));
+  return value / norm;
+}
+
+Rgb16Image to_kitti(const FlowField& flow) {
+  Rgb16Image out(flow.u.width(), flow.u.height());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const float u = flow.u.data()[i], v = flow.v.data()[i];
+    if (!std::isfinite(u) || std::abs(u) > 511 || std::abs(v) > 511) continue;
+    out.data()[i] = {static_cast<std::uint16_t>(std::lround(64 * u + 32768)),
+                     static_cast<std::uint16_t>(std::lround(64 * v + 32768)), 1};
+  }
+  return out;
+}
+
+}  // namespace
+
+Relabelling relabel_segments(const std::string& folder, const std::string& output, double share,
+                             std::uint64_t seed, const kys::LabelSpace& labels) {
+  const std::string json_in = folder + ".json", json_out = output + ".json";
+  std::ifstream stream(json_in);
+  if (!stream) throw InputError(json_in + ": cannot open");
+  try {
+    Json document = Json::parse(stream);
+    std::set<std::int64_t> observed;
+    for (const Json& a : document.at("annotations")) {
+      for (const Json& s : a.at("segments_info")) {
+        observed.insert(s.at("category_id").get<std::int64_t>());
+      }
+    }
+    const std::vector<std::int64_t> classes(observed.begin(), observed.end());
+    std::size_t hit = 0, things = 0;
+    for (Json& a : document.at("annotations")) {
+      const std::uint64_t frame = hash_of(a.at("file_name").get<std::string>());
+      for (Json& s : a.at("segments_info")) {
+        const auto category = s.at("category_id").get<std::int64_t>();
+        if (!labels.at(labels.index_of(static_cast<std::int32_t>(category))).thing) continue;
+        ++things;
+        const auto id = s.at("id").get<std::uint64_t>();
+        if (uniform(seed, frame, id) >= share || classes.size() < 2) continue;
+        std::vector<std::int64_t> others;
+        for (const std::int64_t c : classes) {
+          if (c != category) others.push_back(c);
+        }
+        const double pick = uniform(seed + 1, frame, id) * static_cast<double>(others.size());
+        s["category_id"] = others[std::min(others.size() - 1, static_cast<std::size_t>(pick))];
+        ++hit;
+      }
+    }
+    make_output_folder(output);
+    for (const Json& a : document.at("annotations")) {
+      const fs::path name = fs::path(a.at("file_name").get<std::string>()).filename();
+      fs::copy_file(fs::path(folder) / name, fs::path(output) / name,
+                    fs::copy_options::overwrite_existing);
+    }
+    write_file_atomic(json_out, document.dump());
+    return {hit, things};
+  } catch (const Json::exception& error) {
+    throw InputError(json_in + ": is not a COCO panoptic file: " + error.what());
+  } catch (const fs::filesystem_error& error) {
+    throw InputError(error.what());
+  }
+}
+
+double disturb_flow(const std::string& folder, const std::string& output, double relative,
+                    double correlation, std::uint64_t seed, FieldEncoding encoding) {
+  make_output_folder(output);
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder)) files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  double sum = 0, count = 0;
+  std::size_t done = 0;
+  for (const fs::path& file : files) {
+    FlowField flow = read_flow(file, encoding);
+    const std::uint64_t frame = hash_of(file.stem().string());
+    for (int y = 0; y < flow.u.height(); ++y) {
+      for (int x = 0; x < flow.u.width(); ++x) {
+        float& u = flow.u.at(x, y);
+        float& v = flow.v.at(x, y);
+        if (!std::isfinite(u)) continue;
+        const auto pixel = static_cast<std::uint64_t>(y) * 65536 + static_cast<std::uint64_t>(x);
+        const double scale = relative * std::hypot(u, v);
+        const double nu = correlation > 0
+                              ? smooth_noise(seed, frame, x / correlation, y / correlation)
+                              : gaussian(seed, frame, pixel);
+        const double nv = correlation > 0
+                              ? smooth_noise(seed + 1, frame, x / correlation, y / correlation)
+                              : gaussian(seed + 1, frame, pixel);
+        u += static_cast<float>(scale * nu);
+        v += static_cast<float>(scale * nv);
+        sum += scale * std::hypot(nu, nv);
+        ++count;
+      }
+    }
+    write_png(fs::path(output) / (file.stem().string() + ".png"), to_kitti(flow));
+    if (++done % 20 == 0 || done == files.size()) {
+      std::fprintf(stderr, "flow %zu/%zu\n", done, files.size());
+    }
+  }
+  return count > 0 ? sum / count : 0.0;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,148 @@
+// segment_motion: how far each thing segment really moves, from exact perception and poses.
+#include <kys_slam/error.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+
+#include "io/sequence.h"
+#include "priors/builder/field_input.h"
+#include "priors/builder/panoptic_input.h"
+#include "util/atomic_file.h"
+
+namespace {
+
+using namespace kys_slam;
+
+struct Arguments {
+  std::string sequence, output, disparity, label_space = "coco_panoptic_133";
+  std::string panoptic[2], flow[2];
+  FieldEncoding encoding = FieldEncoding::kKitti;
+};
+
+double median(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// The disparity of a camera at a frame, px.
+ImageOf<float> disparity_of(const Arguments& a, const Sequence& sequence,
+                            const std::vector<PanopticReader>& readers, std::int64_t t,
+                            int camera) {
+  const StereoCamera& k = sequence.camera();
+  const std::string& name = sequence.frame(t).name;
+  const ImageOf<float> left = read_disparity(find_field(a.disparity, name), a.encoding, k.bf());
+  if (left.width() != k.width || left.height() != k.height) {
+    throw InputError(a.disparity + ": " + name + " has another size than the images");
+  }
+  if (camera == 0) return left;
+  const ImageOf<std::uint16_t> left_labels = label_image(readers[0].read(name, k.width, k.height));
+  const ImageOf<std::uint16_t> right_labels = label_image(readers[1].read(name, k.width, k.height));
+  return warp_disparity_to_right(left, &left_labels, &right_labels);
+}
+
+Rigid3 pose_of(const Sequence& sequence, std::int64_t t, int camera) {
+  const double shift = camera == 0 ? 0 : sequence.camera().baseline;
+  const Rigid3 T_left_camera(Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift, 0, 0));
+  return sequence.ground_truth()[static_cast<std::size_t>(t)].T_w_c * T_left_camera;
+}
+
+/// Rows of the table: the median over a segment's pixels of how far the point seen there moves in
+/// the world. A pixel counts when its flow ends in the image on a surface with disparity; pixels
+/// whose end is hidden are outvoted.
+std::string measure(const Arguments& a, const Sequence& sequence,
+                    const std::vector<PanopticReader>& readers, std::int64_t t, int camera) {
+  const StereoCamera& k = sequence.camera();
+  const std::string& name = sequence.frame(t).name;
+  const ImageOf<float> now = disparity_of(a, sequence, readers, t, camera);
+  const ImageOf<float> next = disparity_of(a, sequence, readers, t + 1, camera);
+  const Rigid3 T_w_now = pose_of(sequence, t, camera), T_w_next = pose_of(sequence, t + 1, camera);
+  const FlowField flow = read_flow(find_field(a.flow[camera], name), a.encoding);
+  const PanopticMap map = readers[static_cast<std::size_t>(camera)].read(name, k.width, k.height);
+  if (flow.u.width() != k.width || flow.u.height() != k.height) {
+    throw InputError(a.flow[camera] + ": " + name + " has another size");
+  }
+  std::vector<std::vector<double>> shifts(map.segments.size()), depths(map.segments.size());
+  for (int y = 0; y < k.height; ++y) {
+    for (int x = 0; x < k.width; ++x) {
+      const std::uint16_t s = map.map.at(x, y);
+      const float d = now.at(x, y), u = flow.u.at(x, y), v = flow.v.at(x, y);
+      if (s == 0 || !map.segments[s - 1u].thing || !(d > 0) || !std::isfinite(u)) continue;
+      depths[s - 1u].push_back(k.bf() / d);
+      const int x1 = static_cast<int>(std::lround(x + u)),
+                y1 = static_cast<int>(std::lround(y + v));
+      if (!next.contains(x1, y1) || !(next.at(x1, y1) > 0)) continue;
+      const double z1 = k.bf() / next.at(x1, y1);
+      const Eigen::Vector3d before = T_w_now * k.back_project(x, y, k.bf() / d);
+      const Eigen::Vector3d after = T_w_next * k.back_project(x + double{u}, y + double{v}, z1);
+      shifts[s - 1u].push_back((after - before).norm());
+    }
+  }
+  std::string rows;
+  char line[256];
+  for (std::size_t i = 0; i < map.segments.size(); ++i) {
+    if (shifts[i].empty()) continue;
+    std::snprintf(line, sizeof line, "%s,%s,%u,%.4f,%.3f\n", name.c_str(),
+                  camera == 0 ? "left" : "right", map.segments[i].input_id, median(shifts[i]),
+                  median(depths[i]));
+    rows += line;
+  }
+  return rows;
+}
+
+void run(const Arguments& a) {
+  const auto sequence = open_kitti_sequence(a.sequence);
+  if (static_cast<std::int64_t>(sequence->ground_truth().size()) != sequence->frame_count()) {
+    throw InputError(a.sequence + ": has no pose of every frame");
+  }
+  const kys::LabelSpace labels = kys::load_label_space(a.label_space);
+  std::string table = "frame,camera,input_id,shift_m,depth_m\n";
+  std::vector<PanopticReader> readers;
+  for (const std::string& folder : a.panoptic) {
+    if (!folder.empty()) readers.emplace_back(folder, labels);
+  }
+  for (int camera = 0; camera < 2; ++camera) {
+    if (a.panoptic[camera].empty() || a.flow[camera].empty()) continue;
+    for (std::int64_t t = 0; t + 1 < sequence->frame_count(); ++t) {
+      table += measure(a, *sequence, readers, t, camera);
+      if (t % 50 == 49) std::fprintf(stderr, "frame %lld\n", static_cast<long long>(t + 1));
+    }
+  }
+  write_file_atomic(a.output, table);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "From exact disparity, flow and poses: how far each thing segment moves between two frames "
+      "(m, in the world) and how deep it is. For score_detection.py.");
+  Arguments a;
+  app.add_option("sequence", a.sequence, "Sequence folder with ground truth")->required();
+  app.add_option("--panoptic-left", a.panoptic[0], "Panoptic maps")->required();
+  app.add_option("--panoptic-right", a.panoptic[1], "The same of the right camera");
+  app.add_option("--disparity", a.disparity, "Left disparity, folder")->required();
+  app.add_option("--flow-left", a.flow[0], "Flow to the next frame, folder")->required();
+  app.add_option("--flow-right", a.flow[1], "The same of the right camera");
+  app.add_option("--output", a.output, "Table to write (CSV)")->required();
+  app.add_option("--label-space", a.label_space, "Label space")->capture_default_str();
+  const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
+                                                          {"vkitti", FieldEncoding::kVkitti}};
+  app.add_option("--encoding", a.encoding, "Of PNGs: kitti, vkitti")
+      ->transform(CLI::CheckedTransformer(encodings));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    run(a);
+  } catch (const std::exception& error) {
+    std::cerr << "segment_motion: " << error.what() << "\n";
+    return 2;
+  }
+  return 0;
+}
