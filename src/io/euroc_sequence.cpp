@@ -1,0 +1,114 @@
+#include <kys_slam/error.h>
+
+#include <cmath>
+
+#include "camera/stereo_rectifier.h"
+#include "io/sensor_yaml.h"
+#include "io/sequence_parts.h"
+#include "io/text_table.h"
+#include "io/trajectory_file.h"
+
+namespace kys_slam {
+namespace fs = std::filesystem;
+namespace {
+
+struct Shot {
+  std::int64_t nanoseconds = 0;
+  fs::path image;
+};
+
+double seconds(std::int64_t nanoseconds) {
+  return static_cast<double>(nanoseconds) * 1e-9;
+}
+
+/// The rows "timestamp,file name" of one camera.
+std::vector<Shot> read_shots(const fs::path& camera) {
+  const TextTable table(camera / "data.csv");
+  std::vector<Shot> shots;
+  for (const TextRow& row : table.rows()) {
+    if (row.fields.size() != 2) table.fail(row, "expected 'timestamp,file name'");
+    const fs::path name(row.fields[1]);
+    if (name.has_parent_path()) table.fail(row, "file name with a folder");
+    shots.push_back({table.integer(row, 0), camera / "data" / name});
+    if (shots.back().nanoseconds < 0) table.fail(row, "negative time stamp");
+    if (shots.size() > 1 && shots.back().nanoseconds <= shots[shots.size() - 2].nanoseconds) {
+      table.fail(row, "time stamps do not increase");
+    }
+    std::error_code error;
+    if (!fs::exists(shots.back().image, error)) {
+      table.fail(row, "the image " + shots.back().image.string() + " is missing");
+    }
+  }
+  if (shots.empty()) throw InputError(table.path().string() + ": lists no images");
+  return shots;
+}
+
+/// Pairs the cameras by time, in order; images that have no partner within the tolerance are left
+/// out and counted.
+void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right, double tolerance,
+                  Sequence::Content& content) {
+  const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
+  std::size_t l = 0, r = 0;
+  while (l < left.size() && r < right.size()) {
+    const std::int64_t difference = right[r].nanoseconds - left[l].nanoseconds;
+    if (difference < -limit) {
+      ++r;
+    } else if (difference > limit) {
+      ++l;
+    } else {
+      content.frames.push_back({left[l].image.stem().string(), seconds(left[l].nanoseconds),
+                                left[l].image, right[r].image});
+      ++l, ++r;
+    }
+  }
+  content.dropped =
+      static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());
+}
+
+/// The folder that holds cam0 and cam1, given it or its parent.
+fs::path find_mav(const fs::path& folder) {
+  const bool inside = folder.filename() == "mav0" && !fs::is_directory(folder / "mav0");
+  const fs::path mav = inside ? folder : folder / "mav0";
+  if (!fs::is_directory(mav / "cam0") || !fs::is_directory(mav / "cam1")) {
+    throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)");
+  }
+  return mav;
+}
+
+StereoRectifier read_rectifier(const fs::path& mav) {
+  return {read_sensor_yaml(mav / "cam0" / "sensor.yaml"),
+          read_sensor_yaml(mav / "cam1" / "sensor.yaml"), mav.string()};
+}
+
+}  // namespace
+
+Rigid3 read_euroc_T_b_c(const fs::path& folder) {
+  return read_rectifier(find_mav(sequence_folder(folder))).T_b_c();
+}
+
+std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
+                                              const SequenceOptions& options) {
+  const fs::path folder = sequence_folder(given);
+  const fs::path mav = find_mav(folder);
+  Sequence::Content content;
+  content.name = mav.parent_path().filename().string();
+  content.layout = "EuRoC";
+  const auto rectifier = std::make_shared<StereoRectifier>(read_rectifier(mav));
+  content.camera = rectifier->camera();
+  content.T_b_c = rectifier->T_b_c();
+  content.rectifier = rectifier;
+  pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), options.pairing_tolerance,
+               content);
+  if (content.frames.empty()) {
+    throw InputError((mav / "cam1" / "data.csv").string() +
+                     ": no image has the time stamp of a left one");
+  }
+  const fs::path truth = mav / "state_groundtruth_estimate0" / "data.csv";
+  if (fs::exists(truth)) {
+    content.ground_truth = read_euroc_poses(truth);
+    for (TimedPose& pose : content.ground_truth) pose.T_w_c = pose.T_w_c * *content.T_b_c;
+  }
+  return make_sequence(std::move(content), options, folder);
+}
+
+}  // namespace kys_slam

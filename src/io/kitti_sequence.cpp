@@ -1,0 +1,85 @@
+#include <kys_slam/error.h>
+
+#include "io/sequence_parts.h"
+#include "io/text_table.h"
+#include "io/trajectory_file.h"
+
+namespace kys_slam {
+namespace fs = std::filesystem;
+namespace {
+
+void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
+  const TextTable table(file);
+  if (table.rows().size() != frames.size()) {
+    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
+                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const TextRow& row = table.rows()[i];
+    frames[i].timestamp = table.number(row, 0);
+    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
+      table.fail(row, "time stamps do not increase");
+    }
+  }
+}
+
+/// Official poses are of camera 0; camera 2 stands 6 cm beside it.
+std::vector<TimedPose> read_ground_truth(const fs::path& file,
+                                         const std::vector<Sequence::Frame>& frames,
+                                         double x_shift) {
+  const std::vector<Rigid3> poses = read_kitti_poses(file);
+  if (poses.size() != frames.size()) {
+    throw InputError(file.string() + ": " + std::to_string(poses.size()) +
+                     " poses, but there are " + std::to_string(frames.size()) + " images");
+  }
+  const Rigid3 T_c0_c(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-x_shift, 0, 0));
+  std::vector<TimedPose> ground_truth;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    ground_truth.push_back({frames[i].timestamp, T_c0_c.inverse() * poses[i] * T_c0_c});
+  }
+  return ground_truth;
+}
+
+}  // namespace
+
+std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
+                                              const SequenceOptions& options) {
+  const bool gray = fs::is_directory(folder / "image_0");
+  const std::string left = gray ? "0" : "2";
+  const std::string right = gray ? "1" : "3";
+  Sequence::Content content;
+  content.name = folder.filename().string();
+  content.layout = "KITTI odometry";
+  const fs::path calibration = folder / "calib.txt";
+  if (!fs::exists(calibration)) throw InputError(calibration.string() + ": no such file");
+  content.frames = pair_by_name(folder / ("image_" + left), folder / ("image_" + right));
+  content.camera = kitti_camera(calibration, "P" + left, "P" + right, content.frames.front().left);
+  read_times(folder / "times.txt", content.frames);
+
+  fs::path poses = folder / "poses.txt";
+  if (!fs::exists(poses)) {
+    poses = folder.parent_path().parent_path() / "poses" / (content.name + ".txt");
+  }
+  if (fs::exists(poses)) {
+    const auto P = kitti_projection(calibration, "P" + left);
+    content.ground_truth = read_ground_truth(poses, content.frames, P(0, 3) / P(0, 0));
+  }
+  return make_sequence(std::move(content), options, folder);
+}
+
+std::unique_ptr<Sequence> open_kitti_sequence(const fs::path& given,
+                                              const SequenceOptions& options) {
+  const fs::path folder = sequence_folder(given);
+  if (fs::is_directory(folder / "image_0") || fs::is_directory(folder / "image_2")) {
+    return open_kitti_odometry(folder, options);
+  }
+  if (fs::is_directory(folder / "frames" / "rgb" / "Camera_0")) {
+    return open_virtual_kitti(folder, options);
+  }
+  if (folder.parent_path().filename() == "image_02") return open_kitti_tracking(folder, options);
+  throw InputError(folder.string() +
+                   ": not a KITTI sequence (neither image_0/ nor image_2/ nor "
+                   "frames/rgb/Camera_0/ in it, and not below image_02/)");
+}
+
+}  // namespace kys_slam

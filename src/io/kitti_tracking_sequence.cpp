@@ -1,0 +1,105 @@
+#include <kys_slam/error.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "io/sequence_parts.h"
+#include "io/text_table.h"
+
+namespace kys_slam {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kFrameRate = 10.0;  // Hz
+
+Rigid3 rigid_from_rows(const std::vector<double>& v) {
+  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> M(v.data());
+  return {Eigen::Matrix3d(M.leftCols<3>()), Eigen::Vector3d(M.col(3))};
+}
+
+/// Left camera (camera 2) to inertial unit, from the calibration file.
+Rigid3 read_T_imu_cam2(const fs::path& calibration) {
+  const std::vector<double> r = [&] {
+    try {
+      return kitti_calibration_row(calibration, "R_rect", 9);
+    } catch (const InputError&) {
+      return kitti_calibration_row(calibration, "R0_rect", 9);
+    }
+  }();
+  const auto either = [&](const char* name, const char* other) {
+    try {
+      return kitti_calibration_row(calibration, name, 12);
+    } catch (const InputError&) {
+      return kitti_calibration_row(calibration, other, 12);
+    }
+  };
+  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(r.data());
+  const Rigid3 T_rect_cam(Eigen::Matrix3d(R), Eigen::Vector3d::Zero());
+  const Rigid3 T_cam_velo = rigid_from_rows(either("Tr_velo_cam", "Tr_velo_to_cam"));
+  const Rigid3 T_velo_imu = rigid_from_rows(either("Tr_imu_velo", "Tr_imu_to_velo"));
+  const auto P2 = kitti_projection(calibration, "P2");
+  const Rigid3 T_cam2_cam0(Eigen::Quaterniond::Identity(),
+                           Eigen::Vector3d(P2(0, 3) / P2(0, 0), 0, 0));
+  return (T_cam2_cam0 * T_rect_cam * T_cam_velo * T_velo_imu).inverse();
+}
+
+/// One OXTS packet as a pose over the Mercator plane touching at the first packet's latitude.
+Rigid3 oxts_pose(const std::vector<double>& packet, double scale) {
+  constexpr double kEarthRadius = 6378137.0;  // m
+  constexpr double kDegree = std::numbers::pi / 180.0;
+  const double latitude = packet[0], longitude = packet[1], altitude = packet[2];
+  const Eigen::Vector3d t(
+      scale * kEarthRadius * longitude * kDegree,
+      scale * kEarthRadius * std::log(std::tan((90.0 + latitude) * kDegree / 2.0)), altitude);
+  const Eigen::Quaterniond q = Eigen::AngleAxisd(packet[5], Eigen::Vector3d::UnitZ()) *
+                               Eigen::AngleAxisd(packet[4], Eigen::Vector3d::UnitY()) *
+                               Eigen::AngleAxisd(packet[3], Eigen::Vector3d::UnitX());
+  return {q, t};
+}
+
+std::vector<TimedPose> read_oxts(const fs::path& file, const fs::path& calibration,
+                                 const std::vector<Sequence::Frame>& frames) {
+  const Rigid3 T_imu_c = read_T_imu_cam2(calibration);
+  const TextTable table(file);
+  if (table.rows().size() != frames.size()) {
+    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
+                     " rows, but there are " + std::to_string(frames.size()) + " images");
+  }
+  std::vector<TimedPose> poses;
+  double scale = 0;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const TextRow& row = table.rows()[i];
+    const std::vector<double> packet = table.numbers(row);
+    if (packet.size() < 6) table.fail(row, "too few columns");
+    if (std::abs(packet[0]) >= 90 || std::abs(packet[1]) > 360) {
+      table.fail(row, "no such latitude and longitude");
+    }
+    if (i == 0) scale = std::cos(packet[0] * std::numbers::pi / 180.0);
+    poses.push_back({frames[i].timestamp, oxts_pose(packet, scale) * T_imu_c});
+  }
+  make_relative_to_first(poses);
+  return poses;
+}
+
+}  // namespace
+
+std::unique_ptr<Sequence> open_kitti_tracking(const fs::path& folder,
+                                              const SequenceOptions& options) {
+  const std::string name = folder.filename().string();
+  const fs::path root = folder.parent_path().parent_path();
+  Sequence::Content content;
+  content.name = name;
+  content.layout = "KITTI Tracking";
+  const fs::path calibration = root / "calib" / (name + ".txt");
+  if (!fs::exists(calibration)) throw InputError(calibration.string() + ": no such file");
+  content.frames = pair_by_name(folder, root / "image_03" / name);
+  for (std::size_t i = 0; i < content.frames.size(); ++i) {
+    content.frames[i].timestamp = static_cast<double>(i) / kFrameRate;
+  }
+  content.camera = kitti_camera(calibration, "P2", "P3", content.frames.front().left);
+  const fs::path oxts = root / "oxts" / (name + ".txt");
+  if (fs::exists(oxts)) content.ground_truth = read_oxts(oxts, calibration, content.frames);
+  return make_sequence(std::move(content), options, folder);
+}
+
+}  // namespace kys_slam

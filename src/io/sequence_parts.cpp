@@ -1,0 +1,133 @@
+#include "io/sequence_parts.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+
+#include "camera/kitti_calibration.h"
+#include "io/image_io.h"
+#include "io/text_table.h"
+
+namespace kys_slam {
+namespace fs = std::filesystem;
+namespace {
+
+/// The digits a stem ends in: "rgb_00012" -> "00012".
+std::string frame_number(const fs::path& image) {
+  const std::string stem = image.stem().string();
+  std::size_t begin = stem.size();
+  while (begin > 0 && stem[begin - 1] >= '0' && stem[begin - 1] <= '9') --begin;
+  return stem.substr(begin);
+}
+
+}  // namespace
+
+fs::path sequence_folder(const fs::path& folder) {
+  std::error_code error;
+  fs::path path = fs::absolute(folder, error).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  if (!fs::exists(path, error)) throw InputError(folder.string() + ": no such folder");
+  if (!fs::is_directory(path, error)) throw InputError(folder.string() + ": not a folder");
+  return path;
+}
+
+std::vector<fs::path> list_images(const fs::path& folder) {
+  std::vector<fs::path> images;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    std::string extension = it->path().extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+    if (it->path().filename().string().starts_with('.')) continue;
+    if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") {
+      images.push_back(it->path());
+    }
+  }
+  if (error) throw InputError("cannot read " + folder.string() + ": " + error.message());
+  if (images.empty()) throw InputError(folder.string() + ": no PNG or JPEG images");
+  std::sort(images.begin(), images.end());
+  return images;
+}
+
+std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& right) {
+  const std::vector<fs::path> left_images = list_images(left);
+  const std::vector<fs::path> right_images = list_images(right);
+  if (left_images.size() != right_images.size()) {
+    throw InputError(right.string() + ": " + std::to_string(right_images.size()) + " images, but " +
+                     left.filename().string() + " has " + std::to_string(left_images.size()));
+  }
+  std::vector<Sequence::Frame> frames;
+  for (std::size_t i = 0; i < left_images.size(); ++i) {
+    if (frame_number(left_images[i]) != frame_number(right_images[i])) {
+      throw InputError(left_images[i].string() + ": no image of this number in " + right.string());
+    }
+    frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
+  }
+  return frames;
+}
+
+std::vector<double> kitti_calibration_row(const fs::path& file, const std::string& name,
+                                          std::size_t count) {
+  const TextTable table(file);
+  for (const TextRow& row : table.rows()) {
+    if (row.fields[0] != name && row.fields[0] != name + ":") continue;
+    const std::vector<double> values = table.numbers(row, 1);
+    if (values.size() != count) {
+      table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
+                          std::to_string(count));
+    }
+    return values;
+  }
+  throw InputError(file.string() + ": no line '" + name + "'");
+}
+
+Eigen::Matrix<double, 3, 4> kitti_projection(const fs::path& file, const std::string& name) {
+  const std::vector<double> values = kitti_calibration_row(file, name, 12);
+  return Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(values.data());
+}
+
+StereoCamera kitti_camera(const fs::path& calibration, const std::string& left,
+                          const std::string& right, const fs::path& first_image) {
+  const auto P_left = kitti_projection(calibration, left);
+  const auto P_right = kitti_projection(calibration, right);
+  const ImageInfo info = read_image_info(first_image);
+  return stereo_camera_from_projections(P_left, P_right, info.width, info.height,
+                                        calibration.string());
+}
+
+void make_relative_to_first(std::vector<TimedPose>& poses) {
+  if (poses.empty()) return;
+  const Rigid3 T_first_w = poses.front().T_w_c.inverse();
+  for (TimedPose& pose : poses) pose.T_w_c = T_first_w * pose.T_w_c;
+}
+
+std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
+                                        const fs::path& folder) {
+  const auto count = static_cast<std::int64_t>(content.frames.size());
+  if (options.start < 0 || options.start >= count) {
+    throw InputError(folder.string() + ": cannot start at frame " + std::to_string(options.start) +
+                     " of " + std::to_string(count));
+  }
+  if (options.frames && *options.frames <= 0) {
+    throw InputError(folder.string() + ": cannot use " + std::to_string(*options.frames) +
+                     " frames");
+  }
+  const std::int64_t used =
+      options.frames ? std::min(*options.frames, count - options.start) : count - options.start;
+  const auto cut = [&](auto& list) {
+    list.erase(list.begin(), list.begin() + options.start);
+    list.resize(static_cast<std::size_t>(used));
+  };
+  // Ground truth with stamps of its own (EuRoC) is left whole.
+  const auto same_stamp = [](const TimedPose& pose, const Sequence::Frame& frame) {
+    return pose.timestamp == frame.timestamp;
+  };
+  if (std::equal(content.ground_truth.begin(), content.ground_truth.end(), content.frames.begin(),
+                 content.frames.end(), same_stamp)) {
+    cut(content.ground_truth);
+  }
+  cut(content.frames);
+  return std::make_unique<Sequence>(std::move(content), options.start);
+}
+
+}  // namespace kys_slam

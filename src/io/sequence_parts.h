@@ -1,0 +1,51 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "io/sequence.h"
+
+/// Pieces shared by the readers of the sequence layouts. All throw InputError naming the file.
+namespace kys_slam {
+
+/// The folder as given, without a trailing slash, made absolute.
+/// \throws InputError when it is no folder.
+std::filesystem::path sequence_folder(const std::filesystem::path& folder);
+
+/// PNG and JPEG files of a folder, sorted by name. Throws when there are none.
+std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
+
+/// Pairs left and right images by the digits their stems end in; every left image must have its
+/// right one and the other way round. Time stamps are left at zero.
+std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
+                                          const std::filesystem::path& right);
+
+/// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:".
+/// \throws InputError when the file or the name is missing, or the count is wrong.
+std::vector<double> kitti_calibration_row(const std::filesystem::path& file,
+                                          const std::string& name, std::size_t count);
+Eigen::Matrix<double, 3, 4> kitti_projection(const std::filesystem::path& file,
+                                             const std::string& name);
+
+/// Sets the camera of a KITTI pair, its image size read from the first left image.
+StereoCamera kitti_camera(const std::filesystem::path& calibration, const std::string& left,
+                          const std::string& right, const std::filesystem::path& first_image);
+
+/// Poses relative to the first one: T_w_c(i) <- T_w_c(0)^-1 T_w_c(i).
+void make_relative_to_first(std::vector<TimedPose>& poses);
+
+/// Cuts frames (and, when there is one per frame, ground truth) to the part asked for.
+/// \throws InputError when nothing is left.
+std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
+                                        const std::filesystem::path& folder);
+
+std::unique_ptr<Sequence> open_kitti_odometry(const std::filesystem::path& folder,
+                                              const SequenceOptions& options);
+std::unique_ptr<Sequence> open_kitti_tracking(const std::filesystem::path& folder,
+                                              const SequenceOptions& options);
+std::unique_ptr<Sequence> open_virtual_kitti(const std::filesystem::path& folder,
+                                             const SequenceOptions& options);
+
+}  // namespace kys_slam

@@ -1,0 +1,73 @@
+#include "io/text_table.h"
+
+#include <kys_slam/error.h>
+
+#include "io/read_bytes.h"
+#include "util/parse_number.h"
+
+namespace kys_slam {
+namespace {
+
+std::vector<std::string_view> split(std::string_view line) {
+  constexpr std::string_view kSeparators = " \t,\r";
+  std::vector<std::string_view> fields;
+  std::size_t begin = line.find_first_not_of(kSeparators);
+  while (begin != std::string_view::npos) {
+    const std::size_t end = std::min(line.find_first_of(kSeparators, begin), line.size());
+    fields.push_back(line.substr(begin, end - begin));
+    begin = line.find_first_not_of(kSeparators, end);
+  }
+  return fields;
+}
+
+/// Names a field in a message without passing on control characters or endless text.
+std::string quoted(std::string_view field) {
+  std::string text = "'";
+  for (const char c : field.substr(0, 40)) text += c >= ' ' && c < 127 ? c : '?';
+  return text + "'";
+}
+
+}  // namespace
+
+TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(read_text(path)) {
+  const std::string_view text = text_;
+  std::size_t line = 0;
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find('\n', begin), text.size());
+    const std::string_view content = text.substr(begin, end - begin);
+    begin = end + 1;
+    ++line;
+    if (content.starts_with('#')) {
+      if (header_.empty()) header_ = content;
+      continue;
+    }
+    std::vector<std::string_view> fields = split(content);
+    if (!fields.empty()) rows_.push_back({line, std::move(fields)});
+  }
+}
+
+double TextTable::number(const TextRow& row, std::size_t column) const {
+  if (column >= row.fields.size()) fail(row, "too few columns");
+  const auto value = parse_double(row.fields[column]);
+  if (!value) fail(row, quoted(row.fields[column]) + " is not a finite number");
+  return *value;
+}
+
+std::int64_t TextTable::integer(const TextRow& row, std::size_t column) const {
+  if (column >= row.fields.size()) fail(row, "too few columns");
+  const auto value = parse_int(row.fields[column]);
+  if (!value) fail(row, quoted(row.fields[column]) + " is not an integer");
+  return *value;
+}
+
+std::vector<double> TextTable::numbers(const TextRow& row, std::size_t first) const {
+  std::vector<double> values;
+  for (std::size_t i = first; i < row.fields.size(); ++i) values.push_back(number(row, i));
+  return values;
+}
+
+void TextTable::fail(const TextRow& row, const std::string& what) const {
+  throw InputError(path_.string() + ":" + std::to_string(row.line) + ": " + what);
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,47 @@
+#!/usr/bin/env python3
+"""Runs plot_trajectory.py on a made-up run: pictures are made, bad input is one line and status 2."""
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+
+SKIPPED = 77
+
+
+def run(*arguments):
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+
+
+def main():
+    if any(importlib.util.find_spec(name) is None for name in ("matplotlib", "numpy")):
+        print("no matplotlib")
+        return SKIPPED
+    script = sys.argv[1]
+    data = os.path.join(os.path.dirname(os.path.abspath(__file__)), "data")
+    with tempfile.TemporaryDirectory() as folder:
+        with open(os.path.join(data, "estimate.tum"), encoding="utf-8") as file:
+            text = file.read()
+        with open(os.path.join(folder, "trajectory.tum"), "w", encoding="utf-8") as file:
+            file.write(text)
+        with open(os.path.join(folder, "summary.json"), "w", encoding="utf-8") as file:
+            file.write('{"mode": "stock"}')
+        picture = os.path.join(folder, "trajectory.png")
+        truth = os.path.join(data, "reference.tum")
+        for extra in ([], ["--ground-truth", truth], ["--ground-truth", truth, "--plane", "xy"]):
+            result = run(script, folder, *extra)
+            assert result.returncode == 0, result.stderr
+            with open(picture, "rb") as file:
+                content = file.read()
+            assert content.startswith(b"\x89PNG") and len(content) > 10000, len(content)
+            os.unlink(picture)
+        for bad in (["/none"], [folder, "--ground-truth", "/none"],
+                    [folder, "--ground-truth", script], [folder, "--output", "/none/x.png"]):
+            result = run(script, *bad)
+            assert result.returncode == 2, (bad, result)
+            assert result.stderr.count("\n") == 1, result.stderr
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,132 @@
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+#include <signal.h>
+#include <sys/resource.h>
+
+#include <thread>
+
+#include "io/read_bytes.h"
+#include "temporary_folder.h"
+#include "util/atomic_file.h"
+#include "util/interrupt.h"
+#include "util/nearest_name.h"
+#include "util/parse_number.h"
+#include "util/process_figures.h"
+#include "util/progress.h"
+
+namespace kys_slam {
+namespace {
+
+TEST(AtomicFile, ReplacesWholeFilesAndLeavesNothingBehind) {
+  const TemporaryFolder folder;
+  write_file_atomic(folder / "a.txt", "one");
+  write_file_atomic(folder / "a.txt", "two");
+  EXPECT_EQ(read_text(folder / "a.txt"), "two");
+  std::filesystem::create_directory(folder / "d");
+  expect_input_error([&] { write_file_atomic(folder / "d", "x"); }, {"cannot write", "/d"});
+  expect_input_error([&] { write_file_atomic(folder / "no/a.txt", "x"); }, {"cannot write"});
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
+    files += entry.is_regular_file() ? 1 : 0;
+  }
+  EXPECT_EQ(files, 1);
+}
+
+TEST(AtomicFile, FailureHalfWayLeavesTheOldFile) {
+  const TemporaryFolder folder;
+  write_file_atomic(folder / "a.txt", "old");
+  rlimit limit{};
+  ::getrlimit(RLIMIT_FSIZE, &limit);
+  const rlimit small{1000, limit.rlim_max};
+  const auto old_handler = ::signal(SIGXFSZ, SIG_IGN);
+  ::setrlimit(RLIMIT_FSIZE, &small);  // as a full disk: the first write is short, the next fails
+  try {
+    write_file_atomic(folder / "a.txt", std::string(5000, 'x'));
+    ADD_FAILURE() << "no InputError";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("cannot write"), std::string::npos) << error.what();
+  }
+  ::setrlimit(RLIMIT_FSIZE, &limit);
+  ::signal(SIGXFSZ, old_handler);
+  EXPECT_EQ(read_text(folder / "a.txt"), "old");
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1);
+}
+
+TEST(AtomicFile, OutputFolderOverAFile) {
+  const TemporaryFolder folder;
+  write_text(folder / "file", "");
+  make_output_folder(folder / "a/b");
+  EXPECT_TRUE(std::filesystem::is_directory(folder / "a/b"));
+  expect_input_error([&] { make_output_folder(folder / "file/x"); }, {"cannot write", "file/x"});
+  expect_input_error([&] { make_output_folder(folder / "file"); }, {"cannot write"});
+}
+
+TEST(ParseNumber, WholeFiniteNumbersOnly) {
+  EXPECT_EQ(parse_double("1.5e-3"), 1.5e-3);
+  EXPECT_EQ(parse_double("+2"), 2.0);
+  for (const char* bad :
+       {"", "nan", "inf", "-inf", "1e999", "1x", " 1", "1 ", "+-1", "0x10", "."}) {
+    EXPECT_FALSE(parse_double(bad)) << bad;
+  }
+  EXPECT_EQ(parse_int("-7"), -7);
+  EXPECT_FALSE(parse_int("7.0"));
+  EXPECT_FALSE(parse_int("99999999999999999999"));
+}
+
+TEST(NearestName, FindsSlipsOfThePen) {
+  EXPECT_EQ(edit_distance("kitten", "sitting"), 3u);
+  EXPECT_EQ(edit_distance("ab", "ba"), 1u);
+  const std::vector<std::string> keys = {"orb.features", "orb.levels", "stereo.close_factor"};
+  EXPECT_EQ(nearest_name("orb.fetaures", keys), "orb.features");
+  EXPECT_EQ(nearest_name("banana", keys), "");
+  EXPECT_EQ(did_you_mean("orb.level", keys), "; did you mean 'orb.levels'?");
+}
+
+TEST(Interrupt, SignalSetsTheFlag) {
+  install_interrupt_handler();
+  EXPECT_FALSE(interrupted());
+  ::raise(SIGTERM);
+  EXPECT_TRUE(interrupted());
+  set_interrupted(false);
+  ::signal(SIGINT, SIG_DFL);
+}
+
+TEST(ProcessFigures, GrowWithWhatIsUsed) {
+  const ProcessFigures before = process_figures();
+  std::vector<char> memory(64 << 20, 1);
+  const ProcessFigures after = process_figures();
+  EXPECT_GT(after.resident_mb, before.resident_mb + 60);
+  EXPECT_GE(after.peak_resident_mb + 1, after.resident_mb);
+  EXPECT_GT(after.cpu_seconds(), 0);
+  EXPECT_EQ(memory.back(), 1);
+}
+
+TEST(Progress, BarRedrawsAndEndsItsLine) {
+  std::FILE* out = std::tmpfile();
+  {
+    Progress progress("frames", 4, Progress::Style::kBar, out);
+    for (int i = 1; i <= 4; ++i) progress.update(i);
+  }
+  std::rewind(out);
+  char text[4096] = {};
+  ASSERT_GT(std::fread(text, 1, sizeof text - 1, out), 0u);
+  std::fclose(out);
+  const std::string shown = text;
+  EXPECT_NE(shown.find("[######..................] frames 1/4"), std::string::npos) << shown;
+  EXPECT_NE(shown.find("[########################] frames 4/4"), std::string::npos) << shown;
+  EXPECT_EQ(shown.back(), '\n');
+}
+
+TEST(Progress, ShortTasksPrintNoLines) {
+  std::FILE* out = std::tmpfile();
+  {
+    Progress progress("frames", 2, Progress::Style::kAuto, out);
+    progress.update(1);
+    progress.update(2);
+  }
+  EXPECT_EQ(std::ftell(out), 0);
+  std::fclose(out);
+}
+
+}  // namespace
+}  // namespace kys_slam
