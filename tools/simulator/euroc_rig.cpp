@@ -26,23 +26,20 @@ const Calibration& calibration(int camera) {
   return cameras[camera];
 }
 
-struct Scaled {
-  double f_u, f_v, c_u, c_v;
-};
+}  // namespace
 
-Scaled scaled(int camera, int width, int height) {
+EurocCalibration euroc_calibration(int camera, int width, int height) {
   const Calibration& k = calibration(camera);
   const double sx = static_cast<double>(width) / kEurocWidth;
   const double sy = static_cast<double>(height) / kEurocHeight;
-  return {k.f_u * sx, k.f_v * sy, (k.c_u + 0.5) * sx - 0.5, (k.c_v + 0.5) * sy - 0.5};
+  return {k.f_u * sx, k.f_v * sy, (k.c_u + 0.5) * sx - 0.5, (k.c_v + 0.5) * sy - 0.5,
+          k.distortion};
 }
 
-}  // namespace
-
 CameraModel euroc_camera(int camera, int width, int height) {
-  const Scaled s = scaled(camera, width, height);
+  const EurocCalibration s = euroc_calibration(camera, width, height);
   return CameraModel::radtan(width, height, s.f_u, s.f_v, s.c_u, s.c_v,
-                             calibration(camera).distortion);
+                             s.distortion);
 }
 
 Rigid3 euroc_extrinsics(int camera) {
@@ -54,7 +51,7 @@ Rigid3 euroc_extrinsics(int camera) {
 
 std::string euroc_sensor_yaml(int camera, int width, int height) {
   const Calibration& k = calibration(camera);
-  const Scaled s = scaled(camera, width, height);
+  const EurocCalibration s = euroc_calibration(camera, width, height);
   const double* m = k.T_BS;
   char text[1600];
   std::snprintf(text, sizeof text,

@@ -9,6 +9,14 @@ namespace kys_slam::simulator {
 inline constexpr int kEurocWidth = 752;   // px
 inline constexpr int kEurocHeight = 480;  // px
 
+/// Intrinsics of a EuRoC camera (px) and its radial-tangential distortion (k1 k2 p1 p2).
+struct EurocCalibration {
+  double f_u, f_v, c_u, c_v;
+  std::array<double, 4> distortion;
+};
+EurocCalibration euroc_calibration(int camera, int width = kEurocWidth,
+                                   int height = kEurocHeight);
+
 /// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
 CameraModel euroc_camera(int camera, int width, int height);
 /// T_body_camera.

@@ -116,7 +116,7 @@ class StreetTraffic {
     // A queue beyond the side street that waits for the crossing bus.
     for (int i = 0; i < 4; ++i) {
       const double stop = 200 - (kCrossingC / k_.dir_b.x() + 13.0 + 7.0 * i);
-      const double go = 17.6 + 0.8 * i;
+      const double go = 20.0 + 0.8 * i;
       vehicle(i == 1 ? meshes_.truck : meshes_.cars[i % 4], i == 1 ? kTruck : kCar, path,
               [stop = i >= 2 ? stop - 3.0 : stop, go](double t) {
                 const double r = std::max(0.0, t - go);
@@ -133,9 +133,8 @@ class StreetTraffic {
       int mesh, category;
       double time;
     };
-    const One all[] = {{meshes_.bus, kBus, 15.9},
-                       {meshes_.cars[2], kCar, 17.6},
-                       {meshes_.cars[0], kCar, 18.6}};
+    const One all[] = {{meshes_.bus, kBus, 18.6},
+                       {meshes_.cars[0], kCar, 20.6}};
     for (const One& one : all) {
       const double time = one.time;
       vehicle(one.mesh, one.category, path,
@@ -220,12 +219,9 @@ World make_street(const WorldOptions& options) {
   const Vec2 corner = lane_corner(streets);
   const Path ego({{kLaneOffset, 0}, corner, corner + streets.dir_b * 300}, 11.0);
   const double turn = corner.y() - 12;  // roughly where the turn begins
-  const double side = turn + 20 + 26;   // where the side street is close
+  const double side = turn + 22 + 32;   // where the side street is close
   const Drive drive(0, duration, [&](double s, double) {
-    double v = 8.6;
-    v -= 3.0 * (smooth_step(turn - 16, turn - 1, s) - smooth_step(turn + 13, turn + 24, s));
-    v -= 3.3 * (smooth_step(side - 14, side - 4, s) - smooth_step(side + 10, side + 22, s));
-    return v;
+    return 8.6 - 3.4 * (smooth_step(turn - 16, turn - 1, s) - smooth_step(side, side + 18, s));
   });
 
   TownPlan plan;

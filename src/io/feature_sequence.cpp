@@ -1,0 +1,393 @@
+#include "io/feature_sequence.h"
+
+#include <kys_slam/error.h>
+#include <libdeflate.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+
+namespace kys_slam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kMagic[8] = {'K', 'Y', 'S', 'F', 'E', 'A', 'T', '1'};
+constexpr std::uint32_t kHeaderBytes = 96;
+constexpr std::uint32_t kPoseBytes = 64;
+constexpr std::uint32_t kFrameHeadBytes = 12;  // before the payload: mark, size, checksum
+constexpr std::uint32_t kFrameMark = 0x4d415246;  // "FRAM"
+constexpr std::uint32_t kFeatureBytes = 44;
+constexpr std::uint64_t kMaxFrames = 10'000'000;
+constexpr std::uint32_t kMaxFeatures = 1'000'000;
+constexpr double kAngleSteps = 65536.0 / (2.0 * std::numbers::pi);
+
+std::uint32_t crc32_of(const std::vector<std::uint8_t>& bytes, std::size_t count) {
+  return libdeflate_crc32(0, bytes.data(), count);
+}
+
+// Little-endian numbers, whatever the machine.
+class Packer {
+ public:
+  explicit Packer(std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
+  void u8(std::uint8_t v) { bytes_.push_back(v); }
+  void u16(std::uint16_t v) { put(v, 2); }
+  void u32(std::uint32_t v) { put(v, 4); }
+  void u64(std::uint64_t v) { put(v, 8); }
+  void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
+
+ private:
+  void put(std::uint64_t v, int count) {
+    for (int i = 0; i < count; ++i) bytes_.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
+  }
+  std::vector<std::uint8_t>& bytes_;
+};
+
+class Unpacker {
+ public:
+  explicit Unpacker(const std::uint8_t* p) : p_(p) {}
+  std::uint8_t u8() { return *p_++; }
+  std::uint16_t u16() { return static_cast<std::uint16_t>(get(2)); }
+  std::uint32_t u32() { return static_cast<std::uint32_t>(get(4)); }
+  std::uint64_t u64() { return get(8); }
+  double f64() { return std::bit_cast<double>(u64()); }
+
+ private:
+  std::uint64_t get(int count) {
+    std::uint64_t v = 0;
+    for (int i = 0; i < count; ++i) v |= static_cast<std::uint64_t>(p_[i]) << (8 * i);
+    p_ += count;
+    return v;
+  }
+  const std::uint8_t* p_;
+};
+
+std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info) {
+  std::vector<std::uint8_t> bytes(kMagic, kMagic + 8);
+  Packer p(bytes);
+  p.u32(1);
+  p.u32(kHeaderBytes);
+  p.u32(static_cast<std::uint32_t>(info.camera.width));
+  p.u32(static_cast<std::uint32_t>(info.camera.height));
+  for (const double v : {info.camera.fx, info.camera.fy, info.camera.cx, info.camera.cy,
+                         info.camera.baseline, info.scale_factor}) {
+    p.f64(v);
+  }
+  p.u64(info.seed);
+  p.u64(info.poses.size());
+  p.u32(static_cast<std::uint32_t>(info.levels));
+  p.u32(crc32_of(bytes, bytes.size()));
+  return bytes;
+}
+
+std::vector<std::uint8_t> pack_poses(const std::vector<TimedPose>& poses) {
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(poses.size() * kPoseBytes + 4);
+  Packer p(bytes);
+  for (const TimedPose& pose : poses) {
+    const auto& q = pose.T_w_c.rotation;
+    const auto& t = pose.T_w_c.translation;
+    for (const double v : {pose.timestamp, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) {
+      p.f64(v);
+    }
+  }
+  p.u32(crc32_of(bytes, bytes.size()));
+  return bytes;
+}
+
+void pack_features(Packer& p, const FeatureSet& set, const std::vector<std::int32_t>& landmarks) {
+  if (set.keypoints.size() != set.descriptors.size() || landmarks.size() != set.size()) {
+    throw std::logic_error("features, descriptors and landmarks differ in number");
+  }
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    const Keypoint& k = set.keypoints[i];
+    const auto fixed = [](float v) {
+      return static_cast<std::uint16_t>(std::clamp(std::lround(v * 32.0F), 0L, 65535L));
+    };
+    p.u16(fixed(k.x));
+    p.u16(fixed(k.y));
+    p.u16(static_cast<std::uint16_t>(std::llround(k.angle * kAngleSteps) & 0xffff));
+    p.u8(static_cast<std::uint8_t>(std::clamp(std::lround(k.response), 0L, 255L)));
+    p.u8(k.octave);
+    p.u32(static_cast<std::uint32_t>(landmarks[i]));
+    for (const std::uint64_t word : set.descriptors[i].words) p.u64(word);
+  }
+}
+
+void unpack_features(Unpacker& p, std::uint32_t count, FeatureSet& set,
+                     std::vector<std::int32_t>& landmarks) {
+  set.keypoints.resize(count);
+  set.descriptors.resize(count);
+  landmarks.resize(count);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    Keypoint& k = set.keypoints[i];
+    k.x = static_cast<float>(p.u16()) / 32.0F;
+    k.y = static_cast<float>(p.u16()) / 32.0F;
+    k.angle = static_cast<float>(p.u16() / kAngleSteps);
+    k.response = p.u8();
+    k.octave = p.u8();
+    landmarks[i] = static_cast<std::int32_t>(p.u32());
+    for (std::uint64_t& word : set.descriptors[i].words) word = p.u64();
+  }
+}
+
+struct FileCloser {
+  void operator()(std::FILE* f) const { std::fclose(f); }
+};
+using File = std::unique_ptr<std::FILE, FileCloser>;
+
+}  // namespace
+
+struct FeatureSequenceWriter::Impl {
+  fs::path path, temporary;
+  File file;
+  std::size_t frames_left = 0;
+  std::vector<std::uint8_t> bytes;
+
+  [[noreturn]] void fail() const {
+    throw InputError("cannot write " + path.string() + ": " + std::strerror(errno));
+  }
+  void put(const std::vector<std::uint8_t>& data) const {
+    if (std::fwrite(data.data(), 1, data.size(), file.get()) != data.size()) fail();
+  }
+};
+
+FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const FeatureFileInfo& info)
+    : impl_(std::make_unique<Impl>()) {
+  impl_->path = path;
+  impl_->temporary = path;
+  impl_->temporary += ".partial-" + std::to_string(getpid());
+  impl_->file.reset(std::fopen(impl_->temporary.c_str(), "wb"));
+  if (!impl_->file) impl_->fail();
+  impl_->frames_left = info.poses.size();
+  try {
+    impl_->put(pack_header(info));
+    impl_->put(pack_poses(info.poses));
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove(impl_->temporary, ignored);
+    throw;
+  }
+}
+
+FeatureSequenceWriter::~FeatureSequenceWriter() {
+  if (!impl_->file) return;
+  impl_->file.reset();
+  std::error_code ignored;
+  fs::remove(impl_->temporary, ignored);
+}
+
+void FeatureSequenceWriter::write(const FeatureFrame& frame) {
+  if (impl_->frames_left == 0) throw std::logic_error("more frames than poses");
+  std::vector<std::uint8_t>& payload = impl_->bytes;
+  payload.clear();
+  Packer p(payload);
+  p.u32(static_cast<std::uint32_t>(frame.left.size()));
+  p.u32(static_cast<std::uint32_t>(frame.right.size()));
+  pack_features(p, frame.left, frame.left_landmarks);
+  pack_features(p, frame.right, frame.right_landmarks);
+  std::vector<std::uint8_t> head;
+  Packer h(head);
+  h.u32(kFrameMark);
+  h.u32(static_cast<std::uint32_t>(payload.size()));
+  h.u32(crc32_of(payload, payload.size()));
+  impl_->put(head);
+  impl_->put(payload);
+  --impl_->frames_left;
+}
+
+void FeatureSequenceWriter::finish() {
+  if (impl_->frames_left != 0) throw std::logic_error("fewer frames than poses");
+  const bool flushed = std::fflush(impl_->file.get()) == 0;
+  if (!flushed) impl_->fail();
+  if (std::fclose(impl_->file.release()) != 0 ||
+      std::rename(impl_->temporary.c_str(), impl_->path.c_str()) != 0) {
+    const int reason = errno;
+    std::error_code ignored;
+    fs::remove(impl_->temporary, ignored);
+    errno = reason;
+    impl_->fail();
+  }
+}
+
+struct FeatureSequence::Impl {
+  std::string name;
+  File file;
+  FeatureFileInfo info;
+  std::vector<TimedPose> truth;
+  std::int64_t next_frame = 0;
+  std::int64_t end = 0;
+  std::vector<std::uint8_t> bytes;
+  std::vector<std::int32_t> left_landmarks, right_landmarks;
+
+  [[noreturn]] void fail(const std::string& what) const { throw InputError(name + ": " + what); }
+
+  void get(std::size_t count, const char* what) {
+    bytes.resize(count);
+    if (std::fread(bytes.data(), 1, count, file.get()) != count) {
+      fail(std::string("truncated in ") + what);
+    }
+  }
+  std::uint64_t read_header();
+  void read_poses(std::uint64_t frames, std::uint64_t file_size);
+  void skip_frame();
+  std::uint32_t read_head();
+};
+
+// Returns the number of frames.
+std::uint64_t FeatureSequence::Impl::read_header() {
+  bytes.resize(kHeaderBytes);
+  const std::size_t got = std::fread(bytes.data(), 1, kHeaderBytes, file.get());
+  if (got < 8 || std::memcmp(bytes.data(), kMagic, 8) != 0) fail("not a feature file");
+  if (got < kHeaderBytes) fail("truncated in the header");
+  Unpacker p(bytes.data() + 8);
+  const std::uint32_t version = p.u32();
+  if (version != 1) fail("version " + std::to_string(version) + " of the format is not known");
+  if (p.u32() != kHeaderBytes) fail("corrupt header (size)");
+  const std::uint32_t width = p.u32();
+  const std::uint32_t height = p.u32();
+  StereoCamera& c = info.camera;
+  for (double* v : {&c.fx, &c.fy, &c.cx, &c.cy, &c.baseline, &info.scale_factor}) *v = p.f64();
+  info.seed = p.u64();
+  const std::uint64_t frames = p.u64();
+  const std::uint32_t levels = p.u32();
+  if (p.u32() != crc32_of(bytes, kHeaderBytes - 4)) fail("corrupt header (checksum)");
+  if (width > 2048 || height > 2048) fail("image size out of range");
+  c.width = static_cast<int>(width);
+  c.height = static_cast<int>(height);
+  if (!c.is_valid()) fail("the camera makes no sense");
+  if (!(info.scale_factor > 1 && info.scale_factor < 4) || levels < 1 || levels > 64) {
+    fail("the octaves make no sense");
+  }
+  info.levels = static_cast<int>(levels);
+  if (frames == 0 || frames > kMaxFrames) fail("number of frames out of range");
+  return frames;
+}
+
+void FeatureSequence::Impl::read_poses(std::uint64_t frames, std::uint64_t file_size) {
+  // Before anything is allocated: each frame needs at least its pose and an empty block.
+  if (file_size < kHeaderBytes + 4 + frames * (kPoseBytes + kFrameHeadBytes + 8)) {
+    fail("truncated: too short for " + std::to_string(frames) + " frames");
+  }
+  get(frames * kPoseBytes + 4, "the poses");
+  Unpacker p(bytes.data());
+  double last = -std::numeric_limits<double>::infinity();
+  for (std::uint64_t i = 0; i < frames; ++i) {
+    double v[8];
+    for (double& x : v) x = p.f64();
+    const Eigen::Quaterniond q(v[7], v[4], v[5], v[6]);
+    const bool finite = std::all_of(v, v + 8, [](double x) { return std::isfinite(x); });
+    if (!finite || std::abs(q.norm() - 1) > 1e-3 || v[0] <= last) {
+      fail("pose " + std::to_string(i) + " makes no sense");
+    }
+    last = v[0];
+    info.poses.push_back({v[0], Rigid3(q, Eigen::Vector3d(v[1], v[2], v[3]))});
+  }
+  if (p.u32() != crc32_of(bytes, frames * kPoseBytes)) fail("corrupt poses (checksum)");
+}
+
+std::uint32_t FeatureSequence::Impl::read_head() {
+  const std::string where = "frame " + std::to_string(next_frame);
+  get(kFrameHeadBytes, where.c_str());
+  Unpacker p(bytes.data());
+  const bool marked = p.u32() == kFrameMark;
+  const std::uint32_t size = p.u32();
+  if (!marked || size < 8 || (size - 8) % kFeatureBytes != 0 ||
+      size > 8 + 2 * kMaxFeatures * kFeatureBytes) {
+    fail("corrupt at " + where);
+  }
+  return size;
+}
+
+void FeatureSequence::Impl::skip_frame() {
+  const std::uint32_t size = read_head();
+  if (std::fseek(file.get(), static_cast<long>(size), SEEK_CUR) != 0) fail("cannot seek");
+  ++next_frame;
+}
+
+FeatureSequence::FeatureSequence(const fs::path& path, std::int64_t start, std::int64_t frames)
+    : impl_(std::make_unique<Impl>()) {
+  impl_->name = path.string();
+  impl_->file.reset(std::fopen(path.c_str(), "rb"));
+  if (!impl_->file) throw InputError("cannot read " + path.string() + ": " + std::strerror(errno));
+  std::error_code error;
+  const auto file_size = fs::file_size(path, error);
+  if (error) throw InputError("cannot read " + path.string() + ": " + error.message());
+  const std::uint64_t total = impl_->read_header();
+  impl_->read_poses(total, file_size);
+  const auto count = static_cast<std::int64_t>(total);
+  if (start < 0 || start >= count) {
+    impl_->fail("has " + std::to_string(count) + " frames, none at " + std::to_string(start));
+  }
+  impl_->end = frames < 0 || frames > count - start ? count : start + frames;
+  impl_->truth.assign(impl_->info.poses.begin() + start, impl_->info.poses.begin() + impl_->end);
+  while (impl_->next_frame < start) impl_->skip_frame();
+}
+
+FeatureSequence::~FeatureSequence() = default;
+
+const StereoCamera& FeatureSequence::camera() const { return impl_->info.camera; }
+
+std::optional<std::int64_t> FeatureSequence::size() const {
+  return static_cast<std::int64_t>(impl_->truth.size());
+}
+
+std::optional<StereoFrame> FeatureSequence::next() {
+  Impl& s = *impl_;
+  if (s.next_frame >= s.end) return std::nullopt;
+  const std::string where = "frame " + std::to_string(s.next_frame);
+  const std::uint32_t size = s.read_head();
+  const std::uint32_t checksum = Unpacker(s.bytes.data() + 8).u32();
+  s.get(size, where.c_str());
+  if (crc32_of(s.bytes, size) != checksum) s.fail("corrupt " + where + " (checksum)");
+  Unpacker p(s.bytes.data());
+  const std::uint32_t left = p.u32();
+  const std::uint32_t right = p.u32();
+  if (static_cast<std::uint64_t>(left) + right != (size - 8) / kFeatureBytes) {
+    s.fail("corrupt " + where + " (counts)");
+  }
+  StereoFrame frame;
+  frame.index = s.next_frame;
+  char text[32];
+  std::snprintf(text, sizeof text, "%06lld", static_cast<long long>(s.next_frame));
+  frame.name = text;
+  frame.timestamp = s.info.poses[static_cast<std::size_t>(s.next_frame)].timestamp;
+  frame.left_features.emplace();
+  frame.right_features.emplace();
+  unpack_features(p, left, *frame.left_features, s.left_landmarks);
+  unpack_features(p, right, *frame.right_features, s.right_landmarks);
+  for (const FeatureSet* set : {&*frame.left_features, &*frame.right_features}) {
+    for (const Keypoint& k : set->keypoints) {
+      if (k.octave >= s.info.levels || k.x > static_cast<float>(s.info.camera.width - 1) ||
+          k.y > static_cast<float>(s.info.camera.height - 1)) {
+        s.fail(where + ": a feature outside the image or the octaves");
+      }
+    }
+  }
+  ++s.next_frame;
+  return frame;
+}
+
+const FeatureFileInfo& FeatureSequence::info() const { return impl_->info; }
+const std::vector<TimedPose>& FeatureSequence::ground_truth() const { return impl_->truth; }
+const std::vector<std::int32_t>& FeatureSequence::left_landmarks() const {
+  return impl_->left_landmarks;
+}
+const std::vector<std::int32_t>& FeatureSequence::right_landmarks() const {
+  return impl_->right_landmarks;
+}
+
+bool is_feature_file(const fs::path& path) {
+  const File file(std::fopen(path.c_str(), "rb"));
+  char head[8];
+  return file && std::fread(head, 1, 8, file.get()) == 8 && std::memcmp(head, kMagic, 8) == 0;
+}
+
+}  // namespace kys_slam

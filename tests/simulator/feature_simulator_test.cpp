@@ -1,0 +1,285 @@
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <bit>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "feature_world.h"
+#include "io/trajectory_file.h"
+#include "scratch_folder.h"
+
+namespace kys_slam::simulator {
+namespace {
+
+int hamming(const kys::Descriptor& a, const kys::Descriptor& b) {
+  int n = 0;
+  for (std::size_t i = 0; i < 4; ++i) n += std::popcount(a.words[i] ^ b.words[i]);
+  return n;
+}
+
+// A drive on a circle of 20 m radius, once around and a bit: 0.5 m per frame.
+FeaturePath circle(int frames) {
+  FeaturePath path;
+  path.camera = {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.53716};
+  path.ground = 1.65;
+  for (int i = 0; i < frames; ++i) {
+    const double a = 0.025 * i;
+    const Rigid3 T(Eigen::Quaterniond(Eigen::AngleAxisd(a, Eigen::Vector3d::UnitY())),
+                   Eigen::Vector3d(20 * (1 - std::cos(a)), 0, 20 * std::sin(a)));
+    path.poses.push_back({0.1 * i, T});
+  }
+  return path;
+}
+
+FeatureOptions few() {
+  FeatureOptions o;
+  o.features = 600;
+  return o;
+}
+
+TEST(FeatureWorld, FeaturesLieWhereTheirLandmarksAre) {
+  const FeaturePath path = circle(40);
+  const FeatureOptions options = few();
+  const FeatureWorld world(path, options);
+  double sum = 0;
+  int count = 0;
+  for (std::size_t i = 0; i < 40; i += 5) {
+    const FeatureFrame f = world.frame(i);
+    EXPECT_NEAR(static_cast<double>(f.left.size()), 600, 90);
+    for (const bool left : {true, false}) {
+      const FeatureSet& set = left ? f.left : f.right;
+      const auto& ids = left ? f.left_landmarks : f.right_landmarks;
+      ASSERT_EQ(ids.size(), set.size());
+      for (std::size_t k = 0; k < set.size(); ++k) {
+        if (ids[k] < 0) continue;
+        const Eigen::Vector3d uvr = path.camera.project_stereo(path.poses[i].T_w_c.inverse() *
+                                                               world.landmark_position(ids[k]));
+        const double sigma = options.pixel_noise * std::pow(1.2, set.keypoints[k].octave);
+        const double du = (set.keypoints[k].x - (left ? uvr.x() : uvr.z())) / sigma;
+        const double dv = (set.keypoints[k].y - uvr.y()) / sigma;
+        EXPECT_LT(std::hypot(du, dv), 6);
+        sum += du * du + dv * dv;
+        count += 2;
+      }
+    }
+  }
+  EXPECT_NEAR(sum / count, 1, 0.05) << "in units of the noise asked for";
+}
+
+TEST(FeatureWorld, SameLandmarkLooksAlikeAndOthersDoNot) {
+  FeatureOptions options = few();
+  options.repeats = 0;
+  const FeatureWorld world(circle(30), options);
+  const FeatureFrame a = world.frame(10);
+  const FeatureFrame b = world.frame(11);
+  std::map<std::int32_t, std::size_t> at;
+  for (std::size_t k = 0; k < b.left.size(); ++k) {
+    if (b.left_landmarks[k] >= 0) at[b.left_landmarks[k]] = k;
+  }
+  int pairs = 0;
+  int far = 0;
+  double same = 0;
+  for (std::size_t k = 0; k < a.left.size(); ++k) {
+    const auto found = at.find(a.left_landmarks[k]);
+    if (found == at.end()) continue;
+    ++pairs;
+    const int d = hamming(a.left.descriptors[k], b.left.descriptors[found->second]);
+    same += d;
+    if (d > 75) ++far;
+    EXPECT_LT(std::abs(a.left.keypoints[k].octave - b.left.keypoints[found->second].octave), 3);
+    EXPECT_GT(hamming(a.left.descriptors[k],
+                      b.left.descriptors[(found->second + 7) % b.left.size()]),
+              70);
+  }
+  EXPECT_GT(pairs, 250);
+  EXPECT_NEAR(same / pairs, 2 * 0.05 * 256, 14);
+  EXPECT_LT(far, pairs / 50);
+}
+
+TEST(FeatureWorld, OctaveFollowsDistance) {
+  // ORB-SLAM's prediction from one sighting, ceil(log(max / d) / log 1.2) with max = d0 1.2^o0,
+  // must name the octave of another sighting or the one above it.
+  const FeaturePath path = circle(60);
+  const FeatureWorld world(path, few());
+  std::map<std::int32_t, std::pair<int, double>> first;
+  int good = 0;
+  int all = 0;
+  for (std::size_t i = 0; i < 60; i += 3) {
+    const FeatureFrame f = world.frame(i);
+    for (std::size_t k = 0; k < f.left.size(); ++k) {
+      const std::int32_t id = f.left_landmarks[k];
+      if (id < 0) continue;
+      const double d = (world.landmark_position(id) - path.poses[i].T_w_c.t()).norm();
+      const int octave = f.left.keypoints[k].octave;
+      const auto [at, is_new] = first.try_emplace(id, octave, d);
+      if (is_new) continue;
+      const double max = at->second.second * std::pow(1.2, at->second.first);
+      const int predicted = static_cast<int>(std::ceil(std::log(max / d) / std::log(1.2)));
+      ++all;
+      if (octave == predicted || octave == predicted - 1) ++good;
+    }
+  }
+  EXPECT_GT(all, 2000);
+  EXPECT_GT(good, all * 85 / 100);
+}
+
+TEST(FeatureWorld, RevisitsSeeTheSameLandmarks) {
+  const int round = static_cast<int>(2 * std::acos(-1.0) / 0.025);
+  FeatureOptions options = few();
+  options.features = 300;
+  const FeatureWorld world(circle(round + 20), options);
+  const FeatureFrame a = world.frame(10);
+  const FeatureFrame b = world.frame(static_cast<std::size_t>(round) + 10);
+  std::set<std::int32_t> seen(a.left_landmarks.begin(), a.left_landmarks.end());
+  seen.erase(-1);
+  int again = 0;
+  for (const std::int32_t id : b.left_landmarks) again += seen.contains(id) ? 1 : 0;
+  EXPECT_GT(again, 150);
+  // Across the circle there is nothing in common.
+  const FeatureFrame c = world.frame(static_cast<std::size_t>(round) / 2);
+  int wrong = 0;
+  for (const std::int32_t id : c.left_landmarks) wrong += seen.contains(id) ? 1 : 0;
+  EXPECT_LT(wrong, 5);
+}
+
+class FeatureFile : public testing::Test {
+ protected:
+  FeatureFile() : scratch_("features"), path_(scratch_ / "a.features") {
+    FeatureOptions options = few();
+    options.features = 100;
+    world_ = std::make_unique<FeatureWorld>(circle(12), options);
+    write(path_);
+  }
+  void write(const std::filesystem::path& path) const {
+    FeatureSequenceWriter writer(path, world_->info());
+    for (std::size_t i = 0; i < 12; ++i) writer.write(world_->frame(i));
+    writer.finish();
+  }
+  void expect_refused(const std::string& bytes) const {
+    std::ofstream(scratch_ / "bad", std::ios::binary) << bytes;
+    try {
+      FeatureSequence sequence(scratch_ / "bad");
+      while (sequence.next()) {
+      }
+      FAIL() << "accepted";
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("bad"), std::string::npos);
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+    }
+  }
+  ScratchFolder scratch_;
+  std::filesystem::path path_;
+  std::unique_ptr<FeatureWorld> world_;
+};
+
+TEST_F(FeatureFile, ReadsBackWhatWasWritten) {
+  FeatureSequence sequence(path_);
+  EXPECT_TRUE(is_feature_file(path_));
+  EXPECT_EQ(sequence.camera(), circle(1).camera);
+  EXPECT_EQ(sequence.size(), 12);
+  ASSERT_EQ(sequence.ground_truth().size(), 12U);
+  for (std::size_t i = 0; i < 12; ++i) {
+    const FeatureFrame expected = world_->frame(i);
+    const auto frame = sequence.next();
+    ASSERT_TRUE(frame.has_value());
+    EXPECT_EQ(frame->index, static_cast<std::int64_t>(i));
+    EXPECT_NEAR(frame->timestamp, 0.1 * static_cast<double>(i), 1e-12);
+    EXPECT_LT(minus(sequence.ground_truth()[i].T_w_c, circle(12).poses[i].T_w_c).norm(), 1e-12);
+    ASSERT_EQ(frame->left_features->size(), expected.left.size());
+    EXPECT_EQ(frame->left_features->descriptors, expected.left.descriptors);
+    EXPECT_EQ(frame->right_features->descriptors, expected.right.descriptors);
+    EXPECT_EQ(sequence.left_landmarks(), expected.left_landmarks);
+    EXPECT_EQ(sequence.right_landmarks(), expected.right_landmarks);
+    for (std::size_t k = 0; k < expected.left.size(); ++k) {
+      const Keypoint& a = frame->left_features->keypoints[k];
+      const Keypoint& b = expected.left.keypoints[k];
+      EXPECT_NEAR(a.x, b.x, 1.01 / 64);
+      EXPECT_NEAR(a.y, b.y, 1.01 / 64);
+      EXPECT_NEAR(std::cos(a.angle - b.angle), 1, 1e-6);
+      EXPECT_EQ(a.octave, b.octave);
+    }
+  }
+  EXPECT_FALSE(sequence.next().has_value());
+}
+
+TEST_F(FeatureFile, PartOfASequence) {
+  FeatureSequence sequence(path_, 5, 3);
+  EXPECT_EQ(sequence.size(), 3);
+  const auto frame = sequence.next();
+  EXPECT_EQ(frame->index, 5);
+  EXPECT_EQ(frame->name, "000005");
+  EXPECT_EQ(frame->left_features->descriptors, world_->frame(5).left.descriptors);
+  EXPECT_THROW(FeatureSequence(path_, 12), InputError);
+}
+
+TEST_F(FeatureFile, SameBytesAgain) {
+  write(scratch_ / "b.features");
+  EXPECT_EQ(read_all(path_), read_all(scratch_ / "b.features"));
+}
+
+TEST_F(FeatureFile, DamageIsNoticed) {
+  const std::string bytes = read_all(path_);
+  expect_refused("");
+  expect_refused("hello");
+  for (const std::size_t cut : {50UL, 96UL, 300UL, 900UL, bytes.size() / 2, bytes.size() - 1}) {
+    expect_refused(bytes.substr(0, cut));
+  }
+  // A flipped bit anywhere: sampled.
+  for (std::size_t at = 0; at < bytes.size(); at += 1 + bytes.size() / 97) {
+    std::string bad = bytes;
+    bad[at] = static_cast<char>(bad[at] ^ 0x10);
+    expect_refused(bad);
+  }
+}
+
+TEST_F(FeatureFile, AnUnfinishedFileDoesNotAppear) {
+  {
+    FeatureSequenceWriter writer(scratch_ / "half.features", world_->info());
+    writer.write(world_->frame(0));
+  }
+  EXPECT_FALSE(std::filesystem::exists(scratch_ / "half.features"));
+  EXPECT_THROW(FeatureSequenceWriter(scratch_ / "no" , {}).finish(), std::exception);
+}
+
+TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
+  const ScratchFolder scratch("badtrajectory");
+  const std::string out = (scratch / "out").string();
+  const auto expect_refused = [&](const std::string& text, const std::string& options) {
+    std::ofstream(scratch / "t.txt") << text;
+    const ProgramResult r = run_program(std::string(KYS_BIN_DIR) + "/simulate_features " +
+                                            (scratch / "t.txt").string() + " --output " + out +
+                                            options,
+                                        scratch);
+    EXPECT_EQ(r.status, 2) << text;
+    EXPECT_TRUE(is_one_line(r.error)) << r.error;
+    EXPECT_FALSE(std::filesystem::exists(out));
+  };
+  const std::string good = "1 0 0 0 0 1 0 0 0 0 1 0\n";
+  expect_refused("", "");
+  expect_refused("1 2 3\n", "");
+  expect_refused(good + "1 0 0 nan 0 1 0 0 0 0 1 0\n", "");
+  expect_refused(good + "1 0 0 0 0 5 0 0 0 0 1 0\n", "");
+  expect_refused("0.0 0 0 0 0 0 0 1\n0.2 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n", "");
+  expect_refused(good, " --features 3");
+  expect_refused(good, " --start 7");
+  expect_refused(good, " --camera pinhole");
+  expect_refused(good, " --near 10 --far 5");
+}
+
+TEST(SimulateFeatures, RealTrajectoriesCanBeDriven) {
+  const std::filesystem::path folder = std::string(KYS_SHARED_DATA_DIR) + "/ground_truth";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "real ground truth is not here";
+  FeatureOptions options;
+  options.frames = 40;
+  options.features = 400;
+  for (const char* name : {"kitti/07.txt", "euroc/V1_02_medium.tum.txt"}) {
+    const FeaturePath path = read_feature_path(folder / name, options);
+    const FeatureWorld world(path, options);
+    EXPECT_NEAR(static_cast<double>(world.frame(20).left.size()), 400, 80) << name;
+  }
+}
+
+}  // namespace
+}  // namespace kys_slam::simulator

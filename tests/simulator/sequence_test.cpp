@@ -1,0 +1,371 @@
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "io/image_io.h"
+#include "io/trajectory_file.h"
+#include "scratch_folder.h"
+#include "sensor.h"
+#include "sequence_writer.h"
+
+// What is checked here is read back from the files of a sequence, as a user would read them.
+namespace kys_slam::simulator {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kWidth = 620;
+constexpr int kHeight = 188;
+constexpr int kFrames = 3;
+
+std::uint32_t id_of(const RgbPixel& p) { return p[0] + 256U * p[1] + 65536U * p[2]; }
+
+// One written sequence per world, shared by the tests.
+class Sequence : public testing::TestWithParam<const char*> {
+ protected:
+  void SetUp() override {
+    const std::string name = GetParam();
+    folder_ = *scratch_ / name;
+    if (!fs::exists(folder_)) {
+      WriteOptions options;
+      options.output = folder_;
+      options.command = "test";
+      options.quiet = true;
+      write_sequence(make_world({name, 5, kFrames, kWidth, kHeight}), options);
+    }
+    poses_ = read_kitti_poses(folder_ / "poses.txt");
+    std::ifstream calib(folder_ / "calib.txt");
+    std::string label;
+    double P[2][12];
+    for (auto& row : P) {
+      calib >> label;
+      for (double& v : row) calib >> v;
+    }
+    camera_ = {kWidth, kHeight, P[0][0], P[0][5], P[0][2], P[0][6], -P[1][3] / P[1][0]};
+    ASSERT_TRUE(camera_.is_valid());
+    std::ifstream table(folder_ / "ground_truth.csv");
+    std::string line;
+    std::getline(table, line);
+    while (std::getline(table, line)) {
+      std::istringstream fields(line);
+      std::vector<std::string> f;
+      for (std::string x; std::getline(fields, x, ',');) f.push_back(x);
+      ASSERT_EQ(f.size(), 9U) << line;
+      rows_[{std::stoi(f[0]), f[1]}][static_cast<std::uint32_t>(std::stoul(f[2]))] = {
+          std::stoi(f[3]), std::stoi(f[5]), f[7] == "1", std::stol(f[8])};
+    }
+  }
+  static void SetUpTestSuite() { scratch_ = std::make_unique<ScratchFolder>("sequence"); }
+  static void TearDownTestSuite() { scratch_.reset(); }
+
+  struct Row {
+    int object, category;
+    bool moving;
+    long area;
+  };
+  [[nodiscard]] fs::path file(const std::string& folder, int frame) const {
+    char name[16];
+    std::snprintf(name, sizeof name, "%06d.png", frame);
+    return folder_ / folder / name;
+  }
+  // Which thing (by object) or stuff (by class) each pixel shows; 0 unlabelled.
+  ImageOf<int> things(const std::string& side, int frame) const {
+    const RgbImage ids = read_rgb(file("panoptic_" + side, frame));
+    const auto& rows = rows_.at({frame, side});
+    ImageOf<int> out(kWidth, kHeight);
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      const std::uint32_t id = id_of(ids.data()[i]);
+      if (id == 0) continue;
+      const Row& row = rows.at(id);
+      out.data()[i] = row.object >= 0 ? row.object + 1 : -row.category;
+    }
+    return out;
+  }
+  ImageOf<float> corrected(int camera, int frame) const {
+    const GrayImage image = read_gray(file(camera == 0 ? "image_0" : "image_1", frame));
+    ImageOf<float> out(kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        out.at(x, y) = static_cast<float>(image.at(x, y)) / Sensor::exposure(frame, camera) /
+                       Sensor::vignetting(x, y, kWidth, kHeight);
+      }
+    }
+    return out;
+  }
+
+  static std::unique_ptr<ScratchFolder> scratch_;
+  fs::path folder_;
+  StereoCamera camera_;
+  std::vector<Rigid3> poses_;
+  std::map<std::pair<int, std::string>, std::map<std::uint32_t, Row>> rows_;
+};
+std::unique_ptr<ScratchFolder> Sequence::scratch_;
+
+float bilinear(const ImageOf<float>& image, double x, double y) {
+  const int x0 = static_cast<int>(x);
+  const int y0 = static_cast<int>(y);
+  const auto fx = static_cast<float>(x - x0);
+  const auto fy = static_cast<float>(y - y0);
+  return (image.at(x0, y0) * (1 - fx) + image.at(x0 + 1, y0) * fx) * (1 - fy) +
+         (image.at(x0, y0 + 1) * (1 - fx) + image.at(x0 + 1, y0 + 1) * fx) * fy;
+}
+
+double gradient(const ImageOf<float>& image, int x, int y) {
+  return std::hypot(image.at(x + 1, y) - image.at(x - 1, y),
+                    image.at(x, y + 1) - image.at(x, y - 1)) /
+         2;
+}
+
+// The differences of a warp: where the image is smooth they are the sensor's noise.
+struct Warp {
+  std::vector<double> smooth, all;
+  void add(double difference, double slope) {
+    all.push_back(difference);
+    if (slope < 4) smooth.push_back(difference);
+  }
+  static double robust_sigma(std::vector<double> v) {
+    for (double& x : v) x = std::abs(x);
+    std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
+    return 1.4826 * v[v.size() / 2];
+  }
+};
+
+TEST_P(Sequence, StaticFlowAgreesWithDisparityAndPose) {
+  double moving_flow = 0;
+  for (int frame = 0; frame + 1 < kFrames; ++frame) {
+    const Image16 disparity = read_u16(file("disparity", frame));
+    const Rgb16Image flow = read_rgb16(file("flow_left", frame));
+    const RgbImage ids = read_rgb(file("panoptic_left", frame));
+    const auto& rows = rows_.at({frame, "left"});
+    const Rigid3 T_next_now = poses_[static_cast<std::size_t>(frame) + 1].inverse() *
+                              poses_[static_cast<std::size_t>(frame)];
+    long checked = 0;
+    double worst = 0;
+    for (int v = 0; v < kHeight; ++v) {
+      for (int u = 0; u < kWidth; ++u) {
+        const double d = disparity.at(u, v) / 256.0;
+        if (d == 0 || flow.at(u, v)[2] == 0) continue;
+        const Eigen::Vector3d p = T_next_now * camera_.back_project(u, v, camera_.bf() / d);
+        const Eigen::Vector2d expected = camera_.project(p) - Eigen::Vector2d(u, v);
+        const Eigen::Vector2d given((flow.at(u, v)[0] - 32768.0) / 64,
+                                    (flow.at(u, v)[1] - 32768.0) / 64);
+        const double error = (expected - given).norm();
+        const std::uint32_t id = id_of(ids.at(u, v));
+        if (id != 0 && rows.at(id).moving) {
+          moving_flow = std::max(moving_flow, error);
+          continue;
+        }
+        worst = std::max(worst, error);
+        ++checked;
+      }
+    }
+    EXPECT_GT(checked, kWidth * kHeight / 3);
+    EXPECT_LT(worst, 0.05);
+  }
+  if (std::string(GetParam()) == "street") EXPECT_GT(moving_flow, 2.0);
+}
+
+TEST_P(Sequence, RightImageWarpsOntoTheLeft) {
+  const ImageOf<float> left = corrected(0, 1);
+  const ImageOf<float> right = corrected(1, 1);
+  const Image16 disparity = read_u16(file("disparity", 1));
+  const ImageOf<int> seen_left = things("left", 1);
+  const ImageOf<int> seen_right = things("right", 1);
+  Warp warp;
+  for (int v = 1; v + 1 < kHeight; ++v) {
+    std::vector<float> nearest(kWidth + 1, 0.0F);  // disparity of what is in front, by right pixel
+    for (int u = 0; u < kWidth; ++u) {
+      const double d = disparity.at(u, v) / 256.0;
+      const double x = u - d;
+      if (d == 0 || x < 0) continue;
+      for (const int k : {static_cast<int>(x), static_cast<int>(x) + 1}) {
+        nearest[static_cast<std::size_t>(k)] =
+            std::max(nearest[static_cast<std::size_t>(k)], static_cast<float>(d));
+      }
+    }
+    for (int u = 1; u + 1 < kWidth; ++u) {
+      const double d = disparity.at(u, v) / 256.0;
+      const double x = u - d;
+      if (d == 0 || x < 1 || x > kWidth - 2) continue;
+      const auto k = static_cast<std::size_t>(x);
+      if (std::max(nearest[k], nearest[k + 1]) > d + 0.7) continue;  // hidden
+      const int thing = seen_left.at(u, v);
+      const int at = static_cast<int>(x);
+      if (seen_right.at(at, v) != thing || seen_right.at(at + 1, v) != thing) continue;
+      warp.add(bilinear(right, x, v) - left.at(u, v), gradient(left, u, v));
+    }
+  }
+  ASSERT_GT(warp.smooth.size(), 5000U);
+  // Noise of 1.5 in both; interpolation takes some of the right one's.
+  EXPECT_LT(Warp::robust_sigma(warp.smooth), 2.6);
+  EXPECT_GT(Warp::robust_sigma(warp.smooth), 1.5);
+  EXPECT_LT(Warp::robust_sigma(warp.all), 5.0);
+}
+
+TEST_P(Sequence, NextImageWarpsOntoThisOne) {
+  for (const int camera : {0, 1}) {
+    const std::string side = camera == 0 ? "left" : "right";
+    const ImageOf<float> now = corrected(camera, 0);
+    const ImageOf<float> next = corrected(camera, 1);
+    const Rgb16Image flow = read_rgb16(file("flow_" + side, 0));
+    const ImageOf<int> seen_now = things(side, 0);
+    const ImageOf<int> seen_next = things(side, 1);
+    Warp warp;
+    for (int v = 1; v + 1 < kHeight; ++v) {
+      for (int u = 1; u + 1 < kWidth; ++u) {
+        const Rgb16Pixel f = flow.at(u, v);
+        const double x = u + (f[0] - 32768.0) / 64;
+        const double y = v + (f[1] - 32768.0) / 64;
+        if (f[2] == 0 || x < 1 || y < 1 || x > kWidth - 3 || y > kHeight - 3) continue;
+        if (seen_next.at(static_cast<int>(x), static_cast<int>(y)) != seen_now.at(u, v)) continue;
+        warp.add(bilinear(next, x, y) - now.at(u, v), gradient(now, u, v));
+      }
+    }
+    ASSERT_GT(warp.smooth.size(), 5000U);
+    EXPECT_LT(Warp::robust_sigma(warp.smooth), 2.6) << side;
+    EXPECT_LT(Warp::robust_sigma(warp.all), 5.5) << side;
+  }
+}
+
+TEST_P(Sequence, PanopticImagesAndTextAgree) {
+  std::set<std::uint32_t> all_ids;
+  std::size_t id_count = 0;
+  for (const std::string side : {"left", "right"}) {
+    const auto json = nlohmann::json::parse(read_all(folder_ / ("panoptic_" + side + ".json")));
+    ASSERT_EQ(json["annotations"].size(), static_cast<std::size_t>(kFrames));
+    std::set<int> categories;
+    for (const auto& c : json["categories"]) categories.insert(c["id"].get<int>());
+    for (int frame = 0; frame < kFrames; ++frame) {
+      const RgbImage ids = read_rgb(file("panoptic_" + side, frame));
+      std::map<std::uint32_t, std::array<int, 5>> drawn;  // area, x0, y0, x1, y1
+      for (int y = 0; y < kHeight; ++y) {
+        for (int x = 0; x < kWidth; ++x) {
+          const std::uint32_t id = id_of(ids.at(x, y));
+          if (id == 0) continue;
+          auto [at, first] = drawn.try_emplace(id, std::array<int, 5>{0, x, y, x, y});
+          auto& b = at->second;
+          b = {b[0] + 1, std::min(b[1], x), b[2], std::max(b[3], x), y};
+        }
+      }
+      const auto& note = json["annotations"][static_cast<std::size_t>(frame)];
+      EXPECT_EQ(note["image_id"], frame);
+      EXPECT_EQ(note["file_name"], file("", frame).filename().string());
+      ASSERT_EQ(note["segments_info"].size(), drawn.size());
+      for (const auto& s : note["segments_info"]) {
+        const auto id = s["id"].get<std::uint32_t>();
+        ASSERT_TRUE(drawn.contains(id));
+        const auto& b = drawn[id];
+        EXPECT_EQ(s["area"], b[0]);
+        EXPECT_EQ(s["bbox"], nlohmann::json({b[1], b[2], b[3] - b[1] + 1, b[4] - b[2] + 1}));
+        EXPECT_TRUE(categories.contains(s["category_id"].get<int>()));
+        const Row& row = rows_.at({frame, side}).at(id);
+        EXPECT_EQ(row.category, s["category_id"]);
+        EXPECT_EQ(row.area, b[0]);
+        EXPECT_EQ(row.object >= 0, row.category <= 90);
+        all_ids.insert(id);
+        ++id_count;
+      }
+    }
+  }
+  EXPECT_EQ(all_ids.size(), id_count) << "ids are drawn anew for every frame and camera";
+}
+
+INSTANTIATE_TEST_SUITE_P(Worlds, Sequence, testing::Values("street", "block"));
+
+std::map<std::string, std::string> contents(const fs::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) {
+      files[fs::relative(entry.path(), folder).string()] = read_all(entry.path());
+    }
+  }
+  return files;
+}
+
+void write_small(const std::string& name, std::uint64_t seed, int jobs, const fs::path& output) {
+  WriteOptions options;
+  options.output = output;
+  options.command = "test";
+  options.quiet = true;
+  options.jobs = jobs;
+  write_sequence(make_world({name, seed, 4, 310, 94}), options);
+}
+
+TEST(Writing, SameSeedSameBytesWhateverTheThreads) {
+  const ScratchFolder scratch("bytes");
+  for (const std::string name : {"street"}) {
+    write_small(name, 7, 1, scratch / (name + "1"));
+    write_small(name, 7, 3, scratch / (name + "3"));
+    write_small(name, 8, 2, scratch / (name + "other"));
+    const auto one = contents(scratch / (name + "1"));
+    EXPECT_EQ(one, contents(scratch / (name + "3")));
+    const auto other = contents(scratch / (name + "other"));
+    const std::string image = name == "hall" ? "" : "image_0/000000.png";
+    if (!image.empty()) EXPECT_NE(one.at(image), other.at(image));
+  }
+}
+
+TEST(Writing, BadInputIsRefusedInOneLineAndLeavesNothing) {
+  const ScratchFolder scratch("refuse");
+  const std::string program = std::string(KYS_BIN_DIR) + "/simulate_sequence ";
+  const auto expect_refused = [&](const std::string& arguments, const std::string& mention) {
+    const ProgramResult r = run_program(program + arguments, scratch);
+    EXPECT_EQ(r.status, 2) << arguments;
+    EXPECT_NE(r.error.find(mention), std::string::npos) << r.error;
+    return r;
+  };
+  const std::string out = (scratch / "out").string();
+  const std::string small = " --size 124x48 --frames 2 --quiet";
+  EXPECT_TRUE(is_one_line(expect_refused("stret --output " + out, "'street'").error));
+  EXPECT_TRUE(is_one_line(expect_refused("street --output " + out + " --size 9x9", "--size").error));
+  EXPECT_TRUE(is_one_line(expect_refused("street --size 12 --output " + out, "--size 12").error));
+  EXPECT_TRUE(
+      is_one_line(expect_refused("street --frames 0 --output " + out, "--frames 0").error));
+  EXPECT_TRUE(
+      is_one_line(expect_refused("street --output /proc/kys/out" + small, "/proc/kys").error));
+  std::ofstream(scratch / "file") << "in the way";
+  EXPECT_TRUE(is_one_line(
+      expect_refused("street --output " + (scratch / "file").string() + small, "not a folder")
+          .error));
+  fs::create_directories(scratch / "full" / "old");
+  EXPECT_TRUE(is_one_line(
+      expect_refused("street --output " + (scratch / "full").string() + small, "not empty").error));
+  EXPECT_FALSE(fs::exists(out));
+}
+
+TEST(Writing, FullDiskLeavesNothing) {
+  const ScratchFolder scratch("disk");
+  const fs::path out = scratch / "out";
+  // Files may not grow beyond a few kilobytes, as on a full disk.
+  const ProgramResult r = run_program("bash -c \"trap '' XFSZ; ulimit -f 8; " +
+                                          std::string(KYS_BIN_DIR) +
+                                          "/simulate_sequence street --size 310x94 --frames 2 "
+                                          "--quiet --output " +
+                                          out.string() + "\"",
+                                      scratch);
+  EXPECT_EQ(r.status, 2);
+  EXPECT_TRUE(is_one_line(r.error)) << r.error;
+  EXPECT_NE(r.error.find("cannot write"), std::string::npos) << r.error;
+  EXPECT_FALSE(fs::exists(out));
+  EXPECT_FALSE(fs::exists(out.string() + ".partial"));
+}
+
+TEST(Writing, AnInterruptedRunIsSweptAwayByTheNext) {
+  const ScratchFolder scratch("killed");
+  const fs::path partial = scratch / "out.partial";
+  fs::create_directories(partial / "image_0");
+  std::ofstream(partial / ".simulate_sequence") << "incomplete\n";
+  std::ofstream(partial / "image_0" / "999999.png") << "rest";
+  write_small("street", 1, 1, scratch / "out");
+  EXPECT_FALSE(fs::exists(partial));
+  EXPECT_TRUE(fs::exists(scratch / "out" / "image_0" / "000000.png"));
+  EXPECT_FALSE(fs::exists(scratch / "out" / "image_0" / "999999.png"));
+}
+
+}  // namespace
+}  // namespace kys_slam::simulator

@@ -1,0 +1,412 @@
+#include "feature_world.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+#include <unordered_map>
+
+#include "camera/stereo_rectifier.h"
+#include "euroc_rig.h"
+#include "io/trajectory_file.h"
+#include "rng.h"
+
+namespace kys_slam::simulator {
+namespace {
+
+constexpr double kMargin = 16;        // px, no features nearer to the border
+constexpr double kCosLimit = 0.45;    // of the angle between normal and view
+constexpr int kFamilies = 400;        // looks that repeated landmarks share
+constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
+
+struct Landmark {
+  Eigen::Vector3d p_w;
+  Eigen::Vector3f normal;
+  Eigen::Vector3f tangent;  ///< gives the feature its direction in the image
+  float max_distance = 0;   ///< m, found at octave 0 from there
+  std::uint8_t strength = 0;
+};
+
+kys::Descriptor random_descriptor(std::uint64_t key) {
+  kys::Descriptor d;
+  for (std::size_t i = 0; i < 4; ++i) d.words[i] = hash_of(key, 0xdec0de, i);
+  return d;
+}
+
+// Flips each bit with the probability given.
+void flip_bits(kys::Descriptor& d, double probability, Rng& rng) {
+  if (probability <= 0) return;
+  const double k = 1.0 / std::log1p(-std::min(probability, 0.999));
+  double at = 0;
+  for (;;) {
+    at += std::floor(std::log(1.0 - rng.uniform()) * k);
+    if (at >= 256) return;
+    const auto bit = static_cast<std::size_t>(at);
+    d.words[bit / 64] ^= std::uint64_t{1} << (bit % 64);
+    at += 1;
+  }
+}
+
+// Share of the features at each octave: the same density at every scale.
+std::array<int, kFeatureLevels> quotas(int features) {
+  std::array<int, kFeatureLevels> n{};
+  double sum = 0;
+  for (int i = 0; i < kFeatureLevels; ++i) sum += std::pow(kFeatureScale, -i);
+  for (int i = 0; i < kFeatureLevels; ++i) {
+    n[static_cast<std::size_t>(i)] =
+        static_cast<int>(std::lround(features * std::pow(kFeatureScale, -i) / sum));
+  }
+  return n;
+}
+
+}  // namespace
+
+void FeatureOptions::check() const {
+  const auto require = [](bool good, const char* text) {
+    if (!good) throw InputError(text);
+  };
+  require(camera == "auto" || camera == "kitti" || camera == "euroc",
+          "--camera: must be auto, kitti or euroc");
+  require(start >= 0, "--start: must not be negative");
+  require(frames == -1 || frames > 0, "--frames: must be at least 1");
+  require(features >= 50 && features <= 20000, "--features: must lie between 50 and 20000");
+  require(pixel_noise >= 0 && pixel_noise <= 20, "--pixel-noise: must lie between 0 and 20 px");
+  require(bit_noise >= 0 && bit_noise <= 0.5, "--bit-noise: must lie between 0 and 0.5");
+  require(outliers >= 0 && outliers <= 0.9, "--outliers: must lie between 0 and 0.9");
+  require(dropout >= 0 && dropout <= 0.9, "--dropout: must lie between 0 and 0.9");
+  require(repeats >= 0 && repeats <= 1, "--repeats: must lie between 0 and 1");
+  require(rate > 0 && rate <= 1e4, "--rate: must lie between 0 and 10000 Hz");
+  require(near >= 0 && far >= 0 && far <= 1e4, "--near, --far: must lie between 0 and 10000 m");
+  require(near == 0 || far == 0 || near < far, "--near: must be less than --far");
+}
+
+namespace {
+
+// Numbers on the first line that is not a comment.
+int count_columns(const std::filesystem::path& trajectory) {
+  std::ifstream file(trajectory);
+  if (!file) throw InputError("cannot read " + trajectory.string());
+  std::string line;
+  while (std::getline(file, line)) {
+    if (line.empty() || line[0] == '#') continue;
+    std::istringstream words(line);
+    std::string word;
+    int count = 0;
+    while (words >> word) ++count;
+    return count;
+  }
+  throw InputError(trajectory.string() + ": holds no poses");
+}
+
+StereoRectifier euroc_rectifier() {
+  RawCamera raw[2];
+  for (int i = 0; i < 2; ++i) {
+    const EurocCalibration k = euroc_calibration(i);
+    raw[i] = {kEurocWidth, kEurocHeight, k.f_u, k.f_v, k.c_u, k.c_v,
+              std::vector<double>(k.distortion.begin(), k.distortion.end()), euroc_extrinsics(i)};
+  }
+  return {raw[0], raw[1], "EuRoC calibration"};
+}
+
+}  // namespace
+
+FeaturePath read_feature_path(const std::filesystem::path& trajectory,
+                              const FeatureOptions& options) {
+  options.check();
+  FeaturePath path;
+  const int columns = count_columns(trajectory);
+  if (columns == 12) {
+    const std::vector<Rigid3> poses = read_kitti_poses(trajectory);
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      path.poses.push_back({static_cast<double>(i) / options.rate, poses[i]});
+    }
+  } else if (columns == 8) {
+    path.poses = read_tum_poses(trajectory);
+  } else {
+    throw InputError(trajectory.string() + ": " + std::to_string(columns) +
+                     " columns; KITTI has 12, TUM has 8");
+  }
+  const auto count = static_cast<std::int64_t>(path.poses.size());
+  if (options.start >= count) {
+    throw InputError(trajectory.string() + ": has " + std::to_string(count) + " poses, none at " +
+                     std::to_string(options.start));
+  }
+  const std::int64_t end =
+      options.frames < 0 ? count : std::min(count, options.start + options.frames);
+  path.poses = {path.poses.begin() + options.start, path.poses.begin() + end};
+  const bool kitti = options.camera == "kitti" || (options.camera == "auto" && columns == 12);
+  if (kitti) {
+    path.camera = {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 386.1448 / 718.856};
+    path.ground = 1.65;
+  } else {
+    const StereoRectifier rectifier = euroc_rectifier();
+    path.camera = rectifier.camera();
+    path.near = 0.8;
+    path.far = 12;
+    if (columns == 8) {
+      for (TimedPose& pose : path.poses) pose.T_w_c = pose.T_w_c * rectifier.T_b_c();
+    }
+  }
+  if (options.near > 0) path.near = options.near;
+  if (options.far > 0) path.far = options.far;
+  if (path.near >= path.far) throw InputError("--near: must be less than --far");
+  return path;
+}
+
+struct FeatureWorld::Impl {
+  FeaturePath path;
+  FeatureOptions options;
+  std::array<int, kFeatureLevels> quota{};
+  std::vector<Landmark> landmarks;
+  double cell = 1;
+  double reach = 1;
+  std::unordered_map<std::uint64_t, std::vector<std::int32_t>> grid;
+
+  /// A landmark as a camera sees it.
+  struct Sight {
+    std::int32_t id;
+    float level;     ///< octave, with its fraction
+    float cosine;    ///< between normal and view
+    Eigen::Vector3d pixel;  ///< u, v, u in the right image
+  };
+
+  static std::uint64_t cell_key(int x, int y, int z) {
+    return (static_cast<std::uint64_t>(x & 0x1fffff) << 42) |
+           (static_cast<std::uint64_t>(y & 0x1fffff) << 21) |
+           static_cast<std::uint64_t>(z & 0x1fffff);
+  }
+  [[nodiscard]] Eigen::Vector3i cell_of(const Eigen::Vector3d& p) const {
+    return (p / cell).array().floor().cast<int>();
+  }
+
+  [[nodiscard]] bool inside(double u, double v) const {
+    return u >= kMargin && v >= kMargin && u < path.camera.width - kMargin &&
+           v < path.camera.height - kMargin;
+  }
+  bool sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w, Sight& sight) const;
+  void visible(std::size_t frame, std::vector<Sight>& out) const;
+  void add(std::size_t frame, int octave, Rng& rng);
+  void populate(std::size_t frame, std::vector<Sight>& sights);
+  [[nodiscard]] kys::Descriptor look(std::int32_t id) const;
+  void emit(std::size_t frame, int camera, const std::vector<Sight>& chosen, FeatureSet& set,
+            std::vector<std::int32_t>& ids) const;
+  void outliers(int count, Rng& rng, FeatureSet& set, std::vector<std::int32_t>& ids) const;
+};
+
+bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w,
+                              Sight& sight) const {
+  const Eigen::Vector3d view = T_w_c.t() - l.p_w;
+  const double distance = view.norm();
+  if (distance >= l.max_distance || distance < 0.2) return false;
+  const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
+  if (level >= kFeatureLevels) return false;
+  const double cosine = view.dot(l.normal.cast<double>()) / distance;
+  if (cosine < kCosLimit) return false;
+  const Eigen::Vector3d p_c = T_c_w * l.p_w;
+  if (p_c.z() < 0.2) return false;
+  sight.pixel = path.camera.project_stereo(p_c);
+  if (!inside(sight.pixel.x(), sight.pixel.y())) return false;
+  sight.level = static_cast<float>(level);
+  sight.cosine = static_cast<float>(cosine);
+  return true;
+}
+
+void FeatureWorld::Impl::visible(std::size_t frame, std::vector<Sight>& out) const {
+  out.clear();
+  const Rigid3& T_w_c = path.poses[frame].T_w_c;
+  const Rigid3 T_c_w = T_w_c.inverse();
+  const Eigen::Vector3i centre = cell_of(T_w_c.t());
+  const int n = static_cast<int>(reach / cell) + 1;
+  const double slack = cell * 0.87;  // half the diagonal of a cell
+  const double spread = 0.5 * std::hypot(path.camera.width, path.camera.height) / path.camera.fx;
+  for (int x = -n; x <= n; ++x) {
+    for (int y = -n; y <= n; ++y) {
+      for (int z = -n; z <= n; ++z) {
+        const Eigen::Vector3i c = centre + Eigen::Vector3i(x, y, z);
+        const Eigen::Vector3d p = T_c_w * Eigen::Vector3d((c.cast<double>().array() + 0.5) * cell);
+        if (p.z() < -slack || p.head<2>().norm() > (p.z() + slack) * spread + 2 * slack) continue;
+        const auto found = grid.find(cell_key(c.x(), c.y(), c.z()));
+        if (found == grid.end()) continue;
+        for (const std::int32_t id : found->second) {
+          Sight s{};
+          s.id = id;
+          if (sees(landmarks[static_cast<std::size_t>(id)], T_w_c, T_c_w, s)) out.push_back(s);
+        }
+      }
+    }
+  }
+}
+
+// A new landmark in the view of a frame, to be found at `octave` from there.
+void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
+  const StereoCamera& k = path.camera;
+  const Rigid3& T_w_c = path.poses[frame].T_w_c;
+  const double u = rng.uniform(kMargin, k.width - kMargin);
+  const double v = rng.uniform(kMargin, k.height - kMargin);
+  double depth = path.near * std::pow(path.far / path.near, rng.uniform());
+  const double down = (v - k.cy) / k.fy;
+  const bool on_ground = path.ground > 0 && down > 0 && depth * down > path.ground;
+  if (on_ground) depth = path.ground / down;
+  Landmark l;
+  const Eigen::Vector3d p_c = k.back_project(u, v, depth);
+  l.p_w = T_w_c * p_c;
+  const Eigen::Vector3d view = -p_c.normalized();
+  const auto deviate = [&] {
+    return Eigen::Vector3d(rng.gaussian(), rng.gaussian(), rng.gaussian());
+  };
+  Eigen::Vector3d normal = (view + 0.35 * deviate()).normalized();
+  if (normal.dot(view) < kCosLimit + 0.15) normal = view;
+  const Eigen::Vector3d tangent = deviate().cross(normal).normalized();
+  l.normal = (T_w_c.rotation * normal).cast<float>();
+  l.tangent = (T_w_c.rotation * tangent).cast<float>();
+  const double level = octave + rng.uniform(0.02, 0.98);
+  l.max_distance = static_cast<float>(
+      std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
+  const double strength = rng.uniform();
+  l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);
+  const auto id = static_cast<std::int32_t>(landmarks.size());
+  const Eigen::Vector3i c = cell_of(l.p_w);
+  landmarks.push_back(l);
+  grid[cell_key(c.x(), c.y(), c.z())].push_back(id);
+}
+
+void FeatureWorld::Impl::populate(std::size_t frame, std::vector<Sight>& sights) {
+  visible(frame, sights);
+  std::array<int, kFeatureLevels> found{};
+  for (const Sight& s : sights) ++found[static_cast<std::size_t>(s.level)];
+  Rng rng(hash_of(options.seed, 1, frame));
+  for (int octave = 0; octave < kFeatureLevels; ++octave) {
+    const auto o = static_cast<std::size_t>(octave);
+    const int wanted = static_cast<int>(quota[o] * 1.1 / (1 - options.dropout));
+    for (int i = found[o]; i < wanted; ++i) add(frame, octave, rng);
+  }
+}
+
+FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& options,
+                           const std::function<void(double)>& progress)
+    : impl_(std::make_unique<Impl>()) {
+  options.check();
+  impl_->path = path;
+  impl_->options = options;
+  impl_->quota = quotas(options.features);
+  impl_->reach = path.far * 1.4;
+  impl_->cell = impl_->reach / 7;
+  std::vector<Impl::Sight> sights;
+  for (std::size_t i = 0; i < path.poses.size(); ++i) {
+    impl_->populate(i, sights);
+    if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(path.poses.size()));
+  }
+}
+
+FeatureWorld::~FeatureWorld() = default;
+
+std::size_t FeatureWorld::landmark_count() const { return impl_->landmarks.size(); }
+
+Eigen::Vector3d FeatureWorld::landmark_position(std::int32_t id) const {
+  return impl_->landmarks.at(static_cast<std::size_t>(id)).p_w;
+}
+
+FeatureFileInfo FeatureWorld::info() const {
+  return {impl_->path.camera, kFeatureScale, kFeatureLevels, impl_->options.seed,
+          impl_->path.poses};
+}
+
+kys::Descriptor FeatureWorld::Impl::look(std::int32_t id) const {
+  const auto n = static_cast<std::uint64_t>(id);
+  Rng rng(hash_of(options.seed, 2, n));
+  if (!rng.chance(options.repeats)) return random_descriptor(hash_of(options.seed, 3, n));
+  kys::Descriptor d = random_descriptor(
+      hash_of(options.seed, 4, static_cast<std::uint64_t>(rng.below(kFamilies))));
+  flip_bits(d, kFamilySpread, rng);
+  return d;
+}
+
+void FeatureWorld::Impl::outliers(int count, Rng& rng, FeatureSet& set,
+                                  std::vector<std::int32_t>& ids) const {
+  for (int i = 0; i < count; ++i) {
+    Keypoint k;
+    k.x = static_cast<float>(rng.uniform(kMargin, path.camera.width - kMargin - 1));
+    k.y = static_cast<float>(rng.uniform(kMargin, path.camera.height - kMargin - 1));
+    k.angle = static_cast<float>(rng.uniform(0, 2 * std::numbers::pi - 1e-4));
+    k.response = static_cast<float>(rng.uniform(7, 40));
+    k.octave = static_cast<std::uint8_t>(rng.below(kFeatureLevels));
+    set.keypoints.push_back(k);
+    set.descriptors.push_back(random_descriptor(rng.bits()));
+    ids.push_back(-1);
+  }
+}
+
+void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<Sight>& chosen,
+                              FeatureSet& set, std::vector<std::int32_t>& ids) const {
+  const Rigid3 T_c_w = path.poses[frame].T_w_c.inverse();
+  for (const Sight& s : chosen) {
+    const Landmark& l = landmarks[static_cast<std::size_t>(s.id)];
+    Rng rng(hash_of(hash_of(options.seed, 5, static_cast<std::uint64_t>(camera)), frame,
+                    static_cast<std::uint64_t>(s.id)));
+    if (camera == 1 && rng.chance(0.05)) continue;  // hidden from the right camera
+    Keypoint k;
+    const double level = s.level + 0.12 * rng.gaussian();
+    k.octave = static_cast<std::uint8_t>(std::clamp(static_cast<int>(level), 0, kFeatureLevels - 1));
+    const double sigma = options.pixel_noise * std::pow(kFeatureScale, k.octave);
+    const double u = (camera == 0 ? s.pixel.x() : s.pixel.z()) + sigma * rng.gaussian();
+    const double v = s.pixel.y() + sigma * rng.gaussian();
+    if (!inside(u, v)) continue;
+    k.x = static_cast<float>(u);
+    k.y = static_cast<float>(v);
+    const Eigen::Vector3d p = T_c_w * l.p_w;
+    const Eigen::Vector3d t = T_c_w.rotation * l.tangent.cast<double>();
+    // Direction of the tangent's image.
+    const double a = std::atan2(t.y() * p.z() - p.y() * t.z(), t.x() * p.z() - p.x() * t.z()) +
+                     0.05 * rng.gaussian();
+    k.angle = static_cast<float>(a - 2 * std::numbers::pi * std::floor(a / (2 * std::numbers::pi)));
+    if (k.angle >= static_cast<float>(2 * std::numbers::pi)) k.angle = 0;
+    k.response = std::clamp(l.strength + 4 * static_cast<float>(rng.gaussian()), 7.0F, 255.0F);
+    kys::Descriptor d = look(s.id);
+    // The more it is seen from the side, the more its look changes.
+    flip_bits(d, options.bit_noise * (1 + 1.5 * (1 - s.cosine)), rng);
+    set.keypoints.push_back(k);
+    set.descriptors.push_back(d);
+    ids.push_back(s.id);
+  }
+}
+
+FeatureFrame FeatureWorld::frame(std::size_t index) const {
+  const Impl& w = *impl_;
+  std::vector<Impl::Sight> sights;
+  w.visible(index, sights);
+  // The strongest of each octave are detected, but for some.
+  std::stable_sort(sights.begin(), sights.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
+    const int sa = w.landmarks[static_cast<std::size_t>(a.id)].strength;
+    const int sb = w.landmarks[static_cast<std::size_t>(b.id)].strength;
+    return sa != sb ? sa > sb : a.id < b.id;
+  });
+  std::array<int, kFeatureLevels> left = w.quota;
+  std::vector<Impl::Sight> chosen;
+  Rng rng(hash_of(w.options.seed, 6, index));
+  for (const Impl::Sight& s : sights) {
+    if (rng.chance(w.options.dropout)) continue;
+    if (left[static_cast<std::size_t>(s.level)]-- > 0) chosen.push_back(s);
+  }
+  // The order in the file tells nothing about the landmarks.
+  std::sort(chosen.begin(), chosen.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
+    const int oa = static_cast<int>(a.level);
+    const int ob = static_cast<int>(b.level);
+    if (oa != ob) return oa < ob;
+    return hash_of(w.options.seed, index, static_cast<std::uint64_t>(a.id)) <
+           hash_of(w.options.seed, index, static_cast<std::uint64_t>(b.id));
+  });
+  FeatureFrame out;
+  w.emit(index, 0, chosen, out.left, out.left_landmarks);
+  w.emit(index, 1, chosen, out.right, out.right_landmarks);
+  const int wrong = static_cast<int>(w.options.outliers / (1 - w.options.outliers) *
+                                     static_cast<double>(chosen.size()));
+  w.outliers(wrong, rng, out.left, out.left_landmarks);
+  w.outliers(wrong, rng, out.right, out.right_landmarks);
+  return out;
+}
+
+}  // namespace kys_slam::simulator

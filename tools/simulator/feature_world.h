@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "io/feature_sequence.h"
+
+namespace kys_slam::simulator {
+
+/// How features are simulated along a trajectory.
+struct FeatureOptions {
+  std::uint64_t seed = 1;
+  std::string camera = "auto";  ///< kitti, euroc, auto: kitti for KITTI files, euroc for TUM files
+  std::int64_t start = 0;       ///< first pose used
+  std::int64_t frames = -1;     ///< poses used; -1: all
+  int features = 1200;          ///< per image, about
+  double pixel_noise = 0.35;    ///< sigma at octave 0, px; grows with the octave's scale
+  double bit_noise = 0.05;      ///< probability that a bit of a descriptor flips
+  double outliers = 0.05;       ///< share of features that belong to nothing
+  double dropout = 0.15;        ///< share of visible landmarks that are not detected
+  double repeats = 0.10;        ///< share of landmarks that look like others
+  double rate = 10;             ///< Hz, for trajectories without time stamps
+  double near = 0, far = 0;     ///< m, range of depths; 0: the camera's own (4-60, 0.8-12)
+
+  /// \throws InputError naming the option that makes no sense.
+  void check() const;
+};
+
+/// The camera's path, and what films it.
+struct FeaturePath {
+  StereoCamera camera;
+  std::vector<TimedPose> poses;  ///< of the left camera
+  double near = 4, far = 60;     ///< m
+  double ground = 0;             ///< m below the camera; 0: none
+};
+
+/// Reads a KITTI (12 columns) or TUM (8 columns) trajectory. With camera euroc a TUM file gives the
+/// body frame, as EuRoC's ground truth does.
+/// \throws InputError naming file and line (missing, not finite, stamps that do not increase).
+FeaturePath read_feature_path(const std::filesystem::path& trajectory,
+                              const FeatureOptions& options);
+
+/// Landmarks strewn along a path, and the features that a stereo camera finds on it. Landmarks are
+/// made where a frame would see too few of them, in a first pass over the whole path, so that a
+/// place seen again shows the same landmarks.
+///
+/// A landmark has a position, a normal (seen only from within 63 degrees of it) and a distance at
+/// which it is found at octave 0; nearer by 1.2^k it is found at octave k. Beyond, or at more than
+/// the last octave, it is not found.
+class FeatureWorld {
+ public:
+  /// `progress(done)` is called with the share of frames done.
+  FeatureWorld(const FeaturePath& path, const FeatureOptions& options,
+               const std::function<void(double)>& progress = {});
+  ~FeatureWorld();
+
+  [[nodiscard]] std::size_t landmark_count() const;
+  [[nodiscard]] Eigen::Vector3d landmark_position(std::int32_t id) const;  ///< m, world
+  /// The features of a frame; depends on the seed and the frame alone.
+  [[nodiscard]] FeatureFrame frame(std::size_t index) const;
+  [[nodiscard]] FeatureFileInfo info() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+inline constexpr int kFeatureLevels = 8;
+inline constexpr double kFeatureScale = 1.2;
+
+}  // namespace kys_slam::simulator
