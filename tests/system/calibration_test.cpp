@@ -14,6 +14,7 @@ constexpr int kFrames = 60;
 constexpr double kStep = 0.8;  // m per frame
 
 struct DriveResult {
+  int keyframes = 0;
   double offset = 0;  // px, in the map at the end
   double error = 0;   // m, root mean square of the positions, first frames aligned
 };
@@ -31,13 +32,16 @@ DriveResult drive(double added, bool calibrate) {
   settings.set("stereo.added_disparity", std::to_string(added));
   settings.set("calibration.enabled", calibrate ? "true" : "false");
   settings.set("calibration.keyframes", "12");
-  settings.set("keyframes.reference_ratio", "0.9");
+  // Keyframes enough for the offset to be looked for, none taken out again.
+  settings.set("keyframes.reference_ratio", "0.97");
+  settings.set("mapping.redundant_share", "1");
   System system(world.camera(), settings, Schedule::kSequential);
   for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
   system.map().check_consistency();
   DriveResult run;
   run.offset = system.map().disparity_offset();
+  run.keyframes = static_cast<int>(system.map().keyframes().size());
   const Rigid3 T_0_w = weaving_pose(0).inverse();
   for (const FrameEstimate& estimate : system.trajectory()) {
     EXPECT_TRUE(estimate.connected);
@@ -53,14 +57,17 @@ TEST(SystemCalibration, AWrongDisparityIsFoundAndTheTrajectoryPutRight) {
   const DriveResult with = drive(0.3, true);
   RecordProperty("error_without_m", std::to_string(without.error));
   RecordProperty("error_with_m", std::to_string(with.error));
+  ASSERT_GE(with.keyframes, 12) << "the offset was never looked for";
   EXPECT_EQ(without.offset, 0);
   EXPECT_NEAR(with.offset, -0.3, 0.12);
   EXPECT_LT(with.error, 0.6 * without.error)
-      << with.error << " m against " << without.error << " m, offset " << with.offset;
+      << with.error << " m against " << without.error << " m, offset " << with.offset << ", "
+      << with.keyframes << " keyframes";
 }
 
 TEST(SystemCalibration, ARigWithoutErrorIsNotTouched) {
   const DriveResult with = drive(0, true);
+  ASSERT_GE(with.keyframes, 12) << "the offset was never looked for";
   EXPECT_EQ(with.offset, 0);
   EXPECT_LT(with.error, 0.1);
 }
