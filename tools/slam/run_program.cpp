@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <chrono>
 #include <iostream>
+#include <limits>
 #include <opencv2/core/utility.hpp>
 #include <optional>
 #include <thread>
@@ -54,11 +55,13 @@ void declare(CLI::App& app, Arguments& a) {
   for (const kys::Mode mode : kys::all_modes()) {
     modes += (modes.empty() ? "" : ", ") + std::string(kys::mode_name(mode));
   }
+  // CLI11's own check spells out the largest double, three hundred digits long.
+  const CLI::Range not_negative(std::int64_t{0}, std::numeric_limits<std::int64_t>::max());
   app.add_option("SEQUENCE", a.sequence, "folder of the sequence");
   app.add_option("--priors", a.priors, "folder of this sequence's prior files");
-  app.add_option("--mode", a.mode,
-                 "how descriptors are compared: " + modes +
-                     " (default: kys with --priors, stock without)");
+  app.add_option(
+      "--mode", a.mode,
+      "how descriptors are compared: " + modes + " (default: kys with --priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
   app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated");
   app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
@@ -67,12 +70,13 @@ void declare(CLI::App& app, Arguments& a) {
                  "pipelined: mapping beside tracking, reproducible; sequential: one after the "
                  "other, reproducible; realtime: frames by their time stamps")
       ->capture_default_str();
-  app.add_option("--start", a.start, "first frame")->check(CLI::NonNegativeNumber);
+  app.add_option("--start", a.start, "first frame")->check(not_negative);
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative);
   app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
   app.add_flag("--quiet", a.quiet, "no progress, no table");
   app.add_option("--log-level", a.log_level, "trace, debug, info, warn, error, off")
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
       ->capture_default_str();
   app.set_version_flag("--version", std::string("KYS-SLAM ") + KYS_SLAM_VERSION);
 }
@@ -98,8 +102,7 @@ Settings effective_settings(Settings settings, const Arguments& a) {
 /// Feeds frames until the end, an interrupt or bad input; the two last are noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
               bool paced, const InterruptGuard& guard, RunInfo& info) {
-  Progress progress("tracking", total,
-                    quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+  Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   Stopwatch clock;
   std::optional<double> first_time;
@@ -205,7 +208,9 @@ int run_program(RunProgram program, int argc, char** argv) {
     spdlog::set_level(spdlog::level::from_str(arguments.log_level));
     return run(program, arguments);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kBadInput;
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    fmt::print(stderr, "{}: {}; see --help\n", program.name, error.what());
+    return kBadInput;
   } catch (const InputError& error) {
     fmt::print(stderr, "{}: {}\n", program.name, error.what());
     return kBadInput;

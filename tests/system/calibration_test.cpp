@@ -1,0 +1,76 @@
+#include <gtest/gtest.h>
+#include <kys_slam/system.h>
+
+#include "map/map.h"
+#include "support/feature_world.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::weaving_pose;
+
+constexpr int kFrames = 60;
+constexpr double kStep = 0.8;  // m per frame
+
+struct DriveResult {
+  int keyframes = 0;
+  double offset = 0;  // px, in the map at the end
+  double error = 0;   // m, root mean square of the positions, first frames aligned
+};
+
+/// A drive of 48 m through a noisy world whose disparities all are too large by `added` px.
+DriveResult drive(double added, bool calibrate) {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.4;
+  options.flipped_bits = 10;
+  options.length = 100;
+  options.points = 8000;
+  options.max_features = 800;
+  const FeatureWorld world(testing::kitti_camera(), options);
+  Settings settings;
+  settings.set("stereo.added_disparity", std::to_string(added));
+  settings.set("calibration.enabled", calibrate ? "true" : "false");
+  settings.set("calibration.keyframes", "12");
+  // Keyframes enough for the offset to be looked for, none taken out again.
+  settings.set("keyframes.reference_ratio", "0.97");
+  settings.set("mapping.redundant_share", "1");
+  System system(world.camera(), settings, Schedule::kSequential);
+  for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
+  system.finish();
+  system.map().check_consistency();
+  DriveResult run;
+  run.offset = system.map().disparity_offset();
+  run.keyframes = static_cast<int>(system.map().keyframes().size());
+  const Rigid3 T_0_w = weaving_pose(0).inverse();
+  for (const FrameEstimate& estimate : system.trajectory()) {
+    EXPECT_TRUE(estimate.connected);
+    const Rigid3 truth = T_0_w * weaving_pose(kStep * static_cast<double>(estimate.index));
+    run.error += (truth.t() - estimate.T_w_c.t()).squaredNorm() / kFrames;
+  }
+  run.error = std::sqrt(run.error);
+  return run;
+}
+
+TEST(SystemCalibration, AWrongDisparityIsFoundAndTheTrajectoryPutRight) {
+  const DriveResult without = drive(0.3, false);
+  const DriveResult with = drive(0.3, true);
+  RecordProperty("error_without_m", std::to_string(without.error));
+  RecordProperty("error_with_m", std::to_string(with.error));
+  ASSERT_GE(with.keyframes, 12) << "the offset was never looked for";
+  EXPECT_EQ(without.offset, 0);
+  EXPECT_NEAR(with.offset, -0.3, 0.12);
+  EXPECT_LT(with.error, 0.6 * without.error)
+      << with.error << " m against " << without.error << " m, offset " << with.offset << ", "
+      << with.keyframes << " keyframes";
+}
+
+TEST(SystemCalibration, ARigWithoutErrorIsNotTouched) {
+  const DriveResult with = drive(0, true);
+  ASSERT_GE(with.keyframes, 12) << "the offset was never looked for";
+  EXPECT_EQ(with.offset, 0);
+  EXPECT_LT(with.error, 0.1);
+}
+
+}  // namespace
+}  // namespace kys_slam
