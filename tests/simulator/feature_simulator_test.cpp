@@ -240,7 +240,9 @@ TEST_F(FeatureFile, AnUnfinishedFileDoesNotAppear) {
     writer.write(world_->frame(0));
   }
   EXPECT_FALSE(std::filesystem::exists(scratch_ / "half.features"));
-  EXPECT_THROW(FeatureSequenceWriter(scratch_ / "no" , {}).finish(), std::exception);
+  FeatureSequenceWriter short_of_frames(scratch_ / "short.features", world_->info());
+  EXPECT_THROW(short_of_frames.finish(), std::logic_error);
+  EXPECT_THROW(FeatureSequenceWriter("/proc/kys/no", world_->info()), InputError);
 }
 
 TEST(SimulateFeatures, BadTrajectoriesAreRefused) {

@@ -88,7 +88,7 @@ TEST(Street, MoversFillTheView) {
   int truck_frames = 0;
   for (int frame = 0; frame < 200; frame += 8, ++count) {
     const std::vector<bool> moving = moving_objects(world, frame);
-    const Panoptic p = make_panoptic(world, renderer.render(frame, 0, true).truth, frame, 0, moving);
+    const Panoptic p = make_panoptic(world, renderer.truth(frame, 0), frame, 0, moving);
     double truck = 0;
     for (const Segment& s : p.segments) {
       if (s.moving) share += static_cast<double>(s.area) / (206 * 62);
@@ -132,7 +132,7 @@ TEST(Street, NearlyEveryCellHoldsACorner) {
   int cells = 0;
   int with_corner = 0;
   for (const int frame : {10, 70, 105, 140, 175}) {
-    const GrayImage image = renderer.render(frame, 0, false).image;
+    const GrayImage image = renderer.image(frame, 0);
     for (int y = 0; y + 30 <= image.height(); y += 30) {
       for (int x = 0; x + 30 <= image.width(); x += 30) {
         ++cells;

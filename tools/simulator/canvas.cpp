@@ -35,20 +35,30 @@ void Canvas::noise(std::uint64_t seed, int cells, int octaves, float amplitude, 
             lattice(seed + static_cast<std::uint64_t>(o) * 7919, x, y);
       }
     }
+    // The same for every row: which lattice columns, and the weight of the second.
+    struct Between {
+      int first, second;
+      float weight;
+    };
+    const auto between = [this](int at, int count) {
+      const float g = static_cast<float>(at) * static_cast<float>(count) / static_cast<float>(side_);
+      const int k = static_cast<int>(g) % count;
+      return Between{k, (k + 1) % count, smooth(g - std::floor(g))};
+    };
+    std::vector<Between> columns;
+    for (int x = 0; x < side_; ++x) columns.push_back(between(x, cx));
+    std::vector<float> row(static_cast<std::size_t>(cx));
     for (int y = 0; y < side_; ++y) {
-      const float gy = static_cast<float>(y) * static_cast<float>(cy) / static_cast<float>(side_);
-      const int y0 = static_cast<int>(gy) % cy;
-      const int y1 = (y0 + 1) % cy;
-      const float fy = smooth(gy - std::floor(gy));
+      const Between b = between(y, cy);
+      const float* r0 = grid.data() + static_cast<std::size_t>(b.first) * cx;
+      const float* r1 = grid.data() + static_cast<std::size_t>(b.second) * cx;
+      for (std::size_t x = 0; x < row.size(); ++x) {
+        row[x] = amp * (r0[x] * (1 - b.weight) + r1[x] * b.weight);
+      }
       for (int x = 0; x < side_; ++x) {
-        const float gx = static_cast<float>(x) * static_cast<float>(cx) / static_cast<float>(side_);
-        const int x0 = static_cast<int>(gx) % cx;
-        const int x1 = (x0 + 1) % cx;
-        const float fx = smooth(gx - std::floor(gx));
-        const float* r0 = grid.data() + static_cast<std::size_t>(y0) * cx;
-        const float* r1 = grid.data() + static_cast<std::size_t>(y1) * cx;
-        at(x, y) += amp * ((r0[x0] * (1 - fx) + r0[x1] * fx) * (1 - fy) +
-                           (r1[x0] * (1 - fx) + r1[x1] * fx) * fy);
+        const Between& c = columns[static_cast<std::size_t>(x)];
+        at(x, y) += row[static_cast<std::size_t>(c.first)] * (1 - c.weight) +
+                    row[static_cast<std::size_t>(c.second)] * c.weight;
       }
     }
   }

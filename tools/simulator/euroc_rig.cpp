@@ -42,6 +42,16 @@ CameraModel euroc_camera(int camera, int width, int height) {
                              s.distortion);
 }
 
+StereoRectifier euroc_rectifier(int width, int height) {
+  RawCamera raw[2];
+  for (int i = 0; i < 2; ++i) {
+    const EurocCalibration k = euroc_calibration(i, width, height);
+    raw[i] = {width, height, k.f_u, k.f_v, k.c_u, k.c_v,
+              std::vector<double>(k.distortion.begin(), k.distortion.end()), euroc_extrinsics(i)};
+  }
+  return {raw[0], raw[1], "EuRoC calibration"};
+}
+
 Rigid3 euroc_extrinsics(int camera) {
   const double* m = calibration(camera).T_BS;
   Eigen::Matrix3d R;

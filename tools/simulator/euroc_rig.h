@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "camera/stereo_rectifier.h"
 #include "camera_model.h"
 
 namespace kys_slam::simulator {
@@ -19,6 +20,8 @@ EurocCalibration euroc_calibration(int camera, int width = kEurocWidth,
 
 /// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
 CameraModel euroc_camera(int camera, int width, int height);
+/// Both cameras, rectified as the reader of EuRoC sequences does.
+StereoRectifier euroc_rectifier(int width = kEurocWidth, int height = kEurocHeight);
 /// T_body_camera.
 Rigid3 euroc_extrinsics(int camera);
 /// The same as the data set's sensor.yaml.

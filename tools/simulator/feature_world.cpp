@@ -10,7 +10,6 @@
 #include <sstream>
 #include <unordered_map>
 
-#include "camera/stereo_rectifier.h"
 #include "euroc_rig.h"
 #include "io/trajectory_file.h"
 #include "rng.h"
@@ -100,16 +99,6 @@ int count_columns(const std::filesystem::path& trajectory) {
     return count;
   }
   throw InputError(trajectory.string() + ": holds no poses");
-}
-
-StereoRectifier euroc_rectifier() {
-  RawCamera raw[2];
-  for (int i = 0; i < 2; ++i) {
-    const EurocCalibration k = euroc_calibration(i);
-    raw[i] = {kEurocWidth, kEurocHeight, k.f_u, k.f_v, k.c_u, k.c_v,
-              std::vector<double>(k.distortion.begin(), k.distortion.end()), euroc_extrinsics(i)};
-  }
-  return {raw[0], raw[1], "EuRoC calibration"};
 }
 
 }  // namespace

@@ -133,8 +133,14 @@ std::string readme_text(const World& world, const std::string& command, bool wit
   } else {
     text +=
         "mav0                 EuRoC ASL layout: raw (distorted) images, calibration, and the true\n"
-        "                     pose of the body frame. There is no perception ground truth here:\n"
-        "                     it would belong to rectified images, which the reader makes.\n";
+        "                     pose of the body frame\n";
+    if (with_truth) {
+      const StereoCamera& k = world.rectified;
+      text += format(
+          "What follows refers to the rectified pair: %dx%d px, f %.6f px, c (%.6f, %.6f) px,\n"
+          "baseline %.9f m. Files are named by the left image's time stamp.\n",
+          k.width, k.height, k.fx, k.cx, k.cy, k.baseline);
+    }
   }
   if (with_truth) {
     text +=

@@ -53,10 +53,15 @@ RenderAssets::RenderAssets(const World& w) : world(w), meshes(w.scene) {
   }
 }
 
-Rigid3 camera_pose(const World& world, int frame, int camera) {
-  const Rigid3& T_w_l = world.T_w_c[static_cast<std::size_t>(frame)];
-  return camera == 0 ? T_w_l : T_w_l * world.rig.T_left_right;
+namespace {
+
+// T_w of a camera: of the one that takes images, or of the one the truth refers to.
+Rigid3 camera_pose(const World& world, int frame, int camera, bool truth) {
+  const Rigid3& T_w_l = (truth ? world.T_w_truth : world.T_w_c)[static_cast<std::size_t>(frame)];
+  return camera == 0 ? T_w_l : T_w_l * (truth ? world.truth_rig : world.rig).T_left_right;
 }
+
+}  // namespace
 
 std::vector<Rigid3> instance_poses(const World& world, int frame) {
   std::vector<Rigid3> poses;
@@ -94,21 +99,22 @@ void FrameRenderer::go_to(int frame) {
   frame_ = frame;
 }
 
-FrameRenderer::View FrameRenderer::make_view(int frame, int camera) const {
+FrameRenderer::View FrameRenderer::make_view(int frame, int camera, bool truth) const {
   const World& world = assets_.world;
   View view;
-  view.model = camera == 0 ? &world.rig.left : &world.rig.right;
+  const StereoRig& rig = truth ? world.truth_rig : world.rig;
+  view.model = camera == 0 ? &rig.left : &rig.right;
   view.frame = frame;
   view.camera = camera;
-  view.T_w_c = camera_pose(world, frame, camera);
+  view.T_w_c = camera_pose(world, frame, camera, truth);
   view.R_w_c = view.T_w_c.R().cast<float>();
   view.origin = view.T_w_c.t().cast<float>();
-  view.has_next = frame + 1 < static_cast<int>(world.times.size());
+  view.has_next = truth && frame + 1 < static_cast<int>(world.times.size());
   std::vector<Rigid3> next;
   Rigid3 T_next_w;
   if (view.has_next) {
     next = instance_poses(world, frame + 1);
-    T_next_w = camera_pose(world, frame + 1, camera).inverse();
+    T_next_w = camera_pose(world, frame + 1, camera, truth).inverse();
     view.T_next_now_static = T_next_w * view.T_w_c;
   }
   const Rigid3 T_c_w = view.T_w_c.inverse();
@@ -317,15 +323,14 @@ void FrameRenderer::truth_row(const View& view, int v, ViewTruth& truth) const {
   }
 }
 
-RenderedView FrameRenderer::render(int frame, int camera, bool with_truth) {
+GrayImage FrameRenderer::image(int frame, int camera) {
   go_to(frame);
-  const View view = make_view(frame, camera);
+  const View view = make_view(frame, camera, false);
   const int width = view.model->width();
   const int height = view.model->height();
   const Sensor sensor{assets_.world.seed};
   const float exposure = Sensor::exposure(frame, camera);
-  RenderedView out;
-  out.image = GrayImage(width, height);
+  GrayImage out(width, height);
   std::vector<float> row(static_cast<std::size_t>(width));
   for (int v = 0; v < height; ++v) {
     shade_row(view, v, row.data());
@@ -333,14 +338,22 @@ RenderedView FrameRenderer::render(int frame, int camera, bool with_truth) {
       const float g = row[static_cast<std::size_t>(u)] * exposure *
                           Sensor::vignetting(u, v, width, height) +
                       sensor.noise(frame, camera, u, v);
-      out.image.at(u, v) = static_cast<std::uint8_t>(std::clamp(g, 0.0F, 255.0F) + 0.5F);
+      out.at(u, v) = static_cast<std::uint8_t>(std::clamp(g, 0.0F, 255.0F) + 0.5F);
     }
   }
-  if (!with_truth) return out;
-  out.truth.instance = ImageOf<std::int32_t>(width, height, -1);
-  out.truth.depth = ImageOf<float>(width, height);
-  if (view.has_next) out.truth.flow = ImageOf<Eigen::Vector2f>(width, height);
-  for (int v = 0; v < height; ++v) truth_row(view, v, out.truth);
+  return out;
+}
+
+ViewTruth FrameRenderer::truth(int frame, int camera) {
+  go_to(frame);
+  const View view = make_view(frame, camera, true);
+  const int width = view.model->width();
+  const int height = view.model->height();
+  ViewTruth out;
+  out.instance = ImageOf<std::int32_t>(width, height, -1);
+  out.depth = ImageOf<float>(width, height);
+  if (view.has_next) out.flow = ImageOf<Eigen::Vector2f>(width, height, Eigen::Vector2f::Zero());
+  for (int v = 0; v < height; ++v) truth_row(view, v, out);
   return out;
 }
 

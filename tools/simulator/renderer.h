@@ -38,25 +38,21 @@ struct ViewTruth {
   ImageOf<Eigen::Vector2f> flow;   ///< px to the next frame, NaN where undefined; may be empty
 };
 
-struct RenderedView {
-  GrayImage image;
-  ViewTruth truth;
-};
-
 /// Renders the frames of a world, one at a time. One per thread; what it makes depends on the
 /// world and the frame's index alone.
 class FrameRenderer {
  public:
   explicit FrameRenderer(const RenderAssets& assets);
 
-  /// Camera 0 is the left one. `with_truth`: also what each pixel sees, and its flow when there is
-  /// a next frame.
-  RenderedView render(int frame, int camera, bool with_truth);
+  /// What the sensor gives; camera 0 is the left one.
+  GrayImage image(int frame, int camera);
+  /// What each pixel of the rectified view sees, and its flow when there is a next frame.
+  ViewTruth truth(int frame, int camera);
 
  private:
   struct View;
   void go_to(int frame);
-  [[nodiscard]] View make_view(int frame, int camera) const;
+  [[nodiscard]] View make_view(int frame, int camera, bool truth) const;
   void shade_row(const View& view, int v, float* row) const;
   void truth_row(const View& view, int v, ViewTruth& truth) const;
   [[nodiscard]] float sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
@@ -67,8 +63,6 @@ class FrameRenderer {
   int frame_ = -1;
 };
 
-/// T_w of a camera at a frame.
-Rigid3 camera_pose(const World& world, int frame, int camera);
 /// T_w_o of every instance at a frame's time.
 std::vector<Rigid3> instance_poses(const World& world, int frame);
 

@@ -44,8 +44,8 @@ struct FrameRecord {
 
 const char* kSides[2] = {"left", "right"};
 
-void describe_segments(const Panoptic& panoptic, int frame, int camera, FrameRecord& record) {
-  const std::string stem = format("%06d", frame);
+void describe_segments(const Panoptic& panoptic, const std::string& stem, int frame, int camera,
+                       FrameRecord& record) {
   const RgbImage& ids = panoptic.ids;
   record.images[camera] =
       format(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})", frame, stem.c_str(),
@@ -91,7 +91,7 @@ class Writer {
       : world_(world),
         options_(options),
         folder_(folder),
-        truth_(options.truth && world.layout == Layout::kKitti),
+        truth_(options.truth && options.drop_camera < 0),
         assets_(world),
         records_(world.times.size()) {}
 
@@ -139,15 +139,14 @@ class Writer {
     FrameRecord& record = records_[static_cast<std::size_t>(frame)];
     for (int camera = 0; camera < 2; ++camera) {
       if (is_dropped(world_, frame, camera, options_.drop_camera, options_.drop_share)) continue;
-      const RenderedView view = renderer.render(frame, camera, truth_);
-      write_image(folder_ / image_path(world_, frame, camera), view.image, 1, 8);
-      if (truth_) write_truth(view.truth, moving, frame, camera, record);
+      write_image(folder_ / image_path(world_, frame, camera), renderer.image(frame, camera), 1, 8);
+      if (truth_) write_truth(renderer.truth(frame, camera), moving, frame, camera, record);
     }
   }
 
   void write_truth(const ViewTruth& truth, const std::vector<bool>& moving, int frame, int camera,
                    FrameRecord& record) {
-    const std::string name = format("%06d.png", frame);
+    const fs::path name = image_path(world_, frame, 0).filename();
     if (camera == 0) {
       write_image(folder_ / "disparity" / name, encode_disparity(truth, world_.rectified.bf()), 1,
                   16);
@@ -159,7 +158,7 @@ class Writer {
     const Panoptic panoptic = make_panoptic(world_, truth, frame, camera, moving);
     write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids, 3,
                 8);
-    describe_segments(panoptic, frame, camera, record);
+    describe_segments(panoptic, name.stem().string(), frame, camera, record);
   }
 
   void write_covering_files() {

@@ -48,6 +48,7 @@ void set_kitti_rig(World& world, const WorldOptions& options) {
   world.rig.left = CameraModel::pinhole(width, height, c.fx, c.fy, c.cx, c.cy);
   world.rig.right = world.rig.left;
   world.rig.T_left_right = Rigid3(Eigen::Quaterniond::Identity(), Vec3(c.baseline, 0, 0));
+  world.truth_rig = world.rig;
   world.layout = Layout::kKitti;
 }
 
@@ -71,9 +72,11 @@ World make_world(const WorldOptions& options) {
     throw InputError("--frames " + std::to_string(options.frames) + ": must lie between 1 and " +
                      std::to_string(kMaxFrames));
   }
-  if (options.name == "street") return make_street(options);
-  if (options.name == "block") return make_block(options);
-  return make_hall(options);
+  World world = options.name == "street"  ? make_street(options)
+                : options.name == "block" ? make_block(options)
+                                          : make_hall(options);
+  if (world.T_w_truth.empty()) world.T_w_truth = world.T_w_c;
+  return world;
 }
 
 }  // namespace kys_slam::simulator
