@@ -12,8 +12,8 @@ namespace {
 
 /// The part of an epipolar line between two depths, in pixels of the other image.
 struct Stretch {
-  Eigen::Vector2f near;
-  Eigen::Vector2f far;
+  Eigen::Vector2f near = Eigen::Vector2f::Zero();
+  Eigen::Vector2f far = Eigen::Vector2f::Zero();
 };
 
 class EpipolarSearch {
