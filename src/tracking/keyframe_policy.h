@@ -10,7 +10,8 @@ struct KeyFramePolicyOptions {
   int tracked_close = 100;         ///< close stereo points that should be tracked
   int untracked_close = 70;        ///< close stereo points that could be added
   int min_inliers = 15;            ///< below this the pose is too poor for a keyframe
-  int max_waiting = 2;             ///< keyframes the back end may still have in hand
+  int max_waiting = 4;             ///< keyframes the back end may still have in hand; below the delay of
+                                   ///< the pipelined schedule, a scarce map would starve
 };
 
 /// What the decision rests on.
