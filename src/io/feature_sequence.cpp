@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 constexpr char kMagic[8] = {'K', 'Y', 'S', 'F', 'E', 'A', 'T', '1'};
 constexpr std::uint32_t kHeaderBytes = 96;
 constexpr std::uint32_t kPoseBytes = 64;
-constexpr std::uint32_t kFrameHeadBytes = 12;  // before the payload: mark, size, checksum
+constexpr std::uint32_t kFrameHeadBytes = 12;     // before the payload: mark, size, checksum
 constexpr std::uint32_t kFrameMark = 0x4d415246;  // "FRAM"
 constexpr std::uint32_t kFeatureBytes = 44;
 constexpr std::uint64_t kMaxFrames = 10'000'000;
@@ -333,7 +333,9 @@ FeatureSequence::FeatureSequence(const fs::path& path, std::int64_t start, std::
 
 FeatureSequence::~FeatureSequence() = default;
 
-const StereoCamera& FeatureSequence::camera() const { return impl_->info.camera; }
+const StereoCamera& FeatureSequence::camera() const {
+  return impl_->info.camera;
+}
 
 std::optional<std::int64_t> FeatureSequence::size() const {
   return static_cast<std::int64_t>(impl_->truth.size());
@@ -375,8 +377,12 @@ std::optional<StereoFrame> FeatureSequence::next() {
   return frame;
 }
 
-const FeatureFileInfo& FeatureSequence::info() const { return impl_->info; }
-const std::vector<TimedPose>& FeatureSequence::ground_truth() const { return impl_->truth; }
+const FeatureFileInfo& FeatureSequence::info() const {
+  return impl_->info;
+}
+const std::vector<TimedPose>& FeatureSequence::ground_truth() const {
+  return impl_->truth;
+}
 const std::vector<std::int32_t>& FeatureSequence::left_landmarks() const {
   return impl_->left_landmarks;
 }

@@ -89,9 +89,9 @@ TEST(FeatureWorld, SameLandmarkLooksAlikeAndOthersDoNot) {
     same += d;
     if (d > 75) ++far;
     EXPECT_LT(std::abs(a.left.keypoints[k].octave - b.left.keypoints[found->second].octave), 3);
-    EXPECT_GT(hamming(a.left.descriptors[k],
-                      b.left.descriptors[(found->second + 7) % b.left.size()]),
-              70);
+    EXPECT_GT(
+        hamming(a.left.descriptors[k], b.left.descriptors[(found->second + 7) % b.left.size()]),
+        70);
   }
   EXPECT_GT(pairs, 250);
   EXPECT_NEAR(same / pairs, 2 * 0.05 * 256, 14);
@@ -250,10 +250,10 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   const std::string out = (scratch / "out").string();
   const auto expect_refused = [&](const std::string& text, const std::string& options) {
     std::ofstream(scratch / "t.txt") << text;
-    const ProgramResult r = run_program(std::string(KYS_BIN_DIR) + "/simulate_features " +
-                                            (scratch / "t.txt").string() + " --output " + out +
-                                            options,
-                                        scratch);
+    const ProgramResult r =
+        run_program(std::string(KYS_BIN_DIR) + "/simulate_features " +
+                        (scratch / "t.txt").string() + " --output " + out + options,
+                    scratch);
     EXPECT_EQ(r.status, 2) << text;
     EXPECT_TRUE(is_one_line(r.error)) << r.error;
     EXPECT_FALSE(std::filesystem::exists(out));

@@ -155,7 +155,8 @@ void facade(Mesh& m, const Wall& w, double width, const HouseStyle& s, bool fron
       const double half = s.window_width / 2 + 0.12;
       ledge(m, w, c - half, low - 0.1, c + half, low, 0.12, kTrim);
       if (s.bands) ledge(m, w, c - half, high, c + half, high + 0.18, 0.08, kTrim);
-      if (s.balconies && front && i % 2 == 1) balcony(m, w, c - half - 0.3, c + half + 0.3, z + 0.15);
+      if (s.balconies && front && i % 2 == 1)
+        balcony(m, w, c - half - 0.3, c + half + 0.3, z + 0.15);
     }
     if (s.bands) ledge(m, w, 0, z - 0.12, width, z + 0.12, 0.1, kTrim);
   }
@@ -213,12 +214,15 @@ HouseStyle house_style(int index) {
   using R = Roof;
   static const HouseStyle styles[kHouseStyles] = {
       {kPlasterLight, kStone, kWindow0, 3, 3.1, 2.5, 1.25, 1.75, G::kShops, R::kFlat, false, true},
-      {kBrickRed, kBrickRed, kWindow1, 3, 3.0, 2.8, 1.35, 1.65, G::kDwelling, R::kGable, false, false},
+      {kBrickRed, kBrickRed, kWindow1, 3, 3.0, 2.8, 1.35, 1.65, G::kDwelling, R::kGable, false,
+       false},
       {kConcrete, kConcrete, kWindow4, 5, 2.9, 3.1, 1.9, 1.45, G::kShops, R::kFlat, true, false},
-      {kPlasterDark, kPlasterDark, kWindow2, 2, 3.2, 2.7, 1.2, 1.8, G::kDwelling, R::kGable, false, true},
+      {kPlasterDark, kPlasterDark, kWindow2, 2, 3.2, 2.7, 1.2, 1.8, G::kDwelling, R::kGable, false,
+       true},
       {kBrickPale, kBrickPale, kWindow3, 4, 3.0, 2.4, 1.15, 1.7, G::kShops, R::kFlat, false, false},
       {kStone, kStone, kWindow5, 3, 3.5, 3.0, 1.4, 2.1, G::kDwelling, R::kFlat, false, true},
-      {kPlasterLight, kBrickRed, kWindow4, 4, 2.9, 2.9, 1.5, 1.5, G::kDwelling, R::kFlat, true, false},
+      {kPlasterLight, kBrickRed, kWindow4, 4, 2.9, 2.9, 1.5, 1.5, G::kDwelling, R::kFlat, true,
+       false},
       {kBrickRed, kConcrete, kWindow0, 2, 3.6, 3.6, 2.4, 1.6, G::kBlind, R::kFlat, false, false}};
   return styles[index % kHouseStyles];
 }

@@ -23,9 +23,9 @@ class CameraModel {
   /// Direction through (u, v) px; fractions are measured from the nearest pixel's centre.
   [[nodiscard]] Eigen::Vector2d ray(double u, double v) const;
   struct Ray {
-    float x, y;          ///< direction (x, y, 1)
-    float x_u, y_u;      ///< d(x, y)/du
-    float x_v, y_v;      ///< d(x, y)/dv
+    float x, y;      ///< direction (x, y, 1)
+    float x_u, y_u;  ///< d(x, y)/du
+    float x_v, y_v;  ///< d(x, y)/dv
   };
   [[nodiscard]] const Ray& at(int u, int v) const {
     return rays_[static_cast<std::size_t>(v) * width_ + u];

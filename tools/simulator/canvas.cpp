@@ -11,14 +11,15 @@ Canvas::Canvas(int side, float fill)
 namespace {
 
 float lattice(std::uint64_t seed, int x, int y) {
-  return static_cast<float>(hash_of(seed, static_cast<std::uint64_t>(x),
-                                    static_cast<std::uint64_t>(y)) >>
-                            40) *
+  return static_cast<float>(
+             hash_of(seed, static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y)) >> 40) *
              (2.0F / 16777216.0F) -
          1.0F;
 }
 
-float smooth(float t) { return t * t * (3 - 2 * t); }
+float smooth(float t) {
+  return t * t * (3 - 2 * t);
+}
 
 }  // namespace
 
@@ -41,7 +42,8 @@ void Canvas::noise(std::uint64_t seed, int cells, int octaves, float amplitude, 
       float weight;
     };
     const auto between = [this](int at, int count) {
-      const float g = static_cast<float>(at) * static_cast<float>(count) / static_cast<float>(side_);
+      const float g =
+          static_cast<float>(at) * static_cast<float>(count) / static_cast<float>(side_);
       const int k = static_cast<int>(g) % count;
       return Between{k, (k + 1) % count, smooth(g - std::floor(g))};
     };
@@ -68,9 +70,8 @@ void Canvas::spots(Rng& rng, int count, float radius_low, float radius_high, flo
   for (int i = 0; i < count; ++i) {
     const float u = static_cast<float>(rng.uniform()) * static_cast<float>(side_);
     const float v = static_cast<float>(rng.uniform()) * static_cast<float>(side_);
-    const float r =
-        std::max(0.6F, static_cast<float>(rng.uniform(radius_low, radius_high)) *
-                           static_cast<float>(side_));
+    const float r = std::max(
+        0.6F, static_cast<float>(rng.uniform(radius_low, radius_high)) * static_cast<float>(side_));
     const float aspect = static_cast<float>(rng.uniform(0.6, 1.7));
     const float delta = contrast * static_cast<float>(rng.uniform(-1, 1));
     const int reach = static_cast<int>(r * 1.7F) + 1;

@@ -12,7 +12,9 @@ namespace {
 
 using Polygon = std::vector<Vec2>;
 
-Vec2 left_of(const Vec2& d) { return {-d.y(), d.x()}; }
+Vec2 left_of(const Vec2& d) {
+  return {-d.y(), d.x()};
+}
 
 // The part of a convex polygon where n.p >= c.
 Polygon clip(const Polygon& poly, const Vec2& n, double c) {
@@ -272,7 +274,8 @@ class TownBuilder {
     for (double s = 11; s < length - 8; s += rng_.uniform(3.5, 7.5)) furniture(put, s);
     for (const double s : {7.5, length - 7.5}) {
       put(light_, scene_.add_object(kTrafficLight), s, 0.5, s < 10 ? std::numbers::pi : 0);
-      for (int k = 0; k < 4; ++k) put(bollard_, o_.post, s + (s < 10 ? 1.6 : -1.6) * (k + 1), 0.4, 0);
+      for (int k = 0; k < 4; ++k)
+        put(bollard_, o_.post, s + (s < 10 ? 1.6 : -1.6) * (k + 1), 0.4, 0);
     }
     parked_cars(a, d, in, length, heading);
   }
@@ -281,16 +284,30 @@ class TownBuilder {
   void furniture(const Put& put, double s) {
     const double half_pi = std::numbers::pi / 2;
     switch (rng_.below(8)) {
-      case 0: put(sign_, o_.post, s, 0.5, rng_.chance(0.5) ? 0 : std::numbers::pi); break;
-      case 1: put(bench_, scene_.add_object(kBench), s, 1.0, -half_pi); break;
-      case 2: put(bin_, o_.post, s, 0.7, 0); break;
-      case 3: put(stands_[rng_.below(4)], o_.post, s, 0.9, rng_.uniform(-0.4, 0.4)); break;
+      case 0:
+        put(sign_, o_.post, s, 0.5, rng_.chance(0.5) ? 0 : std::numbers::pi);
+        break;
+      case 1:
+        put(bench_, scene_.add_object(kBench), s, 1.0, -half_pi);
+        break;
+      case 2:
+        put(bin_, o_.post, s, 0.7, 0);
+        break;
+      case 3:
+        put(stands_[rng_.below(4)], o_.post, s, 0.9, rng_.uniform(-0.4, 0.4));
+        break;
       case 4:
         put(planters_[rng_.below(2)], scene_.add_object(kPottedPlant), s, 2.9, rng_.uniform(0, 1));
         break;
-      case 5: put(sign_, o_.post, s, 0.5, rng_.chance(0.5) ? 0 : std::numbers::pi); break;
-      case 6: put(hedges_[rng_.below(2)], o_.tree, s, 3.15, 0, 0.8); break;
-      default: put(bollard_, o_.post, s, 0.45, 0); break;
+      case 5:
+        put(sign_, o_.post, s, 0.5, rng_.chance(0.5) ? 0 : std::numbers::pi);
+        break;
+      case 6:
+        put(hedges_[rng_.below(2)], o_.tree, s, 3.15, 0, 0.8);
+        break;
+      default:
+        put(bollard_, o_.post, s, 0.45, 0);
+        break;
     }
   }
 
@@ -308,9 +325,10 @@ class TownBuilder {
       const Vec2 p = a + d * s - in * 1.05;
       if (!within_reach(p, plan_.reach) || !is_clear(p) || rng_.chance(0.08)) continue;
       // Right-hand traffic: the kerb is on the right of a car.
-      scene_.place(cars_[model], scene_.add_object(kCar, true),
-                   ground_pose(p.x(), p.y(), 0, heading + std::numbers::pi + rng_.uniform(-0.02, 0.02)),
-                   1, tint);
+      scene_.place(
+          cars_[model], scene_.add_object(kCar, true),
+          ground_pose(p.x(), p.y(), 0, heading + std::numbers::pi + rng_.uniform(-0.02, 0.02)), 1,
+          tint);
     }
   }
 
@@ -387,7 +405,8 @@ MoverMeshes add_mover_meshes(Scene& scene) {
   m.bus = scene.add_prototype(make_bus());
   for (int i = 0; i < 6; ++i) {
     PersonMeshes p = make_person(i);
-    m.people.push_back({scene.add_prototype(std::move(p.body)), scene.add_prototype(std::move(p.leg)),
+    m.people.push_back({scene.add_prototype(std::move(p.body)),
+                        scene.add_prototype(std::move(p.leg)),
                         scene.add_prototype(std::move(p.arm))});
   }
   return m;
@@ -412,14 +431,16 @@ int add_person(Scene& scene, const MoverMeshes::Person& meshes, const Vec2& star
                double speed, double ground, double phase) {
   const int object = scene.add_object(kPerson, true);
   const auto at = [=](double t) {
-    const double bob = speed > 0 ? 0.018 * std::cos(2 * (phase + 2 * std::numbers::pi * 0.95 * t)) : 0;
+    const double bob =
+        speed > 0 ? 0.018 * std::cos(2 * (phase + 2 * std::numbers::pi * 0.95 * t)) : 0;
     return ground_pose(start.x() + std::cos(heading) * speed * t,
                        start.y() + std::sin(heading) * speed * t, ground + bob, heading);
   };
   const auto limb = [=](double side, double height, double swing, double sign) -> Motion {
     return [=](double t) {
-      const double angle = speed > 0 ? sign * swing * std::sin(phase + 2 * std::numbers::pi * 0.95 * t)
-                                     : sign * 0.04;
+      const double angle = speed > 0
+                               ? sign * swing * std::sin(phase + 2 * std::numbers::pi * 0.95 * t)
+                               : sign * 0.04;
       return at(t) * Rigid3(Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitY())),
                             Eigen::Vector3d(0, side, height));
     };

@@ -13,16 +13,22 @@ struct Calibration {
 
 const Calibration& calibration(int camera) {
   static const Calibration cameras[2] = {
-      {458.654, 457.296, 367.215, 248.375,
+      {458.654,
+       457.296,
+       367.215,
+       248.375,
        {-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05},
-       {0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975,
-        0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768,
-        -0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949}},
-      {457.587, 456.134, 379.999, 255.238,
+       {0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975, 0.999557249008,
+        0.0149672133247, 0.025715529948, -0.064676986768, -0.0257744366974, 0.00375618835797,
+        0.999660727178, 0.00981073058949}},
+      {457.587,
+       456.134,
+       379.999,
+       255.238,
        {-0.28368365, 0.07451284, -0.00010473, -3.55590700e-05},
-       {0.0125552670891, -0.999755099723, 0.0182237714554, -0.0198435579556,
-        0.999598781151, 0.0130119051815, 0.0251588363115, 0.0453689425024,
-        -0.0253898008918, 0.0179005838253, 0.999517347078, 0.00786212447038}}};
+       {0.0125552670891, -0.999755099723, 0.0182237714554, -0.0198435579556, 0.999598781151,
+        0.0130119051815, 0.0251588363115, 0.0453689425024, -0.0253898008918, 0.0179005838253,
+        0.999517347078, 0.00786212447038}}};
   return cameras[camera];
 }
 
@@ -32,22 +38,26 @@ EurocCalibration euroc_calibration(int camera, int width, int height) {
   const Calibration& k = calibration(camera);
   const double sx = static_cast<double>(width) / kEurocWidth;
   const double sy = static_cast<double>(height) / kEurocHeight;
-  return {k.f_u * sx, k.f_v * sy, (k.c_u + 0.5) * sx - 0.5, (k.c_v + 0.5) * sy - 0.5,
-          k.distortion};
+  return {k.f_u * sx, k.f_v * sy, (k.c_u + 0.5) * sx - 0.5, (k.c_v + 0.5) * sy - 0.5, k.distortion};
 }
 
 CameraModel euroc_camera(int camera, int width, int height) {
   const EurocCalibration s = euroc_calibration(camera, width, height);
-  return CameraModel::radtan(width, height, s.f_u, s.f_v, s.c_u, s.c_v,
-                             s.distortion);
+  return CameraModel::radtan(width, height, s.f_u, s.f_v, s.c_u, s.c_v, s.distortion);
 }
 
 StereoRectifier euroc_rectifier(int width, int height) {
   RawCamera raw[2];
   for (int i = 0; i < 2; ++i) {
     const EurocCalibration k = euroc_calibration(i, width, height);
-    raw[i] = {width, height, k.f_u, k.f_v, k.c_u, k.c_v,
-              std::vector<double>(k.distortion.begin(), k.distortion.end()), euroc_extrinsics(i)};
+    raw[i] = {width,
+              height,
+              k.f_u,
+              k.f_v,
+              k.c_u,
+              k.c_v,
+              std::vector<double>(k.distortion.begin(), k.distortion.end()),
+              euroc_extrinsics(i)};
   }
   return {raw[0], raw[1], "EuRoC calibration"};
 }

@@ -15,8 +15,7 @@ struct EurocCalibration {
   double f_u, f_v, c_u, c_v;
   std::array<double, 4> distortion;
 };
-EurocCalibration euroc_calibration(int camera, int width = kEurocWidth,
-                                   int height = kEurocHeight);
+EurocCalibration euroc_calibration(int camera, int width = kEurocWidth, int height = kEurocHeight);
 
 /// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
 CameraModel euroc_camera(int camera, int width, int height);

@@ -17,9 +17,9 @@
 namespace kys_slam::simulator {
 namespace {
 
-constexpr double kMargin = 16;        // px, no features nearer to the border
-constexpr double kCosLimit = 0.45;    // of the angle between normal and view
-constexpr int kFamilies = 400;        // looks that repeated landmarks share
+constexpr double kMargin = 16;          // px, no features nearer to the border
+constexpr double kCosLimit = 0.45;      // of the angle between normal and view
+constexpr int kFamilies = 400;          // looks that repeated landmarks share
 constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
 
 struct Landmark {
@@ -158,8 +158,8 @@ struct FeatureWorld::Impl {
   /// A landmark as a camera sees it.
   struct Sight {
     std::int32_t id;
-    float level;     ///< octave, with its fraction
-    float cosine;    ///< between normal and view
+    float level;            ///< octave, with its fraction
+    float cosine;           ///< between normal and view
     Eigen::Vector3d pixel;  ///< u, v, u in the right image
   };
 
@@ -253,8 +253,8 @@ void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
   l.normal = (T_w_c.rotation * normal).cast<float>();
   l.tangent = (T_w_c.rotation * tangent).cast<float>();
   const double level = octave + rng.uniform(0.02, 0.98);
-  l.max_distance = static_cast<float>(
-      std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
+  l.max_distance =
+      static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
   const double strength = rng.uniform();
   l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);
   const auto id = static_cast<std::int32_t>(landmarks.size());
@@ -293,7 +293,9 @@ FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& option
 
 FeatureWorld::~FeatureWorld() = default;
 
-std::size_t FeatureWorld::landmark_count() const { return impl_->landmarks.size(); }
+std::size_t FeatureWorld::landmark_count() const {
+  return impl_->landmarks.size();
+}
 
 Eigen::Vector3d FeatureWorld::landmark_position(std::int32_t id) const {
   return impl_->landmarks.at(static_cast<std::size_t>(id)).p_w;
@@ -308,8 +310,8 @@ kys::Descriptor FeatureWorld::Impl::look(std::int32_t id) const {
   const auto n = static_cast<std::uint64_t>(id);
   Rng rng(hash_of(options.seed, 2, n));
   if (!rng.chance(options.repeats)) return random_descriptor(hash_of(options.seed, 3, n));
-  kys::Descriptor d = random_descriptor(
-      hash_of(options.seed, 4, static_cast<std::uint64_t>(rng.below(kFamilies))));
+  kys::Descriptor d =
+      random_descriptor(hash_of(options.seed, 4, static_cast<std::uint64_t>(rng.below(kFamilies))));
   flip_bits(d, kFamilySpread, rng);
   return d;
 }
@@ -339,7 +341,8 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
     if (camera == 1 && rng.chance(0.05)) continue;  // hidden from the right camera
     Keypoint k;
     const double level = s.level + 0.12 * rng.gaussian();
-    k.octave = static_cast<std::uint8_t>(std::clamp(static_cast<int>(level), 0, kFeatureLevels - 1));
+    k.octave =
+        static_cast<std::uint8_t>(std::clamp(static_cast<int>(level), 0, kFeatureLevels - 1));
     const double sigma = options.pixel_noise * std::pow(kFeatureScale, k.octave);
     const double u = (camera == 0 ? s.pixel.x() : s.pixel.z()) + sigma * rng.gaussian();
     const double v = s.pixel.y() + sigma * rng.gaussian();

@@ -43,9 +43,9 @@ void write_kitti(const World& world, const fs::path& folder) {
   const StereoCamera& k = world.rectified;
   std::string calib;
   for (int i = 0; i < 2; ++i) {
-    calib += format("P%d: %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e\n",
-                    i, k.fx, 0.0, k.cx, i == 0 ? 0.0 : -k.bf(), 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0,
-                    0.0);
+    calib +=
+        format("P%d: %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e\n", i,
+               k.fx, 0.0, k.cx, i == 0 ? 0.0 : -k.bf(), 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0, 0.0);
   }
   write_file_atomic(folder / "calib.txt", calib);
 }
@@ -86,11 +86,12 @@ void write_euroc(const World& world, const fs::path& folder, int drop_camera, do
   const fs::path place = folder / "mav0" / "state_groundtruth_estimate0";
   make_output_folder(place);
   write_file_atomic(place / "data.csv", truth);
-  write_file_atomic(place / "sensor.yaml",
-                    std::string_view("%YAML:1.0\nsensor_type: visual-inertial\ncomment: the simulated "
-                                     "path of the body frame\nT_BS:\n  cols: 4\n  rows: 4\n  data: "
-                                     "[1.0, 0.0, 0.0, 0.0,\n         0.0, 1.0, 0.0, 0.0,\n         "
-                                     "0.0, 0.0, 1.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\n"));
+  write_file_atomic(
+      place / "sensor.yaml",
+      std::string_view("%YAML:1.0\nsensor_type: visual-inertial\ncomment: the simulated "
+                       "path of the body frame\nT_BS:\n  cols: 4\n  rows: 4\n  data: "
+                       "[1.0, 0.0, 0.0, 0.0,\n         0.0, 1.0, 0.0, 0.0,\n         "
+                       "0.0, 0.0, 1.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\n"));
 }
 
 }  // namespace
@@ -144,7 +145,8 @@ std::string readme_text(const World& world, const std::string& command, bool wit
   }
   if (with_truth) {
     text +=
-        "disparity            exact, of the left image: 16-bit PNG, value / 256 px, 0 = none (sky)\n"
+        "disparity            exact, of the left image: 16-bit PNG, value / 256 px, 0 = none "
+        "(sky)\n"
         "flow_left/right      exact flow to the next frame: 16-bit RGB PNG, u = (R - 32768) / 64,\n"
         "                     v = (G - 32768) / 64, B = 1 valid. Valid also where the end is\n"
         "                     hidden or outside the image. None for the last frame\n"

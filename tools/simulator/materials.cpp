@@ -540,6 +540,8 @@ class Painter {
 
 }  // namespace
 
-MaterialLibrary make_materials(std::uint64_t seed) { return Painter(seed).paint(); }
+MaterialLibrary make_materials(std::uint64_t seed) {
+  return Painter(seed).paint();
+}
 
 }  // namespace kys_slam::simulator

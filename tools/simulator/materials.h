@@ -86,16 +86,16 @@ enum Material : std::uint16_t {
 /// How a material looks: a tiling texture, and a large one that keeps its repeats apart.
 struct MaterialLook {
   Texture texture;
-  float scale_u = 1;    ///< tiles per unit of the mesh's texture coordinates
+  float scale_u = 1;  ///< tiles per unit of the mesh's texture coordinates
   float scale_v = 1;
   bool grimy = false;   ///< multiplied by the large dirt texture
   bool tinted = false;  ///< multiplied by the tint of the instance
 };
 
 struct MaterialLibrary {
-  std::vector<MaterialLook> looks;  ///< indexed by Material
-  Texture grime;                    ///< mean 0.5; factor is 0.55 + 0.9 * value
-  float grime_scale = 1.0F / 23.0F; ///< tiles per metre
+  std::vector<MaterialLook> looks;   ///< indexed by Material
+  Texture grime;                     ///< mean 0.5; factor is 0.55 + 0.9 * value
+  float grime_scale = 1.0F / 23.0F;  ///< tiles per metre
 };
 
 /// Paints all textures. The same seed gives the same textures.

@@ -26,8 +26,7 @@ void Mesh::quad_metric(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& 
                        const Vec2& origin) {
   const double w = (b - a).norm();
   const double h = (d - a).norm();
-  quad(a, b, c, d, material, origin, origin + Vec2(w, 0), origin + Vec2(w, h),
-       origin + Vec2(0, h));
+  quad(a, b, c, d, material, origin, origin + Vec2(w, 0), origin + Vec2(w, h), origin + Vec2(0, h));
 }
 
 void Mesh::panel(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d, int material) {
@@ -102,12 +101,12 @@ void Mesh::ellipsoid(const Vec3& centre, const Vec3& radii, int rings, int secto
                    -std::cos(theta));
       const bool pole = i == 0 || i == rings;
       const double k =
-          1 + bump * (static_cast<double>(hash_of(seed, static_cast<std::uint64_t>(i),
-                                                  static_cast<std::uint64_t>(
-                                                      pole ? 0 : j % sectors)) >>
-                                          11) *
-                          0x1.0p-52 -
-                      1.0);
+          1 +
+          bump * (static_cast<double>(hash_of(seed, static_cast<std::uint64_t>(i),
+                                              static_cast<std::uint64_t>(pole ? 0 : j % sectors)) >>
+                                      11) *
+                      0x1.0p-52 -
+                  1.0);
       vertices.emplace_back((centre + n.cwiseProduct(radii) * k).cast<float>());
       uvs.emplace_back(static_cast<float>(phi * std::max(radii.x(), radii.y())),
                        static_cast<float>(theta * radii.z()));

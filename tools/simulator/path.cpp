@@ -10,7 +10,9 @@ namespace {
 constexpr double kStep = 0.05;  // m
 constexpr double kTick = 0.01;  // s
 
-double wrap(double a) { return std::remainder(a, 2 * std::numbers::pi); }
+double wrap(double a) {
+  return std::remainder(a, 2 * std::numbers::pi);
+}
 
 // Curvature profile of a turn by `angle`: up, level, down, each a third of the length.
 struct Turn {
@@ -106,9 +108,13 @@ Vec2 Path::position(double s, double offset) const {
   return a.p + offset * Vec2(-std::sin(a.heading), std::cos(a.heading));
 }
 
-double Path::heading(double s) const { return at(s).heading; }
+double Path::heading(double s) const {
+  return at(s).heading;
+}
 
-double Path::curvature(double s) const { return (at(s + 0.1).heading - at(s - 0.1).heading) / 0.2; }
+double Path::curvature(double s) const {
+  return (at(s + 0.1).heading - at(s - 0.1).heading) / 0.2;
+}
 
 Drive::Drive(double start, double duration, const std::function<double(double, double)>& speed) {
   double s = start;
@@ -137,10 +143,10 @@ Rigid3 car_camera(const Path& path, double s, double t, double height) {
   const double heave = 0.012 * std::sin(2.1 * t) + 0.008 * std::sin(5.3 * t + 0.7);
   const double pitch = 0.0045 * std::sin(1.7 * t + 0.3) + 0.0025 * std::sin(6.1 * t);
   const double roll = 0.004 * std::sin(1.3 * t + 1.1) - 0.12 * path.curvature(s);
-  const Eigen::Quaterniond q =
-      Eigen::AngleAxisd(path.heading(s), Eigen::Vector3d::UnitZ()) *
-      Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
-      Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX()) * Eigen::Quaterniond(vehicle_from_camera());
+  const Eigen::Quaterniond q = Eigen::AngleAxisd(path.heading(s), Eigen::Vector3d::UnitZ()) *
+                               Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
+                               Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX()) *
+                               Eigen::Quaterniond(vehicle_from_camera());
   return {q, Eigen::Vector3d(p.x(), p.y(), height + heave)};
 }
 

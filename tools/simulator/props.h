@@ -21,9 +21,9 @@ inline constexpr double kHipHeight = 0.90;       // m
 inline constexpr double kShoulderHeight = 1.42;  // m
 
 Mesh make_tree(std::uint64_t seed, double height);
-Mesh make_street_lamp();     ///< arm points along +x
-Mesh make_traffic_light();   ///< faces +x
-Mesh make_sign_post();       ///< faces +x
+Mesh make_street_lamp();    ///< arm points along +x
+Mesh make_traffic_light();  ///< faces +x
+Mesh make_sign_post();      ///< faces +x
 Mesh make_bench();
 Mesh make_bin();
 Mesh make_planter(std::uint64_t seed);

@@ -158,9 +158,8 @@ RayMeshes::RayMeshes(const Scene& scene) : impl_(std::make_unique<Impl>()) {
     RTCScene s = rtcNewScene(impl_->device);
     rtcSetSceneFlags(s, RTC_SCENE_FLAG_ROBUST);
     RTCGeometry g = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0,
-                                                          RTC_FORMAT_FLOAT3, 3 * sizeof(float),
-                                                          mesh.vertices.size()));
+    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(
+        g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
     for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
       std::memcpy(v + 3 * i, mesh.vertices[i].data(), 3 * sizeof(float));
     }

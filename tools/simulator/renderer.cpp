@@ -40,7 +40,9 @@ SurfaceTriangle make_surface(const Mesh& mesh, std::size_t index) {
   return s;
 }
 
-float tone(float light) { return 255.0F * std::pow(std::max(light, 0.0F), 0.62F); }
+float tone(float light) {
+  return 255.0F * std::pow(std::max(light, 0.0F), 0.62F);
+}
 
 }  // namespace
 
@@ -85,7 +87,7 @@ struct FrameRenderer::View {
   std::vector<Eigen::Matrix3f> to_object;  ///< camera directions to object directions, / scale
   std::vector<Eigen::Matrix3d> R_c_o;      ///< times scale, for exact depths
   std::vector<Eigen::Vector3d> t_c_o;
-  std::vector<Rigid3> T_next_now;          ///< camera frame now -> camera frame next, by instance
+  std::vector<Rigid3> T_next_now;  ///< camera frame now -> camera frame next, by instance
   Rigid3 T_next_now_static;
   bool has_next = false;
 };
@@ -202,9 +204,8 @@ void FrameRenderer::shade_row(const View& view, int v, float* row) const {
       }
       const auto i = static_cast<std::size_t>(rays.instance[k]);
       const Instance& instance = scene.instances[i];
-      const SurfaceTriangle& s =
-          assets_.surfaces[static_cast<std::size_t>(instance.prototype)]
-                          [static_cast<std::size_t>(rays.triangle[k])];
+      const SurfaceTriangle& s = assets_.surfaces[static_cast<std::size_t>(instance.prototype)]
+                                                 [static_cast<std::size_t>(rays.triangle[k])];
       // Footprint of the sample on the surface: how the plane's point moves with the ray.
       const Eigen::Matrix3f& M = view.to_object[i];
       const Eigen::Vector3f d_o = M * d_c[k];
@@ -221,9 +222,9 @@ void FrameRenderer::shade_row(const View& view, int v, float* row) const {
       const float uw = s.grad_u.dot(p_v);
       const float vw = s.grad_v.dot(p_v);
       const MaterialLook& look = scene.materials.looks[s.material];
-      float a = look.texture.sample(uv.x() * look.scale_u, uv.y() * look.scale_v,
-                                    uu * look.scale_u, vu * look.scale_v, uw * look.scale_u,
-                                    vw * look.scale_v, kMaxProbes);
+      float a =
+          look.texture.sample(uv.x() * look.scale_u, uv.y() * look.scale_v, uu * look.scale_u,
+                              vu * look.scale_v, uw * look.scale_u, vw * look.scale_v, kMaxProbes);
       if (look.grimy) {
         const float g = scene.materials.grime_scale;
         a *= 0.5F + 1.0F * scene.materials.grime.sample(uv.x() * g, uv.y() * g, uu * g, vu * g,
@@ -335,9 +336,9 @@ GrayImage FrameRenderer::image(int frame, int camera) {
   for (int v = 0; v < height; ++v) {
     shade_row(view, v, row.data());
     for (int u = 0; u < width; ++u) {
-      const float g = row[static_cast<std::size_t>(u)] * exposure *
-                          Sensor::vignetting(u, v, width, height) +
-                      sensor.noise(frame, camera, u, v);
+      const float g =
+          row[static_cast<std::size_t>(u)] * exposure * Sensor::vignetting(u, v, width, height) +
+          sensor.noise(frame, camera, u, v);
       out.at(u, v) = static_cast<std::uint8_t>(std::clamp(g, 0.0F, 255.0F) + 0.5F);
     }
   }

@@ -25,6 +25,8 @@ double inverse_normal(double p) {
          (((((b[0] * r + b[1]) * r + b[2]) * r + b[3]) * r + b[4]) * r + 1);
 }
 
-double Rng::gaussian() { return inverse_normal(uniform() + 0x1.0p-54); }
+double Rng::gaussian() {
+  return inverse_normal(uniform() + 0x1.0p-54);
+}
 
 }  // namespace kys_slam::simulator

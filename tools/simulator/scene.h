@@ -66,8 +66,9 @@ struct Light {
   Eigen::Vector3d to_sun = Eigen::Vector3d(0.4, -0.5, 0.75).normalized();
   float sun = 1.35F;
   float ambient = 0.72F;
-  float sky = 0.95F;         ///< brightness of the sky texture
-  double shadow_ceiling = std::numeric_limits<double>::infinity();  ///< m; casters above do not count
+  float sky = 0.95F;  ///< brightness of the sky texture
+  double shadow_ceiling =
+      std::numeric_limits<double>::infinity();  ///< m; casters above do not count
 };
 
 /// Everything that is seen. World frame: z up, metres.

@@ -47,7 +47,8 @@ Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, in
       Segment& s = found[key];
       if (s.area == 0) {
         s.object = key > 0 ? key - 1 : -1;
-        s.category = key > 0 ? world.scene.objects[static_cast<std::size_t>(key - 1)].category : -key;
+        s.category =
+            key > 0 ? world.scene.objects[static_cast<std::size_t>(key - 1)].category : -key;
         s.moving = key > 0 && moving[static_cast<std::size_t>(key - 1)];
         s.x0 = s.x1 = x;
         s.y0 = s.y1 = y;
@@ -60,9 +61,9 @@ Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, in
   }
   std::set<std::uint32_t> used;
   for (auto& [key, s] : found) {
-    std::uint64_t h = hash_of(world.seed, static_cast<std::uint64_t>(frame),
-                              static_cast<std::uint64_t>(camera),
-                              static_cast<std::uint64_t>(static_cast<std::uint32_t>(key)));
+    std::uint64_t h =
+        hash_of(world.seed, static_cast<std::uint64_t>(frame), static_cast<std::uint64_t>(camera),
+                static_cast<std::uint64_t>(static_cast<std::uint32_t>(key)));
     do {
       s.id = static_cast<std::uint32_t>(h & 0xffffff);
       h = mix(h);

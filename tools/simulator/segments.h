@@ -10,11 +10,11 @@ namespace kys_slam::simulator {
 
 /// One panoptic segment of one view: a thing, or all of one stuff class.
 struct Segment {
-  std::uint32_t id = 0;  ///< in this frame's PNG: R + 256 G + 65536 B; another one in every frame
-  int object = -1;       ///< index into Scene::objects; -1 for stuff
-  int category = 0;      ///< COCO panoptic
-  bool moving = false;   ///< moves between this frame and the next
-  std::int64_t area = 0; ///< px
+  std::uint32_t id = 0;   ///< in this frame's PNG: R + 256 G + 65536 B; another one in every frame
+  int object = -1;        ///< index into Scene::objects; -1 for stuff
+  int category = 0;       ///< COCO panoptic
+  bool moving = false;    ///< moves between this frame and the next
+  std::int64_t area = 0;  ///< px
   int x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< bounding box, inclusive
 };
 

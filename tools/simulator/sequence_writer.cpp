@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <chrono>
-#include <exception>
 #include <cinttypes>
 #include <cstdio>
+#include <exception>
 #include <mutex>
 #include <thread>
 
@@ -47,17 +47,15 @@ const char* kSides[2] = {"left", "right"};
 void describe_segments(const Panoptic& panoptic, const std::string& stem, int frame, int camera,
                        FrameRecord& record) {
   const RgbImage& ids = panoptic.ids;
-  record.images[camera] =
-      format(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})", frame, stem.c_str(),
-             ids.width(), ids.height());
+  record.images[camera] = format(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})", frame,
+                                 stem.c_str(), ids.width(), ids.height());
   std::string& text = record.annotations[camera];
   text = format(R"({"image_id":%d,"file_name":"%s.png","segments_info":[)", frame, stem.c_str());
   bool first = true;
   for (const Segment& s : panoptic.segments) {
-    text += format(R"(%s{"id":%u,"category_id":%d,"iscrowd":0,"bbox":[%d,%d,%d,%d],"area":%)" PRId64
-                   "}",
-                   first ? "" : ",", s.id, s.category, s.x0, s.y0, s.x1 - s.x0 + 1,
-                   s.y1 - s.y0 + 1, s.area);
+    text += format(
+        R"(%s{"id":%u,"category_id":%d,"iscrowd":0,"bbox":[%d,%d,%d,%d],"area":%)" PRId64 "}",
+        first ? "" : ",", s.id, s.category, s.x0, s.y0, s.x1 - s.x0 + 1, s.y1 - s.y0 + 1, s.area);
     first = false;
     record.table += format("%d,%s,%u,%d,%s,%d,%d,%d,%" PRId64 "\n", frame, kSides[camera], s.id,
                            s.object, coco_name(s.category), s.category,
@@ -112,8 +110,8 @@ class Writer {
   void make_folders() {
     for (const fs::path& name : image_folders(world_)) make_output_folder(folder_ / name);
     if (!truth_) return;
-    for (const char* name : {"disparity", "flow_left", "flow_right", "panoptic_left",
-                             "panoptic_right"}) {
+    for (const char* name :
+         {"disparity", "flow_left", "flow_right", "panoptic_left", "panoptic_right"}) {
       make_output_folder(folder_ / name);
     }
   }
@@ -152,12 +150,12 @@ class Writer {
                   16);
     }
     if (!truth.flow.empty()) {
-      write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth), 3,
-                  16);
+      write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth),
+                  3, 16);
     }
     const Panoptic panoptic = make_panoptic(world_, truth, frame, camera, moving);
-    write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids, 3,
-                8);
+    write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids,
+                3, 8);
     describe_segments(panoptic, name.stem().string(), frame, camera, record);
   }
 

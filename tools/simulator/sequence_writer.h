@@ -10,11 +10,11 @@ namespace kys_slam::simulator {
 
 struct WriteOptions {
   std::filesystem::path output;
-  std::string command;          ///< for the README of the sequence
-  int jobs = 0;                 ///< threads; 0: as many as the machine runs at once
-  bool truth = true;            ///< disparity, flow, panoptic segments
-  int drop_camera = -1;         ///< kEuroc: this camera loses frames
-  double drop_share = 0;        ///< in [0, 1)
+  std::string command;    ///< for the README of the sequence
+  int jobs = 0;           ///< threads; 0: as many as the machine runs at once
+  bool truth = true;      ///< disparity, flow, panoptic segments
+  int drop_camera = -1;   ///< kEuroc: this camera loses frames
+  double drop_share = 0;  ///< in [0, 1)
   bool quiet = false;
   const std::atomic<bool>* stop = nullptr;  ///< set: give up
 };

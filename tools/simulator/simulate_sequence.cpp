@@ -67,12 +67,11 @@ int run(int argc, char** argv) {
   const World world = make_world(world_options);
 
   // --jobs and --quiet are left out: they change nothing in the files.
-  write_options.command = "simulate_sequence " + world_options.name + " --output " +
-                          write_options.output.string() + " --seed " +
-                          std::to_string(world_options.seed) + " --frames " +
-                          std::to_string(world.times.size()) + " --size " +
-                          std::to_string(world.rig.left.width()) + "x" +
-                          std::to_string(world.rig.left.height());
+  write_options.command =
+      "simulate_sequence " + world_options.name + " --output " + write_options.output.string() +
+      " --seed " + std::to_string(world_options.seed) + " --frames " +
+      std::to_string(world.times.size()) + " --size " + std::to_string(world.rig.left.width()) +
+      "x" + std::to_string(world.rig.left.height());
   if (images_only) write_options.command += " --images-only";
   if (write_options.drop_camera >= 0) {
     char text[64];

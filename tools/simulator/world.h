@@ -28,12 +28,12 @@ struct World {
   Layout layout = Layout::kKitti;
   Scene scene;
   StereoRig rig;
-  StereoCamera rectified;           ///< the pair as its reader rectifies it (kKitti: as it is)
-  StereoRig truth_rig;              ///< `rectified` as rays: what disparity and flow refer to
-  std::vector<double> times;        ///< s, from 0; one per frame
-  std::vector<Rigid3> T_w_c;        ///< left camera, one per frame
-  std::vector<Rigid3> T_w_b;        ///< kEuroc only: body
-  std::vector<Rigid3> T_w_truth;    ///< left camera of truth_rig
+  StereoCamera rectified;         ///< the pair as its reader rectifies it (kKitti: as it is)
+  StereoRig truth_rig;            ///< `rectified` as rays: what disparity and flow refer to
+  std::vector<double> times;      ///< s, from 0; one per frame
+  std::vector<Rigid3> T_w_c;      ///< left camera, one per frame
+  std::vector<Rigid3> T_w_b;      ///< kEuroc only: body
+  std::vector<Rigid3> T_w_truth;  ///< left camera of truth_rig
 };
 
 /// Names of the worlds.

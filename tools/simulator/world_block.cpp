@@ -11,7 +11,7 @@ constexpr double kRate = 10.0;          // Hz
 constexpr double kCameraHeight = 1.65;  // m
 constexpr double kBlockWidth = 62.0;    // m between the middles of the streets
 constexpr double kBlockHeight = 48.0;
-constexpr double kOverlap = 34.0;       // m driven again after one round
+constexpr double kOverlap = 34.0;  // m driven again after one round
 
 // Clockwise in the right lane: north, east, south, west, and again.
 Path round_the_block() {
@@ -44,17 +44,17 @@ void add_life(World& world) {
   const double y = kBlockHeight;
   const Path east({{-150, -kLaneOffset}, {200, -kLaneOffset}}, 10);
   const Path west({{200, y + kLaneOffset}, {-150, y + kLaneOffset}}, 10);
-  add_vehicle(world.scene, meshes.cars[0], kCar, &east, 0, [](double t) { return 20 + 7.0 * t; },
-              0.5F);
-  add_vehicle(world.scene, meshes.cars[1], kCar, &west, 0, [](double t) { return 30 + 8.0 * t; },
-              0.2F);
+  add_vehicle(
+      world.scene, meshes.cars[0], kCar, &east, 0, [](double t) { return 20 + 7.0 * t; }, 0.5F);
+  add_vehicle(
+      world.scene, meshes.cars[1], kCar, &west, 0, [](double t) { return 30 + 8.0 * t; }, 0.2F);
   for (int i = 0; i < 8; ++i) {
     const bool along_x = i % 2 == 0;
     const double d = kRoadHalfWidth + rng.uniform(1.8, 2.6);
     const Vec2 start = along_x ? Vec2(rng.uniform(0, 50), i % 4 == 0 ? kBlockHeight + d : -d)
                                : Vec2(i % 4 == 1 ? kBlockWidth + d : -d, rng.uniform(0, 40));
-    const double heading = (along_x ? 0 : std::numbers::pi / 2) +
-                           (rng.chance(0.5) ? std::numbers::pi : 0);
+    const double heading =
+        (along_x ? 0 : std::numbers::pi / 2) + (rng.chance(0.5) ? std::numbers::pi : 0);
     add_person(world.scene, meshes.people[static_cast<std::size_t>(rng.below(6))], start, heading,
                rng.uniform(0.9, 1.4), kKerbHeight, rng.uniform(0, 6));
   }

@@ -9,9 +9,9 @@
 namespace kys_slam::simulator {
 namespace {
 
-constexpr double kRate = 20.0;  // Hz
+constexpr double kRate = 20.0;                                  // Hz
 constexpr double kLength = 25.0, kWidth = 15.0, kHeight = 7.0;  // m
-constexpr double kPeriod = 24.0;                                 // s, once around the eight
+constexpr double kPeriod = 24.0;                                // s, once around the eight
 
 struct HallObjects {
   int floor, wall, ceiling, post, shelf;
@@ -21,9 +21,11 @@ struct HallObjects {
 void wall_with_things(Mesh& m, const Vec3& origin, const Vec3& right, double length, Rng& rng) {
   const Vec3 up(0, 0, 1);
   const Vec3 out = right.cross(up);
-  const auto at = [&](double x, double z, double o) { return Vec3(origin + right * x + up * z + out * o); };
-  m.quad_metric(at(0, 0, 0), at(length, 0, 0), at(length, kHeight, 0), at(0, kHeight, 0), kWallPanel,
-                {rng.uniform(0, 4), 0});
+  const auto at = [&](double x, double z, double o) {
+    return Vec3(origin + right * x + up * z + out * o);
+  };
+  m.quad_metric(at(0, 0, 0), at(length, 0, 0), at(length, kHeight, 0), at(0, kHeight, 0),
+                kWallPanel, {rng.uniform(0, 4), 0});
   const auto panel = [&](double x0, double z0, double x1, double z1, int material, double o) {
     m.panel(at(x0, z0, o), at(x1, z0, o), at(x1, z1, o), at(x0, z1, o), material);
   };
@@ -88,7 +90,10 @@ Mesh make_rack(Rng& rng) {
       const double h = rng.uniform(0.25, 0.58);
       const int what = rng.below(4);
       m.box({x, -0.38, z + 0.05}, {std::min(x + w, 1.42), rng.uniform(0.1, 0.38), z + 0.05 + h},
-            what == 0 ? kCrate : what == 1 ? kCardboard : what == 2 ? kMachine : kCardboard);
+            what == 0   ? kCrate
+            : what == 1 ? kCardboard
+            : what == 2 ? kMachine
+                        : kCardboard);
       x += w + rng.uniform(0.03, 0.25);
     }
   }
@@ -100,11 +105,16 @@ Mesh make_crates(Rng& rng) {
   const auto crate = [&](double x, double y, double z, double s, int material) {
     const Vec3 l(x, y, z);
     const Vec3 h = l + Vec3(s, s, s);
-    m.panel({l.x(), l.y(), l.z()}, {h.x(), l.y(), l.z()}, {h.x(), l.y(), h.z()}, {l.x(), l.y(), h.z()}, material);
-    m.panel({h.x(), l.y(), l.z()}, {h.x(), h.y(), l.z()}, {h.x(), h.y(), h.z()}, {h.x(), l.y(), h.z()}, material);
-    m.panel({h.x(), h.y(), l.z()}, {l.x(), h.y(), l.z()}, {l.x(), h.y(), h.z()}, {h.x(), h.y(), h.z()}, material);
-    m.panel({l.x(), h.y(), l.z()}, {l.x(), l.y(), l.z()}, {l.x(), l.y(), h.z()}, {l.x(), h.y(), h.z()}, material);
-    m.panel({l.x(), l.y(), h.z()}, {h.x(), l.y(), h.z()}, {h.x(), h.y(), h.z()}, {l.x(), h.y(), h.z()}, material);
+    m.panel({l.x(), l.y(), l.z()}, {h.x(), l.y(), l.z()}, {h.x(), l.y(), h.z()},
+            {l.x(), l.y(), h.z()}, material);
+    m.panel({h.x(), l.y(), l.z()}, {h.x(), h.y(), l.z()}, {h.x(), h.y(), h.z()},
+            {h.x(), l.y(), h.z()}, material);
+    m.panel({h.x(), h.y(), l.z()}, {l.x(), h.y(), l.z()}, {l.x(), h.y(), h.z()},
+            {h.x(), h.y(), h.z()}, material);
+    m.panel({l.x(), h.y(), l.z()}, {l.x(), l.y(), l.z()}, {l.x(), l.y(), h.z()},
+            {l.x(), h.y(), h.z()}, material);
+    m.panel({l.x(), l.y(), h.z()}, {h.x(), l.y(), h.z()}, {h.x(), h.y(), h.z()},
+            {l.x(), h.y(), h.z()}, material);
   };
   const double s = 0.8;
   for (int i = 0; i < 2; ++i) {
@@ -127,8 +137,8 @@ Mesh make_table(Rng& rng) {
   }
   for (int i = 0; i < 4; ++i) {
     const double x = -0.8 + 0.42 * i;
-    m.box({x, rng.uniform(-0.4, 0), 0.77}, {x + rng.uniform(0.15, 0.35), rng.uniform(0.1, 0.4),
-                                            0.77 + rng.uniform(0.05, 0.4)},
+    m.box({x, rng.uniform(-0.4, 0), 0.77},
+          {x + rng.uniform(0.15, 0.35), rng.uniform(0.1, 0.4), 0.77 + rng.uniform(0.05, 0.4)},
           i % 2 == 0 ? kCardboard : kMachine);
   }
   return m;
@@ -257,8 +267,7 @@ World make_hall(const WorldOptions& options) {
   world.rectified = k;
   world.truth_rig.left = CameraModel::pinhole(k.width, k.height, k.fx, k.fy, k.cx, k.cy);
   world.truth_rig.right = world.truth_rig.left;
-  world.truth_rig.T_left_right =
-      Rigid3(Eigen::Quaterniond::Identity(), Vec3(k.baseline, 0, 0));
+  world.truth_rig.T_left_right = Rigid3(Eigen::Quaterniond::Identity(), Vec3(k.baseline, 0, 0));
 
   world.scene.materials = make_materials(hash_of(options.seed, 1));
   world.scene.light.to_sun = Vec3(0.35, 0.28, 0.9).normalized();

@@ -8,13 +8,15 @@
 namespace kys_slam::simulator {
 namespace {
 
-constexpr double kRate = 10.0;           // Hz
-constexpr double kCameraHeight = 1.65;   // m
-constexpr double kTurn = 70.0;           // degrees to the right
-constexpr double kCrossingA = 88.0;      // m along the first street to the second
-constexpr double kCrossingC = 50.0;      // m of the side street to the right of the first street
+constexpr double kRate = 10.0;          // Hz
+constexpr double kCameraHeight = 1.65;  // m
+constexpr double kTurn = 70.0;          // degrees to the right
+constexpr double kCrossingA = 88.0;     // m along the first street to the second
+constexpr double kCrossingC = 50.0;     // m of the side street to the right of the first street
 
-Vec2 right_of(const Vec2& d) { return {d.y(), -d.x()}; }
+Vec2 right_of(const Vec2& d) {
+  return {d.y(), -d.x()};
+}
 
 // The streets: A northwards, B which crosses it, C parallel to A.
 struct Streets {
@@ -66,15 +68,17 @@ class StreetTraffic {
   // Same direction, close ahead, until the camera turns off; then it drives on.
   void truck_ahead() {
     const Path path = lane({0, 0}, k_.dir_a, -20);
-    vehicle(meshes_.truck, kTruck, path,
-            [drive = drive_](double t) {
-              const double follow = 20 + 4.1 + 7.3 + 0.7 * std::sin(0.55 * t);
-              const double leave = 8.2;  // s: from here on its own speed
-              if (t < leave) return drive->distance(t) + follow;
-              const double at = drive->distance(leave) + 20 + 4.1 + 7.3 + 0.7 * std::sin(0.55 * leave);
-              return at + 8.2 * (t - leave) + 0.25 * std::min(t - leave, 4.0) * std::min(t - leave, 4.0);
-            },
-            1);
+    vehicle(
+        meshes_.truck, kTruck, path,
+        [drive = drive_](double t) {
+          const double follow = 20 + 4.1 + 7.3 + 0.7 * std::sin(0.55 * t);
+          const double leave = 8.2;  // s: from here on its own speed
+          if (t < leave) return drive->distance(t) + follow;
+          const double at = drive->distance(leave) + 20 + 4.1 + 7.3 + 0.7 * std::sin(0.55 * leave);
+          return at + 8.2 * (t - leave) +
+                 0.25 * std::min(t - leave, 4.0) * std::min(t - leave, 4.0);
+        },
+        1);
   }
 
   struct Kind {
@@ -83,10 +87,14 @@ class StreetTraffic {
   };
   Kind pick(int i) {
     switch (i % 6) {
-      case 2: return {meshes_.bus, kBus};
-      case 4: return {meshes_.truck, kTruck};
-      case 1: return {meshes_.cars[2], kCar};
-      default: return {meshes_.cars[rng_.below(4)], kCar};
+      case 2:
+        return {meshes_.bus, kBus};
+      case 4:
+        return {meshes_.truck, kTruck};
+      case 1:
+        return {meshes_.cars[2], kCar};
+      default:
+        return {meshes_.cars[rng_.below(4)], kCar};
     }
   }
 
@@ -98,8 +106,8 @@ class StreetTraffic {
       // In front of the camera at the start, one behind the other.
       const double start = 250 - 16 - gap;
       gap += (kind.category == kCar ? 11.5 : 17.0) + rng_.uniform(0, 3);
-      vehicle(kind.mesh, kind.category, path, [start](double t) { return start + 7.6 * t; },
-              tint());
+      vehicle(
+          kind.mesh, kind.category, path, [start](double t) { return start + 7.6 * t; }, tint());
     }
   }
 
@@ -110,19 +118,20 @@ class StreetTraffic {
       const Kind kind = pick(i + 1);
       const double at_turn_end = 26.0 + 14.5 * i;  // m from the crossing at t = 12.5 s
       const double start = 200 - at_turn_end - 7.0 * 12.5;
-      vehicle(kind.mesh, kind.category, path, [start](double t) { return start + 7.0 * t; },
-              tint());
+      vehicle(
+          kind.mesh, kind.category, path, [start](double t) { return start + 7.0 * t; }, tint());
     }
     // A queue beyond the side street that waits for the crossing bus.
     for (int i = 0; i < 4; ++i) {
       const double stop = 200 - (kCrossingC / k_.dir_b.x() + 13.0 + 7.0 * i);
       const double go = 20.0 + 0.8 * i;
-      vehicle(i == 1 ? meshes_.truck : meshes_.cars[i % 4], i == 1 ? kTruck : kCar, path,
-              [stop = i >= 2 ? stop - 3.0 : stop, go](double t) {
-                const double r = std::max(0.0, t - go);
-                return stop + (r < 4 ? 0.9 * r * r : 14.4 + 7.2 * (r - 4));
-              },
-              tint());
+      vehicle(
+          i == 1 ? meshes_.truck : meshes_.cars[i % 4], i == 1 ? kTruck : kCar, path,
+          [stop = i >= 2 ? stop - 3.0 : stop, go](double t) {
+            const double r = std::max(0.0, t - go);
+            return stop + (r < 4 ? 0.9 * r * r : 14.4 + 7.2 * (r - 4));
+          },
+          tint());
     }
   }
 
@@ -133,12 +142,12 @@ class StreetTraffic {
       int mesh, category;
       double time;
     };
-    const One all[] = {{meshes_.bus, kBus, 18.6},
-                       {meshes_.cars[0], kCar, 20.6}};
+    const One all[] = {{meshes_.bus, kBus, 18.6}, {meshes_.cars[0], kCar, 20.6}};
     for (const One& one : all) {
       const double time = one.time;
-      vehicle(one.mesh, one.category, path,
-              [time](double t) { return 200 + 1.5 + 7.5 * (t - time); }, tint());
+      vehicle(
+          one.mesh, one.category, path, [time](double t) { return 200 + 1.5 + 7.5 * (t - time); },
+          tint());
     }
   }
 
@@ -227,7 +236,8 @@ World make_street(const WorldOptions& options) {
   TownPlan plan;
   plan.first = {{{0, 0}, streets.dir_a}, {streets.cross_c, streets.dir_a}};
   plan.second = {{streets.cross_a, streets.dir_b}};
-  for (double s = 0; s < drive.distance(duration) + 40; s += 10) plan.near.push_back(ego.position(s));
+  for (double s = 0; s < drive.distance(duration) + 40; s += 10)
+    plan.near.push_back(ego.position(s));
   const Vec2 van = streets.cross_a + right_of(streets.dir_b) * 4.35 + streets.dir_b * 27.0;
   plan.keep_clear = {{van, 7.5}, {van + streets.dir_b * 7, 4.0}};
   build_town(world.scene, plan, options.seed);
