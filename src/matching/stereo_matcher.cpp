@@ -13,8 +13,8 @@ namespace kys_slam {
 
 namespace {
 
-constexpr int kHalfPatch = 5;   // px at the keypoint's octave
-constexpr int kSlide = 5;       // px to either side
+constexpr int kHalfPatch = 5;  // px at the keypoint's octave
+constexpr int kSlide = 5;      // px to either side
 constexpr int kPatch = 2 * kHalfPatch + 1;
 const kys::Prior kNoPrior{};
 
@@ -60,8 +60,8 @@ class RowIndex {
 };
 
 struct Refined {
-  float u_right = 0;    // px, level 0
-  int difference = 0;   // sum of absolute grey differences, means removed
+  float u_right = 0;   // px, level 0
+  int difference = 0;  // sum of absolute grey differences, means removed
 };
 
 /// Sum of absolute differences of two 11x11 patches after their central pixels were made equal.
@@ -76,33 +76,56 @@ int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int 
   return sum;
 }
 
-/// Column at which the right row looks most like the left patch, starting at a whole one: least
-/// squares of the grey differences with their mean removed (Lucas-Kanade in one dimension), which
-/// unlike a parabola through sums of differences does not lean towards whole pixels.
-std::optional<float> align_patch(const GrayImage& left, const GrayImage& right, int xl, int y,
-                                 float start) {
+/// Column at which the right row looks most like the patch around a left position, starting at
+/// `start` px further left or right: least squares of the grey differences with their mean removed
+/// (Lucas-Kanade in one dimension), which unlike a parabola through sums of differences does not
+/// lean towards whole pixels. The patch is centred on the left position itself, fractions of rows
+/// included: on a road a row more or less is a third of a pixel of disparity.
+std::optional<float> align_patch(const GrayImage& left, const GrayImage& right,
+                                 const Eigen::Vector2f& at, float start) {
   constexpr int kIterations = 5;
   constexpr int kCount = kPatch * kPatch;
+  constexpr int kStrip = kPatch + 6;  // columns of the right image that any iteration may need
+  const int y0 = static_cast<int>(std::floor(at.y())) - kHalfPatch;
+  const int xl = static_cast<int>(std::floor(at.x())) - kHalfPatch;
+  const int xr = static_cast<int>(std::floor(start)) - kHalfPatch - 2;
+  if (y0 < 0 || y0 + kPatch >= std::min(left.height(), right.height())) return {};
+  if (xl < 0 || xl + kPatch >= left.width() || xr < 0 || xr + kStrip > right.width()) return {};
+  const float wy = at.y() - std::floor(at.y());
+  const float wx = at.x() - std::floor(at.x());
+  std::array<std::array<float, kPatch>, kPatch> wanted;
+  std::array<std::array<float, kStrip>, kPatch> strip;
+  for (int r = 0; r < kPatch; ++r) {
+    const std::uint8_t* upper = left.row(y0 + r) + xl;
+    const std::uint8_t* lower = left.row(y0 + r + 1) + xl;
+    const auto row = static_cast<std::size_t>(r);
+    for (std::size_t k = 0; k < kPatch; ++k) {
+      const float top =
+          static_cast<float>(upper[k]) + wx * static_cast<float>(upper[k + 1] - upper[k]);
+      const float low =
+          static_cast<float>(lower[k]) + wx * static_cast<float>(lower[k + 1] - lower[k]);
+      wanted[row][k] = top + wy * (low - top);
+    }
+    upper = right.row(y0 + r) + xr;
+    lower = right.row(y0 + r + 1) + xr;
+    for (std::size_t k = 0; k < kStrip; ++k) {
+      strip[row][k] = static_cast<float>(upper[k]) + wy * static_cast<float>(lower[k] - upper[k]);
+    }
+  }
   float column = start;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    const float first = column - static_cast<float>(kHalfPatch) - 1;
-    const int x0 = static_cast<int>(std::floor(first));
-    if (x0 < 0 || x0 + kPatch + 3 > right.width()) return {};
-    const float w = first - static_cast<float>(x0);
+    const float first = column - static_cast<float>(kHalfPatch) - 1 - static_cast<float>(xr);
+    const auto x0 = static_cast<std::size_t>(std::floor(first));
+    const float w = first - std::floor(first);
     // Sums over the patch of gradient g and difference e: sum (g - mean g)(e - mean e), ...
     float sum_g = 0, sum_e = 0, sum_gg = 0, sum_ge = 0;
-    for (int dy = -kHalfPatch; dy <= kHalfPatch; ++dy) {
-      const std::uint8_t* l = left.row(y + dy) + xl - kHalfPatch;
-      const std::uint8_t* r = right.row(y + dy) + x0;
+    for (std::size_t row = 0; row < kPatch; ++row) {
+      const float* r = strip[row].data() + x0;
       std::array<float, kPatch + 2> value;  // right row at the patch's columns, one more each side
-      for (int k = 0; k < kPatch + 2; ++k) {
-        value[static_cast<std::size_t>(k)] =
-            static_cast<float>(r[k]) + w * static_cast<float>(r[k + 1] - r[k]);
-      }
-      for (int k = 0; k < kPatch; ++k) {
-        const auto at = static_cast<std::size_t>(k);
-        const float g = 0.5f * (value[at + 2] - value[at]);
-        const float e = value[at + 1] - static_cast<float>(l[k]);
+      for (std::size_t k = 0; k < kPatch + 2; ++k) value[k] = r[k] + w * (r[k + 1] - r[k]);
+      for (std::size_t k = 0; k < kPatch; ++k) {
+        const float g = 0.5f * (value[k + 2] - value[k]);
+        const float e = value[k + 1] - wanted[row][k];
         sum_g += g;
         sum_e += e;
         sum_gg += g * g;
@@ -123,8 +146,7 @@ std::optional<float> align_patch(const GrayImage& left, const GrayImage& right, 
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
 /// and aligns it there to a fraction of a pixel.
 std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
-                              const ImagePyramid& left_pyramid,
-                              const ImagePyramid& right_pyramid) {
+                              const ImagePyramid& left_pyramid, const ImagePyramid& right_pyramid) {
   const std::size_t octave = left.octave;
   if (octave >= left_pyramid.levels.size() || octave >= right_pyramid.levels.size()) return {};
   const GrayImage& l = left_pyramid.levels[octave];
@@ -132,7 +154,8 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
   const Eigen::Vector2f left_at = left_pyramid.to_level(octave, left.x, left.y);
   const int xl = static_cast<int>(std::lround(left_at.x()));
   const int y = static_cast<int>(std::lround(left_at.y()));
-  const int xr = static_cast<int>(std::lround(right_pyramid.to_level(octave, right.x, right.y).x()));
+  const int xr =
+      static_cast<int>(std::lround(right_pyramid.to_level(octave, right.x, right.y).x()));
   const bool fits = y - kHalfPatch >= 0 && y + kHalfPatch < std::min(l.height(), r.height()) &&
                     xl - kHalfPatch >= 0 && xl + kHalfPatch < l.width() &&
                     xr - kSlide - kHalfPatch >= 0 && xr + kSlide + kHalfPatch < r.width();
@@ -145,12 +168,12 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
     if (difference[k] < difference[best]) best = k;
   }
   if (best == 0 || best + 1 == difference.size()) return {};  // no minimum inside the range
-  // The left patch was taken around the rounded left pixel: its remainder moves both alike.
+  // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
-  const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide);
-  const std::optional<float> column = align_patch(l, r, xl, y, start);
+  const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;
+  const std::optional<float> column = align_patch(l, r, left_at, start);
   if (!column) return {};
-  return Refined{right_pyramid.to_full(octave, *column + remainder, 0).x(), difference[best]};
+  return Refined{right_pyramid.to_full(octave, *column, 0).x(), difference[best]};
 }
 
 std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
@@ -165,9 +188,9 @@ std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const Ster
     const Keypoint& r = right.features->keypoints[j];
     if (std::abs(static_cast<int>(l.octave) - static_cast<int>(r.octave)) > 1) continue;
     if (r.x > l.x || r.x < l.x - max_disparity) continue;
-    const kys::Distance d = model.evaluate(
-        left.features->descriptors[i], prior_of(left, i), right.features->descriptors[j],
-        prior_of(right, j), kys::Context::kStereo, best, statistics);
+    const kys::Distance d = model.evaluate(left.features->descriptors[i], prior_of(left, i),
+                                           right.features->descriptors[j], prior_of(right, j),
+                                           kys::Context::kStereo, best, statistics);
     if (d.value < best) {
       best = d.value;
       chosen = static_cast<std::int32_t>(j);
@@ -198,21 +221,19 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
   const RowIndex rows(*right.features, camera.height, scales, options.row_tolerance);
   // Nothing is nearer than the baseline.
   const auto max_disparity = static_cast<float>(camera.fx);
-  const bool with_images =
-      options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
+  const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
 
   std::vector<int> difference(n, -1);
   std::vector<int> differences;
   for (std::size_t i = 0; i < n; ++i) {
     const Keypoint& l = left.features->keypoints[i];
-    const std::int32_t j = nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options,
-                                             model, statistics);
+    const std::int32_t j =
+        nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options, model, statistics);
     if (j < 0) continue;
     const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
     float u = r.x;
     if (with_images) {
-      const std::optional<Refined> refined =
-          refine(l, r, *left.pyramid, *right.pyramid);
+      const std::optional<Refined> refined = refine(l, r, *left.pyramid, *right.pyramid);
       if (!refined) continue;
       u = refined->u_right;
       difference[i] = refined->difference;

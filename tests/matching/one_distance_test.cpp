@@ -64,6 +64,11 @@ TEST(OneDistance, NothingOutsideTheLibraryCountsBitsOfDescriptors) {
       const bool representative =
           place.file == "src/map/map.cpp" &&
           place.text.find("kys::hamming(*descriptors[i], *descriptors[j])") != std::string::npos;
+      // Spreading the bits of a coordinate (the quadtree's keys) uses the masks, but adds nothing
+      // up.
+      const bool spreading = place.file == "src/features/quadtree.cpp" &&
+                             place.text.find("(v | v <<") != std::string::npos;
+      if (spreading) continue;
       if (representative) {
         ++exceptions;
       } else {

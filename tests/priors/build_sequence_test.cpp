@@ -1,6 +1,7 @@
 #include "priors/builder/build_sequence.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 #include <kys_slam/error.h>
 
 #include <filesystem>
@@ -25,7 +26,7 @@ void put_float(std::ofstream& out, float value) {
 class BuildSequenceTest : public testing::Test {
  protected:
   void SetUp() override {
-    root_ = fs::temp_directory_path() / "kys_build_sequence_test";
+    root_ = fs::temp_directory_path() / ("kys_build_sequence_test_" + std::to_string(::getpid()));
     fs::remove_all(root_);
     for (const char* folder : {"pan", "flow", "disp"}) fs::create_directories(root_ / folder);
     sequence_.camera = synthetic::kitti_camera(310, 94);

@@ -1,6 +1,7 @@
 #include "perturbation.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 #include <kys_slam/error.h>
 
 #include <cmath>
@@ -21,7 +22,7 @@ using Json = nlohmann::json;
 class PerturbationTest : public testing::Test {
  protected:
   void SetUp() override {
-    root_ = fs::temp_directory_path() / "kys_perturbation_test";
+    root_ = fs::temp_directory_path() / ("kys_perturbation_test_" + std::to_string(::getpid()));
     fs::remove_all(root_);
     fs::create_directories(root_ / "pan");
     fs::create_directories(root_ / "flow");

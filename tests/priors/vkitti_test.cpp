@@ -1,5 +1,6 @@
 // Virtual KITTI 2's own pictures, in tiny made-up folders: encodings as in its documentation.
 #include <gtest/gtest.h>
+#include <unistd.h>
 #include <kys_slam/error.h>
 
 #include <cmath>
@@ -20,7 +21,7 @@ constexpr RgbPixel kUndefined = {0, 0, 0}, kRoad = {100, 60, 100}, kCar = {255, 
 class VkittiTest : public testing::Test {
  protected:
   void SetUp() override {
-    root_ = fs::temp_directory_path() / "kys_vkitti_test";
+    root_ = fs::temp_directory_path() / ("kys_vkitti_test_" + std::to_string(::getpid()));
     fs::remove_all(root_);
     for (const char* kind :
          {"instanceSegmentation", "classSegmentation", "depth", "forwardFlow", "backwardFlow"}) {
