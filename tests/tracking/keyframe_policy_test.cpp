@@ -91,9 +91,9 @@ TEST(KeyFramePolicy, ABacklogStopsEverything) {
   KeyFrameSituation s = calm();
   s.inliers = 30;
   s.frames_since_keyframe = 100;
-  s.waiting = 2;
+  s.waiting = 4;
   EXPECT_TRUE(wants_keyframe(s, o));
-  s.waiting = 3;
+  s.waiting = 5;
   EXPECT_FALSE(wants_keyframe(s, o));
 }
 
