@@ -90,7 +90,7 @@ class TownBuilder {
     o_.building = scene.add_object(kBuilding);
     o_.tree = scene.add_object(kTree);
     o_.post = scene.add_object(kUnlabelled);
-    o_.fence = scene.add_object(kFence_);
+    o_.fence = scene.add_object(kFenceClass);
     for (int i = 0; i < 5; ++i) {
       trees_.push_back(scene.add_prototype(make_tree(hash_of(seed, 55, i), 7.5 + 0.7 * i)));
     }

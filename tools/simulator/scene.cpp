@@ -28,7 +28,7 @@ const char* coco_name(int category) {
       return "shelf";
     case kTree:
       return "tree-merged";
-    case kFence_:
+    case kFenceClass:
       return "fence-merged";
     case kCeilingClass:
       return "ceiling-merged";
@@ -58,7 +58,7 @@ bool coco_is_thing(int category) {
 const std::vector<int>& coco_categories() {
   static const std::vector<int> all = {
       kPerson,      kCar,        kBus,           kTruck,      kTrafficLight, kBench,        kChair,
-      kPottedPlant, kRoad,       kShelf,         kTree,       kFence_,       kCeilingClass, kSky,
+      kPottedPlant, kRoad,       kShelf,         kTree,       kFenceClass,   kCeilingClass, kSky,
       kTableClass,  kFloorOther, kPavementClass, kGrassClass, kBuilding,     kWallOther};
   return all;
 }

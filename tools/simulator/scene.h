@@ -26,7 +26,7 @@ enum CocoClass : int {
   kRoad = 149,
   kShelf = 156,
   kTree = 184,
-  kFence_ = 185,
+  kFenceClass = 185,
   kCeilingClass = 186,
   kSky = 187,
   kTableClass = 189,

@@ -42,7 +42,7 @@ Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, in
   for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = key_of(static_cast<int>(i) - 1);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      const int key = keys[static_cast<std::size_t>(truth.instance.at(x, y) + 1)];
+      const int key = keys[static_cast<std::size_t>(truth.instance.at(x, y)) + 1];
       if (key == 0) continue;
       Segment& s = found[key];
       if (s.area == 0) {
@@ -75,7 +75,7 @@ Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, in
     int last_key = 0;
     RgbPixel colour{0, 0, 0};
     for (int x = 0; x < width; ++x) {
-      const int key = keys[static_cast<std::size_t>(truth.instance.at(x, y) + 1)];
+      const int key = keys[static_cast<std::size_t>(truth.instance.at(x, y)) + 1];
       if (key != last_key) {
         const std::uint32_t id = key == 0 ? 0 : found[key].id;
         colour = {static_cast<std::uint8_t>(id), static_cast<std::uint8_t>(id >> 8),

@@ -100,6 +100,7 @@ class Writer {
         1, static_cast<int>(world_.times.size()));
     started_ = std::chrono::steady_clock::now();
     std::vector<std::thread> threads;
+    threads.reserve(static_cast<std::size_t>(jobs));
     for (int i = 0; i < jobs; ++i) threads.emplace_back([this] { work(); });
     for (std::thread& t : threads) t.join();
     if (error_) std::rethrow_exception(error_);
