@@ -13,10 +13,6 @@ packages=(
 )
 as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
-# libturbojpeg's development package has another name on Ubuntu.
-. /etc/os-release
-if [ "${ID:-}" = ubuntu ]; then packages=("${packages[@]/libturbojpeg0-dev/libturbojpeg-dev}"); fi
-
 missing=()
 for package in "${packages[@]}"; do
   dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' ||
