@@ -27,6 +27,8 @@ struct Rigid3 {
     const Eigen::Quaterniond q = rotation.conjugate();
     return {q, -(q * translation)};
   }
+  /// Translation of the inverse: for T_c_w the camera's centre in the world.
+  [[nodiscard]] Eigen::Vector3d inverse_t() const { return rotation.conjugate() * -translation; }
   /// The 3x4 matrix [R|t].
   [[nodiscard]] Eigen::Matrix<double, 3, 4> matrix() const {
     Eigen::Matrix<double, 3, 4> M;

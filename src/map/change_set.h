@@ -51,7 +51,6 @@ struct ChangeSet {
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;    ///< new or changed, by id
   std::vector<CulledKeyFrame> culled_keyframes;                  ///< in the order of culling
   float disparity_offset = 0;  ///< px, what new frames should add to their disparities
-  KeyFrameId up_to;  ///< last keyframe the back end had taken in
 };
 
 }  // namespace kys_slam

@@ -29,10 +29,6 @@ std::vector<Observation>::iterator lower_observation(std::vector<Observation>& o
       [](const Observation& o, KeyFrameId wanted) { return o.keyframe < wanted; });
 }
 
-Eigen::Vector3d camera_centre(const KeyFrame& keyframe) {
-  return keyframe.T_c_w.rotation.conjugate() * -keyframe.T_c_w.translation;
-}
-
 /// Index of the observation whose descriptor has the least median distance to all of them.
 std::size_t representative(const std::vector<const kys::Descriptor*>& descriptors) {
   const std::size_t n = descriptors.size();
@@ -319,13 +315,13 @@ void Map::refresh_geometry(LandmarkId id) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   const Observation* reference = &landmark.observations.front();
   for (const Observation& o : landmark.observations) {
-    sum += (landmark.p_w - camera_centre(keyframe(o.keyframe))).normalized();
+    sum += (landmark.p_w - keyframe(o.keyframe).T_c_w.inverse_t()).normalized();
     if (o.keyframe == landmark.reference) reference = &o;
   }
   landmark.normal = sum.normalized().cast<float>();
   const KeyFrame& keyframe = keyframes_.at(reference->keyframe);
   const int octave = keyframe.features->keypoint(reference->feature).octave;
-  const double distance = (landmark.p_w - camera_centre(keyframe)).norm();
+  const double distance = (landmark.p_w - keyframe.T_c_w.inverse_t()).norm();
   landmark.max_distance =
       static_cast<float>(distance) * scales_.scale[static_cast<std::size_t>(octave)];
   landmark.min_distance = landmark.max_distance / scales_.scale.back();

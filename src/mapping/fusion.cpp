@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "matching/landmark_search.h"
+#include "matching/predicted_view.h"
 
 namespace kys_slam {
 
@@ -22,30 +23,6 @@ std::vector<KeyFrameId> fusion_targets(const Map& map, KeyFrameId current,
     }
   }
   return targets;
-}
-
-bool make_query(const Map& map, const KeyFrame& keyframe, const Eigen::Vector3d& centre,
-                const Landmark& landmark, float radius, SearchQuery& query) {
-  const Eigen::Vector3d p_c = keyframe.T_c_w * landmark.p_w;
-  if (p_c.z() <= 0) return false;
-  const Eigen::Vector3d pixel = map.camera().project_stereo(p_c);
-  if (!map.camera().in_image(pixel.x(), pixel.y())) return false;
-  const Eigen::Vector3d ray = landmark.p_w - centre;
-  const auto distance = static_cast<float>(ray.norm());
-  if (distance < 0.8f * landmark.min_distance || distance > 1.2f * landmark.max_distance) {
-    return false;
-  }
-  if (ray.cast<float>().dot(landmark.normal) < 0.5f * distance) return false;
-  const int octave = map.scales().predict_octave(landmark.max_distance, distance);
-  query.u = static_cast<float>(pixel.x());
-  query.v = static_cast<float>(pixel.y());
-  query.u_right = static_cast<float>(pixel.z());
-  query.radius = radius * map.scales().scale[static_cast<std::size_t>(octave)];
-  query.min_octave = octave - 1;
-  query.max_octave = octave;
-  query.descriptor = &landmark.descriptor;
-  query.prior = &landmark.prior;
-  return true;
 }
 
 bool is_seen_by(const Landmark& landmark, KeyFrameId keyframe) {
@@ -68,17 +45,16 @@ int fuse_into(Map& map, KeyFrameId keyframe_id, const std::vector<LandmarkId>& l
               const FusionOptions& options, const kys::DistanceModel& model,
               kys::Statistics& statistics) {
   const KeyFrame& keyframe = map.keyframe(keyframe_id);
-  const Eigen::Vector3d centre =
-      keyframe.T_c_w.rotation.conjugate() * -keyframe.T_c_w.translation;
+  const Eigen::Vector3d centre = keyframe.T_c_w.inverse_t();
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> asked;
   for (const LandmarkId id : landmarks) {
     if (!map.has(id)) continue;
     const Landmark& landmark = map.landmark(id);
-    SearchQuery query;
-    if (!make_query(map, keyframe, centre, landmark, options.radius, query)) continue;
-    if (is_seen_by(landmark, keyframe_id)) continue;
-    queries.push_back(query);
+    const auto view = predict_view(map.camera(), map.scales(), keyframe.T_c_w, centre, landmark);
+    if (!view || is_seen_by(landmark, keyframe_id)) continue;
+    queries.push_back(
+        query_for(*view, options.radius, map.scales(), landmark.descriptor, landmark.prior));
     asked.push_back(id);
   }
   SearchOptions search;

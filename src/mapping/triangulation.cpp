@@ -27,7 +27,7 @@ struct Ray {
   [[nodiscard]] bool has_stereo() const { return keyframe->features->has_stereo(feature); }
   [[nodiscard]] double depth() const { return keyframe->features->depth(feature); }
   [[nodiscard]] Eigen::Vector3d centre() const {
-    return keyframe->T_c_w.rotation.conjugate() * -keyframe->T_c_w.translation;
+    return keyframe->T_c_w.inverse_t();
   }
   [[nodiscard]] Eigen::Vector3d stereo_point() const { return centre() + depth() * direction_w; }
 };

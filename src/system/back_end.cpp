@@ -13,7 +13,6 @@ BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<b
   step.frame_index = message.frame_index;
   step.report = mapper_.process(map_, message, stop);
   step.changes = map_.take_changes();
-  step.changes.up_to = message.id;
 #ifndef NDEBUG
   map_.check_consistency();
 #endif

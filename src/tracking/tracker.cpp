@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "matching/descriptor_matcher.h"
+#include "matching/predicted_view.h"
 #include "util/stopwatch.h"
 
 namespace kys_slam {
@@ -15,13 +16,21 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-Eigen::Vector3d camera_centre(const Rigid3& T_c_w) {
-  return T_c_w.rotation.conjugate() * -T_c_w.translation;
+/// Gives matched features their landmarks; returns how many.
+int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
+           std::vector<LandmarkId>& landmarks) {
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0) continue;
+    landmarks[static_cast<std::size_t>(matches[q].feature)] = wanted[q];
+    ++count;
+  }
+  return count;
 }
 
 int count_landmarks(const std::vector<LandmarkId>& landmarks) {
-  return static_cast<int>(std::count_if(landmarks.begin(), landmarks.end(),
-                                        [](LandmarkId id) { return id.valid(); }));
+  return static_cast<int>(
+      std::count_if(landmarks.begin(), landmarks.end(), [](LandmarkId id) { return id.valid(); }));
 }
 
 }  // namespace
@@ -97,8 +106,7 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
 void Tracker::leave(Frame frame, TrackResult& result) {
   const Replica::Anchor anchor = replica_.resolve(reference_);
   frame.pose.reference = anchor.keyframe;
-  frame.pose.T_c_reference =
-      frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
+  frame.pose.T_c_reference = frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
   result.pose = frame.pose;
   result.T_c_w = frame.T_c_w;
   if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked) {
@@ -173,7 +181,8 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
     query.radius = radius * scales_.scale[seen.octave];
     // Things grow when one drives towards them.
     query.min_octave = moving && forward < 0 ? 0 : seen.octave - (moving ? 0 : 1);
-    query.max_octave = moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
+    query.max_octave =
+        moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
     query.angle = seen.angle;
     query.descriptor = &landmark.descriptor;
     query.prior = &landmark.prior;
@@ -183,16 +192,10 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
   SearchOptions options;
   options.max_distance = options_.max_distance;
   options.check_rotation = true;
-  const std::vector<SearchMatch> matches = search_features(*frame.features, scales_, queries,
-                                                           options, *model_, result.statistics);
+  const std::vector<SearchMatch> matches =
+      search_features(*frame.features, scales_, queries, options, *model_, result.statistics);
   std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
-  int count = 0;
-  for (std::size_t q = 0; q < matches.size(); ++q) {
-    if (matches[q].feature < 0) continue;
-    frame.landmarks[static_cast<std::size_t>(matches[q].feature)] = landmarks[q];
-    ++count;
-  }
-  return count;
+  return assign(matches, landmarks, frame.landmarks);
 }
 
 /// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
@@ -260,7 +263,7 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   const std::vector<LandmarkId> matched = frame.landmarks;
   result.inliers = refine_pose(frame);
   for (const LandmarkId id : predicted) {
-    if (id.valid()) count_visible(id, 0);
+    if (id.valid()) count_visible(id);
   }
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (frame.landmarks[i].valid()) counts_.at(frame.landmarks[i]).found += 1;
@@ -271,7 +274,7 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
 }
 
 /// Landmarks of the local map that should be in view and are not matched yet.
-int Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result) {
+void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result) {
   std::vector<std::uint8_t> taken(frame.landmarks.size(), 0);
   std::vector<LandmarkId> held;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
@@ -280,58 +283,33 @@ int Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRes
     held.push_back(frame.landmarks[i]);
   }
   std::sort(held.begin(), held.end());
-  const Eigen::Vector3d centre = camera_centre(frame.T_c_w);
+  const Eigen::Vector3d centre = frame.T_c_w.inverse_t();
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> landmarks;
   for (const LandmarkId id : local.landmarks) {
     const LandmarkView& landmark = replica_.landmarks().at(id);
-    const Eigen::Vector3d p_c = frame.T_c_w * landmark.p_w;
-    if (p_c.z() <= 0) continue;
-    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
-    if (!camera_.in_image(pixel.x(), pixel.y())) continue;
-    const Eigen::Vector3d ray = landmark.p_w - centre;
-    const auto distance = static_cast<float>(ray.norm());
-    if (distance < 0.8f * landmark.min_distance || distance > 1.2f * landmark.max_distance) continue;
-    const float cosine = ray.cast<float>().dot(landmark.normal) / distance;
-    if (cosine < 0.5f) continue;
-    if (std::binary_search(held.begin(), held.end(), id)) continue;
-    const int octave = scales_.predict_octave(landmark.max_distance, distance);
-    SearchQuery query;
-    query.u = static_cast<float>(pixel.x());
-    query.v = static_cast<float>(pixel.y());
-    query.u_right = static_cast<float>(pixel.z());
+    const auto view = predict_view(camera_, scales_, frame.T_c_w, centre, landmark);
+    if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
     // The straighter the view, the better the prediction.
-    query.radius = (cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius *
-                   scales_.scale[static_cast<std::size_t>(octave)];
-    query.min_octave = octave - 1;
-    query.max_octave = octave;
-    query.descriptor = &landmark.descriptor;
-    query.prior = &landmark.prior;
-    queries.push_back(query);
+    const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
+    queries.push_back(query_for(*view, radius, scales_, landmark.descriptor, landmark.prior));
     landmarks.push_back(id);
-    count_visible(id, 0);
+    count_visible(id);
   }
   SearchOptions options;
   options.max_distance = options_.max_distance;
   options.ratio = options_.local_ratio;
   options.taken = taken;
-  const std::vector<SearchMatch> matches = search_features(*frame.features, scales_, queries,
-                                                           options, *model_, result.statistics);
-  int count = 0;
-  for (std::size_t q = 0; q < matches.size(); ++q) {
-    if (matches[q].feature < 0) continue;
-    frame.landmarks[static_cast<std::size_t>(matches[q].feature)] = landmarks[q];
-    ++count;
-  }
-  return count;
+  const std::vector<SearchMatch> matches =
+      search_features(*frame.features, scales_, queries, options, *model_, result.statistics);
+  assign(matches, landmarks, frame.landmarks);
 }
 
-void Tracker::count_visible(LandmarkId id, std::uint32_t found) {
+void Tracker::count_visible(LandmarkId id) {
   if (VisibilityCount* count = counts_.find(id)) {
     count->visible += 1;
-    count->found += found;
   } else {
-    counts_.put(id, {id, 1, found});
+    counts_.put(id, {id, 1, 0});
   }
 }
 
@@ -427,12 +405,12 @@ void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message)
 
 LandmarkView Tracker::first_view(const Frame& frame, std::size_t feature,
                                  const Eigen::Vector3d& p_w, KeyFrameId keyframe) const {
-  const Eigen::Vector3d ray = p_w - camera_centre(frame.T_c_w);
+  const Eigen::Vector3d ray = p_w - frame.T_c_w.inverse_t();
   LandmarkView view;
   view.p_w = p_w;
   view.normal = ray.normalized().cast<float>();
-  view.max_distance = static_cast<float>(ray.norm()) *
-                      scales_.scale[frame.features->keypoint(feature).octave];
+  view.max_distance =
+      static_cast<float>(ray.norm()) * scales_.scale[frame.features->keypoint(feature).octave];
   view.min_distance = view.max_distance / scales_.scale.back();
   view.descriptor = frame.features->descriptor(feature);
   view.prior = frame.features->prior(feature);

@@ -20,17 +20,17 @@
 namespace kys_slam {
 
 struct TrackerOptions {
-  int min_start_points = 100;        ///< stereo points needed to start a map
-  double close_baselines = 40;       ///< points nearer than this many baselines are close
-  float motion_radius = 7;           ///< px at octave 0, search around the predicted pixel
-  int min_motion_matches = 20;       ///< below this the radius is doubled, then the model given up
+  int min_start_points = 100;   ///< stereo points needed to start a map
+  double close_baselines = 40;  ///< points nearer than this many baselines are close
+  float motion_radius = 7;      ///< px at octave 0, search around the predicted pixel
+  int min_motion_matches = 20;  ///< below this the radius is doubled, then the model given up
   int min_reference_matches = 15;
-  int min_pose_inliers = 10;         ///< after the first pose of a frame
-  int min_local_inliers = 30;        ///< after the local map; fewer: lost
-  float local_radius = 1;            ///< factor on the search radius of local landmarks
-  float local_ratio = 0.8f;          ///< best / second best
-  float max_distance = 100;          ///< bits
-  float reference_distance = 50;     ///< bits, matching without prediction
+  int min_pose_inliers = 10;      ///< after the first pose of a frame
+  int min_local_inliers = 30;     ///< after the local map; fewer: lost
+  float local_radius = 1;         ///< factor on the search radius of local landmarks
+  float local_ratio = 0.8f;       ///< best / second best
+  float max_distance = 100;       ///< bits
+  float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
   KeyFramePolicyOptions keyframes;
 
@@ -42,7 +42,7 @@ enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
 
 /// Where a frame is: relative to a keyframe, so that it moves with the map.
 struct FramePose {
-  KeyFrameId reference;   ///< invalid: not connected to the map
+  KeyFrameId reference;  ///< invalid: not connected to the map
   Rigid3 T_c_reference;
 };
 
@@ -54,10 +54,10 @@ struct TrackTimes {
 
 struct TrackResult {
   TrackingStatus status = TrackingStatus::kLost;
-  std::string reason;               ///< why it is lost, or how the pose was predicted
-  Rigid3 T_c_w;                     ///< meaningful unless lost
+  std::string reason;  ///< why it is lost, or how the pose was predicted
+  Rigid3 T_c_w;        ///< meaningful unless lost
   FramePose pose;
-  int matches = 0;                  ///< landmarks matched, before outliers went
+  int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
   TrackTimes times;
   kys::Statistics statistics;
@@ -100,14 +100,14 @@ class Tracker {
   bool predict_by_reference(Frame& frame, TrackResult& result);
   bool track_local_map(Frame& frame, TrackResult& result);
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
-  int match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
+  void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
   int refine_pose(Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;
   KeyFrameMessage make_keyframe(Frame& frame);
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);
   [[nodiscard]] LandmarkView first_view(const Frame& frame, std::size_t feature,
                                         const Eigen::Vector3d& p_w, KeyFrameId keyframe) const;
-  void count_visible(LandmarkId id, std::uint32_t found);
+  void count_visible(LandmarkId id);
   void leave(Frame frame, TrackResult& result);
 
   StereoCamera camera_;
@@ -118,13 +118,13 @@ class Tracker {
 
   Replica replica_;
   LocalMapGatherer local_map_gatherer_;
-  std::optional<Frame> last_;           // last frame with a pose
-  std::optional<Rigid3> velocity_;      // T_c_last of the last two tracked frames
-  KeyFrameId reference_;                // keyframe that shares most with the last frame
+  std::optional<Frame> last_;       // last frame with a pose
+  std::optional<Rigid3> velocity_;  // T_c_last of the last two tracked frames
+  KeyFrameId reference_;            // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
-  std::uint32_t next_landmark_ = 0;     // the tracker's ids are even, the back end's odd
+  std::uint32_t next_landmark_ = 0;  // the tracker's ids are even, the back end's odd
   IdTable<LandmarkId, VisibilityCount> counts_;
 };
 

@@ -42,11 +42,6 @@ class Worker {
     if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
   }
 
-  [[nodiscard]] bool busy() {
-    const std::lock_guard lock(mutex_);
-    return busy_;
-  }
-
  private:
   void run() {
     std::unique_lock lock(mutex_);
