@@ -10,9 +10,9 @@
 namespace kys_slam {
 
 enum class FrameStatus : std::uint8_t {
-  kStarted,   ///< first frame of a map
+  kStarted,  ///< first frame of a map
   kTracked,
-  kLost,      ///< no pose; `reason` says why
+  kLost,  ///< no pose; `reason` says why
 };
 const char* to_string(FrameStatus status);
 
@@ -20,14 +20,14 @@ const char* to_string(FrameStatus status);
 /// time is the one spent for the keyframe made of this frame, wherever it ran.
 struct StageTimes {
   double total = 0;
-  double extract = 0;        ///< both images
-  double priors = 0;         ///< prior look-up
+  double extract = 0;  ///< both images
+  double priors = 0;   ///< prior look-up
   double stereo = 0;
-  double track = 0;          ///< prediction, local map, keyframe decision
-  double predict = 0;        ///< part of track
-  double local_map = 0;      ///< part of track
+  double track = 0;      ///< prediction, local map, keyframe decision
+  double predict = 0;    ///< part of track
+  double local_map = 0;  ///< part of track
   double local_mapping = 0;
-  double local_bundle = 0;   ///< part of local_mapping
+  double local_bundle = 0;  ///< part of local_mapping
   double loop = 0;
 };
 
@@ -35,18 +35,18 @@ struct StageTimes {
 struct FrameReport {
   std::int64_t index = 0;
   std::string name;
-  double timestamp = 0;              ///< s
+  double timestamp = 0;  ///< s
   FrameStatus status = FrameStatus::kLost;
   std::string reason;
-  Rigid3 T_w_c;                      ///< as estimated at this frame; meaningless when lost
-  int keypoints = 0;                 ///< left image
+  Rigid3 T_w_c;       ///< as estimated at this frame; meaningless when lost
+  int keypoints = 0;  ///< left image
   int stereo_matches = 0;
-  int matches = 0;                   ///< landmarks matched
-  int inliers = 0;                   ///< of these, after pose optimisation
+  int matches = 0;  ///< landmarks matched
+  int inliers = 0;  ///< of these, after pose optimisation
   bool keyframe = false;
-  double prior_coverage = 0;         ///< share of keypoints with a valid label
-  int masked = 0;                    ///< keypoints dropped by mode `mask`
-  kys::Statistics statistics;        ///< descriptor comparisons of this frame, back end included
+  double prior_coverage = 0;   ///< share of keypoints with a valid label
+  int masked = 0;              ///< keypoints dropped by mode `mask`
+  kys::Statistics statistics;  ///< descriptor comparisons of this frame, back end included
   StageTimes times;
   double resident_mb = 0;
 };
@@ -54,7 +54,7 @@ struct FrameReport {
 /// Final estimate of one frame, after all optimisation.
 struct FrameEstimate {
   std::int64_t index = 0;
-  double timestamp = 0;  ///< s
+  double timestamp = 0;    ///< s
   bool connected = false;  ///< false: lost, or not connected to the map; the pose is meaningless
   Rigid3 T_w_c;
 };

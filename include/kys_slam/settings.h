@@ -36,8 +36,8 @@ class Settings {
 
   struct Description {
     std::string key;
-    std::string value;   ///< present one
-    std::string unit;    ///< "" for plain numbers
+    std::string value;  ///< present one
+    std::string unit;   ///< "" for plain numbers
     std::string meaning;
   };
   [[nodiscard]] std::vector<Description> describe() const;

@@ -45,11 +45,11 @@ struct CulledKeyFrame {
 /// Everything that changed in the map since the last change set, as the tracker needs it. Applied
 /// to a replica of the earlier state it gives a replica of the later one.
 struct ChangeSet {
-  std::vector<std::pair<LandmarkId, LandmarkView>> landmarks;    ///< new or changed, by id
-  std::vector<LandmarkId> erased_landmarks;                      ///< by id
-  std::vector<std::pair<LandmarkId, LandmarkId>> replaced;       ///< old (erased) -> its successor
-  std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;    ///< new or changed, by id
-  std::vector<CulledKeyFrame> culled_keyframes;                  ///< in the order of culling
+  std::vector<std::pair<LandmarkId, LandmarkView>> landmarks;  ///< new or changed, by id
+  std::vector<LandmarkId> erased_landmarks;                    ///< by id
+  std::vector<std::pair<LandmarkId, LandmarkId>> replaced;     ///< old (erased) -> its successor
+  std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id
+  std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
   float disparity_offset = 0;  ///< px, what new frames should add to their disparities
 };
 

@@ -52,7 +52,8 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
   }
   cell_feature_.resize(n);
   std::vector<std::uint16_t> next(cell_start_.begin(), cell_start_.end() - 1);
-  for (std::size_t i = 0; i < n; ++i) cell_feature_[next[cell[i]]++] = static_cast<std::uint16_t>(i);
+  for (std::size_t i = 0; i < n; ++i)
+    cell_feature_[next[cell[i]]++] = static_cast<std::uint16_t>(i);
 }
 
 void FrameFeatures::measure_depths(const StereoCamera& camera) {
@@ -63,8 +64,7 @@ void FrameFeatures::measure_depths(const StereoCamera& camera) {
   }
 }
 
-FrameFeatures FrameFeatures::with_disparity_offset(const StereoCamera& camera,
-                                                   float offset) const {
+FrameFeatures FrameFeatures::with_disparity_offset(const StereoCamera& camera, float offset) const {
   FrameFeatures changed = *this;
   for (float& u : changed.u_right_) u -= offset - disparity_offset_;
   changed.disparity_offset_ = offset;

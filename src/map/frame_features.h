@@ -75,7 +75,7 @@ class FrameFeatures {
   std::vector<float> depth_;
   std::vector<kys::Prior> priors_;
   float disparity_offset_ = 0;  // px, contained in u_right_
-  float cell_width_inv_ = 0;  // 1/px
+  float cell_width_inv_ = 0;    // 1/px
   float cell_height_inv_ = 0;
   std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major
   std::vector<std::uint16_t> cell_feature_;  // feature indices grouped by cell

@@ -25,11 +25,11 @@ struct KeyFrame {
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
-  std::vector<LandmarkId> landmarks;      ///< per feature; invalid: none
-  std::vector<Covisible> covisible;       ///< all with weight >= 1, by id
-  KeyFrameId parent;                      ///< in the spanning tree; invalid at its root
-  std::vector<KeyFrameId> children;       ///< by id
-  std::vector<KeyFrameId> loop_edges;     ///< by id
+  std::vector<LandmarkId> landmarks;   ///< per feature; invalid: none
+  std::vector<Covisible> covisible;    ///< all with weight >= 1, by id
+  KeyFrameId parent;                   ///< in the spanning tree; invalid at its root
+  std::vector<KeyFrameId> children;    ///< by id
+  std::vector<KeyFrameId> loop_edges;  ///< by id
 };
 
 }  // namespace kys_slam

@@ -32,11 +32,11 @@ struct KeyFrameMessage {
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
-  std::vector<LandmarkId> tracked;        ///< per feature; landmarks seen again
-  std::vector<NewLandmark> new_landmarks; ///< by feature
-  std::vector<VisibilityCount> counts;    ///< by landmark
-  KeyFrameId reference;                   ///< the keyframe tracked against; parent if none covisible
-  Rigid3 T_c_reference;                   ///< measured motion from it: poses may have moved meanwhile
+  std::vector<LandmarkId> tracked;         ///< per feature; landmarks seen again
+  std::vector<NewLandmark> new_landmarks;  ///< by feature
+  std::vector<VisibilityCount> counts;     ///< by landmark
+  KeyFrameId reference;  ///< the keyframe tracked against; parent if none covisible
+  Rigid3 T_c_reference;  ///< measured motion from it: poses may have moved meanwhile
 };
 
 }  // namespace kys_slam

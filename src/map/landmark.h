@@ -21,17 +21,17 @@ struct Observation {
 /// A point of the map.
 struct Landmark {
   LandmarkId id;
-  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();    ///< m
-  Eigen::Vector3f normal = Eigen::Vector3f::Zero(); ///< mean viewing direction, camera to point
-  float min_distance = 0;                           ///< m, nearest distance it can be matched from
-  float max_distance = 0;                           ///< m, farthest
-  kys::Descriptor descriptor;                       ///< least median distance to the others
-  kys::Prior prior;             ///< label, instance, scale of the representative observation;
-                                ///< motion of the most recent one
-  KeyFrameId reference;         ///< keyframe whose view fixes the distance range
-  KeyFrameId first_keyframe;    ///< keyframe that made it
-  std::uint32_t visible = 1;    ///< frames in whose view it was predicted
-  std::uint32_t found = 1;      ///< frames in which it was matched
+  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();     ///< m
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< mean viewing direction, camera to point
+  float min_distance = 0;                            ///< m, nearest distance it can be matched from
+  float max_distance = 0;                            ///< m, farthest
+  kys::Descriptor descriptor;                        ///< least median distance to the others
+  kys::Prior prior;           ///< label, instance, scale of the representative observation;
+                              ///< motion of the most recent one
+  KeyFrameId reference;       ///< keyframe whose view fixes the distance range
+  KeyFrameId first_keyframe;  ///< keyframe that made it
+  std::uint32_t visible = 1;  ///< frames in whose view it was predicted
+  std::uint32_t found = 1;    ///< frames in which it was matched
   std::vector<Observation> observations;  ///< by keyframe id
 };
 

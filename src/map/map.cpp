@@ -338,8 +338,8 @@ LandmarkView Map::view(LandmarkId id) const {
 
 KeyFrameView Map::view(KeyFrameId id) const {
   const KeyFrame& k = keyframe(id);
-  return {k.T_c_w, k.features, k.landmarks, best_covisible(id, kViewNeighbours), k.parent,
-          k.children};
+  return {k.T_c_w,  k.features, k.landmarks, best_covisible(id, kViewNeighbours),
+          k.parent, k.children};
 }
 
 ChangeSet Map::take_changes() {

@@ -89,7 +89,7 @@ class Map {
   /// numbers. \throws std::logic_error with the first violation.
   void check_consistency() const;
 
-  static constexpr int kCovisibilityMin = 15;      ///< landmarks shared by covisible keyframes
+  static constexpr int kCovisibilityMin = 15;  ///< landmarks shared by covisible keyframes
   static constexpr std::size_t kViewNeighbours = 10;
 
  private:

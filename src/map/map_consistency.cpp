@@ -13,8 +13,12 @@ void require(bool condition, const std::string& what) {
   if (!condition) throw std::logic_error("map is inconsistent: " + what);
 }
 
-std::string name(KeyFrameId id) { return "keyframe " + std::to_string(id.value); }
-std::string name(LandmarkId id) { return "landmark " + std::to_string(id.value); }
+std::string name(KeyFrameId id) {
+  return "keyframe " + std::to_string(id.value);
+}
+std::string name(LandmarkId id) {
+  return "landmark " + std::to_string(id.value);
+}
 
 }  // namespace
 
@@ -69,7 +73,8 @@ void Map::check_consistency() const {
       const auto& siblings = keyframe(k.parent).children;
       require(std::binary_search(siblings.begin(), siblings.end(), id),
               "the parent of " + name(id) + " does not know it");
-      // Every keyframe is younger than the root it reaches, in fewer steps than there are keyframes.
+      // Every keyframe is younger than the root it reaches, in fewer steps than there are
+      // keyframes.
       KeyFrameId ancestor = id;
       for (std::size_t steps = 0; keyframe(ancestor).parent.valid(); ++steps) {
         require(steps <= keyframes_.size(), "the spanning tree has a cycle at " + name(id));

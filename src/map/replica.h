@@ -16,8 +16,8 @@ class Replica {
   void put(LandmarkId id, LandmarkView view) { landmarks_.put(id, std::move(view)); }
   void put(KeyFrameId id, KeyFrameView view) { keyframes_.put(id, std::move(view)); }
 
-  /// Where a landmark that a change set took away went: itself when alive, its successor when it was
-  /// replaced, invalid when gone.
+  /// Where a landmark that a change set took away went: itself when alive, its successor when it
+  /// was replaced, invalid when gone.
   [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
 
   /// A keyframe that is alive and the motion from it to the given (perhaps culled) one: {k, T_c_k}.

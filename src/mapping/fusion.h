@@ -7,10 +7,10 @@
 namespace kys_slam {
 
 struct FusionOptions {
-  std::size_t neighbours = 10;         ///< covisible keyframes
-  std::size_t second_neighbours = 5;   ///< of each of those
-  float radius = 3;                    ///< px at octave 0
-  float max_distance = 50;             ///< bits
+  std::size_t neighbours = 10;        ///< covisible keyframes
+  std::size_t second_neighbours = 5;  ///< of each of those
+  float radius = 3;                   ///< px at octave 0
+  float max_distance = 50;            ///< bits
 };
 
 /// Finds landmarks of `current` in its neighbours and theirs in it; two landmarks at one feature

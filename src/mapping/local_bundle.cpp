@@ -9,9 +9,9 @@ namespace kys_slam {
 namespace {
 
 struct Window {
-  std::vector<KeyFrameId> free;      // by id
-  std::vector<KeyFrameId> fixed;     // by id
-  std::vector<LandmarkId> landmarks; // by id
+  std::vector<KeyFrameId> free;       // by id
+  std::vector<KeyFrameId> fixed;      // by id
+  std::vector<LandmarkId> landmarks;  // by id
 };
 
 Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOptions& options) {

@@ -10,8 +10,8 @@
 namespace kys_slam {
 
 struct LocalBundleOptions {
-  std::size_t max_keyframes = 20;   ///< optimised, the current one included
-  std::size_t max_fixed = 20;       ///< fixed ones that see the same landmarks, most shared first
+  std::size_t max_keyframes = 20;  ///< optimised, the current one included
+  std::size_t max_fixed = 20;      ///< fixed ones that see the same landmarks, most shared first
   BundleOptions bundle;
 };
 
@@ -30,8 +30,8 @@ struct Bond {
   KeyFrameId keyframe;
 };
 
-/// Adds landmarks and those of their observations that fall on `poses` (increasing ids, in the order
-/// of the problem's poses) to a bundle problem. Returns one bond per observation.
+/// Adds landmarks and those of their observations that fall on `poses` (increasing ids, in the
+/// order of the problem's poses) to a bundle problem. Returns one bond per observation.
 std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
                                 const std::vector<LandmarkId>& landmarks, BundleProblem& problem);
 

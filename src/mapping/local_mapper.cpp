@@ -17,9 +17,8 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   report.landmarks_culled = recent_.cull(map, id, options_.landmark_culling);
   report.insert = watch.lap_ms();
 
-  const std::vector<LandmarkId> made =
-      triangulate_landmarks(map, id, next_landmark_, options_.triangulation, *model_,
-                            report.statistics);
+  const std::vector<LandmarkId> made = triangulate_landmarks(
+      map, id, next_landmark_, options_.triangulation, *model_, report.statistics);
   for (const LandmarkId landmark : made) recent_.add(landmark);
   report.triangulated = static_cast<int>(made.size());
   report.triangulate = watch.lap_ms();
@@ -59,7 +58,8 @@ void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   for (std::size_t i = 0; i < message.tracked.size(); ++i) {
     if (!message.tracked[i].valid()) continue;
     const LandmarkId id = map.resolve(message.tracked[i]);
-    if (!id.valid() || !map.add_observation(id, message.id, static_cast<std::uint32_t>(i))) continue;
+    if (!id.valid() || !map.add_observation(id, message.id, static_cast<std::uint32_t>(i)))
+      continue;
     map.refresh_landmark(id);
   }
   for (const NewLandmark& made : message.new_landmarks) {

@@ -38,7 +38,9 @@ struct LocalMapperReport {
   int keyframes_culled = 0;
   LocalBundleReport bundle_report;
   kys::Statistics statistics;
-  [[nodiscard]] double total() const { return insert + triangulate + fuse + bundle + cull + calibrate; }
+  [[nodiscard]] double total() const {
+    return insert + triangulate + fuse + bundle + cull + calibrate;
+  }
 };
 
 /// Takes keyframes in and keeps their neighbourhood accurate and free of redundancy (ORB-SLAM,

@@ -67,8 +67,8 @@ DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibratio
     residuals += std::isnan(problem.observations[k].u_right) ? 2 : 3;
   }
   problem.observations = std::move(inliers);
-  const int unknowns = 6 * static_cast<int>(problem.T_c_w.size()) +
-                       3 * static_cast<int>(problem.points.size());
+  const int unknowns =
+      6 * static_cast<int>(problem.T_c_w.size()) + 3 * static_cast<int>(problem.points.size());
   if (settled.stopped || residuals < unknowns + 100) return {};
 
   BundleOptions exact;
@@ -107,7 +107,8 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   if (!significant || std::abs(total) > options_.max_correction) return false;
 
   map.set_disparity_offset(static_cast<float>(total));
-  // All landmarks, those with one stereo view as well: what stayed behind would mislead the tracker.
+  // All landmarks, those with one stereo view as well: what stayed behind would mislead the
+  // tracker.
   Whole whole = whole_map(map, 1);
   BundleOptions settle;
   settle.iterations = 10;

@@ -8,16 +8,16 @@ namespace kys_slam {
 
 struct StereoCalibrationOptions {
   bool enabled = true;
-  int keyframes = 20;          ///< in the map when the offset is first looked for; again at twice that
-  double significance = 4;     ///< standard deviations by which it has to differ
-  double max_correction = 1;   ///< px, more is no calibration error but a failure
-  int min_observers = 3;       ///< keyframes that see a landmark used here
+  int keyframes = 20;       ///< in the map when the offset is first looked for; again at twice that
+  double significance = 4;  ///< standard deviations by which it has to differ
+  double max_correction = 1;  ///< px, more is no calibration error but a failure
+  int min_observers = 3;      ///< keyframes that see a landmark used here
 };
 
 /// A constant error of all disparities, as the map itself shows it.
 struct DisparityOffset {
-  double offset = 0;   ///< px, to be added to the disparities as they are now
-  double sigma = 0;    ///< px, standard deviation of the estimate; 0: no estimate
+  double offset = 0;  ///< px, to be added to the disparities as they are now
+  double sigma = 0;   ///< px, standard deviation of the estimate; 0: no estimate
 };
 
 /// Estimates the disparity offset: the principal points of a real rig's cameras are never known to

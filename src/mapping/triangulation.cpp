@@ -15,8 +15,8 @@ constexpr double kChi2Stereo = 7.815;
 struct Ray {
   const KeyFrame* keyframe;
   std::size_t feature;
-  Eigen::Vector3d direction_w;   // not normalised: depth 1
-  double stereo_parallax_cos;    // of its own stereo match; 2: none
+  Eigen::Vector3d direction_w;  // not normalised: depth 1
+  double stereo_parallax_cos;   // of its own stereo match; 2: none
 
   Ray(const StereoCamera& camera, const KeyFrame& k, std::size_t f) : keyframe(&k), feature(f) {
     const Keypoint& p = k.features->keypoint(f);
@@ -26,9 +26,7 @@ struct Ray {
   }
   [[nodiscard]] bool has_stereo() const { return keyframe->features->has_stereo(feature); }
   [[nodiscard]] double depth() const { return keyframe->features->depth(feature); }
-  [[nodiscard]] Eigen::Vector3d centre() const {
-    return keyframe->T_c_w.inverse_t();
-  }
+  [[nodiscard]] Eigen::Vector3d centre() const { return keyframe->T_c_w.inverse_t(); }
   [[nodiscard]] Eigen::Vector3d stereo_point() const { return centre() + depth() * direction_w; }
 };
 
@@ -51,8 +49,8 @@ std::optional<Eigen::Vector3d> intersect(const StereoCamera& camera, const Ray& 
 
 std::optional<Eigen::Vector3d> locate(const StereoCamera& camera, const Ray& a, const Ray& b,
                                       double min_parallax_cos) {
-  const double ray_cos = a.direction_w.dot(b.direction_w) /
-                         (a.direction_w.norm() * b.direction_w.norm());
+  const double ray_cos =
+      a.direction_w.dot(b.direction_w) / (a.direction_w.norm() * b.direction_w.norm());
   const double stereo_cos = std::min(a.stereo_parallax_cos, b.stereo_parallax_cos);
   const bool any_stereo = a.has_stereo() || b.has_stereo();
   if (ray_cos < stereo_cos && ray_cos > 0 && (any_stereo || ray_cos < min_parallax_cos)) {

@@ -11,9 +11,9 @@
 namespace kys_slam {
 
 struct TriangulationOptions {
-  std::size_t neighbours = 5;       ///< covisible keyframes matched against
-  double min_parallax_cos = 0.9998; ///< rays of two monocular features must differ by more
-  double scale_tolerance = 1.8;     ///< distance ratio against octave ratio, factor either way
+  std::size_t neighbours = 5;        ///< covisible keyframes matched against
+  double min_parallax_cos = 0.9998;  ///< rays of two monocular features must differ by more
+  double scale_tolerance = 1.8;      ///< distance ratio against octave ratio, factor either way
   EpipolarOptions matching;
 };
 

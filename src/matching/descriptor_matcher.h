@@ -19,8 +19,8 @@ struct DescriptorQuery {
 };
 
 struct DescriptorMatchOptions {
-  float max_distance = 50;      ///< bits
-  float ratio = 0.7f;           ///< best / second best
+  float max_distance = 50;  ///< bits
+  float ratio = 0.7f;       ///< best / second best
   bool check_rotation = true;
 };
 

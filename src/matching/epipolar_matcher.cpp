@@ -66,8 +66,8 @@ class EpipolarSearch {
     double farthest = options_.max_depth;
     if (a.has_stereo(i)) {
       const double disparity = k.x - a.u_right(i);
-      const double reach = 2.0 * options_.depth_sigma_px *
-                           static_cast<double>(scales_.scale[k.octave]);
+      const double reach =
+          2.0 * options_.depth_sigma_px * static_cast<double>(scales_.scale[k.octave]);
       nearest = camera_.bf() / (disparity + reach);
       farthest = disparity > reach ? camera_.bf() / (disparity - reach) : farthest;
       farthest = std::max(farthest, nearest);
@@ -107,9 +107,9 @@ class EpipolarSearch {
   void visit_along(const Stretch& stretch, int octave, F&& f) const {
     const int min_octave = octave - 1;
     const int max_octave = octave + 1;
-    const float radius = std::sqrt(options_.chi2_line) *
-                         scales_.scale[static_cast<std::size_t>(
-                             std::min(max_octave, scales_.levels() - 1))];
+    const float radius =
+        std::sqrt(options_.chi2_line) *
+        scales_.scale[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
     const Eigen::Vector2f along = stretch.far - stretch.near;
     const float length = std::max(std::abs(along.x()), std::abs(along.y()));
     const float step = 2 * std::max(radius, 8.0f);
@@ -145,12 +145,11 @@ class EpipolarSearch {
 
 }  // namespace
 
-std::vector<FeaturePair> match_epipolar(const StereoCamera& camera, const ScaleLevels& scales,
-                                        const FrameFeatures& a, std::span<const std::uint8_t> free_a,
-                                        const FrameFeatures& b, std::span<const std::uint8_t> free_b,
-                                        const Rigid3& T_b_a, const EpipolarOptions& options,
-                                        const kys::DistanceModel& model,
-                                        kys::Statistics& statistics) {
+std::vector<FeaturePair> match_epipolar(
+    const StereoCamera& camera, const ScaleLevels& scales, const FrameFeatures& a,
+    std::span<const std::uint8_t> free_a, const FrameFeatures& b,
+    std::span<const std::uint8_t> free_b, const Rigid3& T_b_a, const EpipolarOptions& options,
+    const kys::DistanceModel& model, kys::Statistics& statistics) {
   const EpipolarSearch search(camera, scales, b, free_b, T_b_a, options);
   std::vector<std::int32_t> owner(b.size(), -1);  // feature of a that holds a feature of b
   std::vector<float> distance(b.size(), 0);

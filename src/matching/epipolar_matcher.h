@@ -32,11 +32,10 @@ struct EpipolarOptions {
 /// line that this depth allows is searched.
 /// \param free_a, free_b one flag per feature, 1: no landmark yet
 /// \param T_b_a from the camera of a to that of b
-std::vector<FeaturePair> match_epipolar(const StereoCamera& camera, const ScaleLevels& scales,
-                                        const FrameFeatures& a, std::span<const std::uint8_t> free_a,
-                                        const FrameFeatures& b, std::span<const std::uint8_t> free_b,
-                                        const Rigid3& T_b_a, const EpipolarOptions& options,
-                                        const kys::DistanceModel& model,
-                                        kys::Statistics& statistics);
+std::vector<FeaturePair> match_epipolar(
+    const StereoCamera& camera, const ScaleLevels& scales, const FrameFeatures& a,
+    std::span<const std::uint8_t> free_a, const FrameFeatures& b,
+    std::span<const std::uint8_t> free_b, const Rigid3& T_b_a, const EpipolarOptions& options,
+    const kys::DistanceModel& model, kys::Statistics& statistics);
 
 }  // namespace kys_slam

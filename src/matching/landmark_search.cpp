@@ -36,7 +36,8 @@ SearchMatch best_feature(const FrameFeatures& features, const ScaleLevels& scale
   features.for_each_near(
       query.u, query.v, query.radius, query.min_octave, query.max_octave, [&](std::size_t i) {
         if (!options.taken.empty() && options.taken[i] != 0) return;
-        if (features.has_stereo(i) && std::abs(features.u_right(i) - query.u_right) > query.radius) {
+        if (features.has_stereo(i) &&
+            std::abs(features.u_right(i) - query.u_right) > query.radius) {
           return;
         }
         if (options.check_error && !within_error_bound(features, scales, i, query)) return;
@@ -56,8 +57,8 @@ SearchMatch best_feature(const FrameFeatures& features, const ScaleLevels& scale
         }
       });
   if (best.feature < 0 || best.distance > options.max_distance) return {};
-  const bool ambiguous = options.ratio < 1 && best_octave == second_octave &&
-                         best.distance > options.ratio * second;
+  const bool ambiguous =
+      options.ratio < 1 && best_octave == second_octave && best.distance > options.ratio * second;
   if (ambiguous) return {};
   statistics.accept(best_tier);
   return best;

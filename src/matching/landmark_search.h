@@ -13,22 +13,22 @@ namespace kys_slam {
 
 /// A landmark (or a feature of another frame) looked for around a predicted pixel.
 struct SearchQuery {
-  float u = 0;              ///< px, predicted in the left image
-  float v = 0;              ///< px
-  float u_right = 0;        ///< px, predicted in the right image; NaN: not compared
-  float radius = 0;         ///< px, half side of the search square
+  float u = 0;        ///< px, predicted in the left image
+  float v = 0;        ///< px
+  float u_right = 0;  ///< px, predicted in the right image; NaN: not compared
+  float radius = 0;   ///< px, half side of the search square
   int min_octave = 0;
   int max_octave = 0;
-  float angle = 0;          ///< rad, orientation of the feature looked for
+  float angle = 0;  ///< rad, orientation of the feature looked for
   const kys::Descriptor* descriptor = nullptr;
   const kys::Prior* prior = nullptr;
 };
 
 struct SearchOptions {
-  float max_distance = 100;        ///< bits, largest modulated distance accepted
-  float ratio = 1.0f;              ///< best / second best of the same octave; 1: not tested
-  bool check_rotation = false;     ///< keep matches of the three most frequent turns of orientation
-  bool check_error = false;        ///< candidates must reproject within the 95 % chi-square bound
+  float max_distance = 100;     ///< bits, largest modulated distance accepted
+  float ratio = 1.0f;           ///< best / second best of the same octave; 1: not tested
+  bool check_rotation = false;  ///< keep matches of the three most frequent turns of orientation
+  bool check_error = false;     ///< candidates must reproject within the 95 % chi-square bound
   std::span<const std::uint8_t> taken;  ///< features left out, one flag each; empty: none
 };
 

@@ -13,11 +13,11 @@
 namespace kys_slam {
 
 struct StereoOptions {
-  float max_distance = 75;        ///< bits, largest modulated distance accepted
-  float row_tolerance = 2;        ///< px at the octave of the right keypoint
-  bool refine = true;             ///< sub-pixel disparity by correlation of image patches
-  float median_cut = 2.1f;        ///< matches of a patch difference over this times the median go
-  float added_disparity = 0;      ///< px, a deliberate fault for testing the regression suite
+  float max_distance = 75;    ///< bits, largest modulated distance accepted
+  float row_tolerance = 2;    ///< px at the octave of the right keypoint
+  bool refine = true;         ///< sub-pixel disparity by correlation of image patches
+  float median_cut = 2.1f;    ///< matches of a patch difference over this times the median go
+  float added_disparity = 0;  ///< px, a deliberate fault for testing the regression suite
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
@@ -26,8 +26,8 @@ struct StereoOptions {
 /// One side of a rectified pair.
 struct StereoView {
   const FeatureSet* features = nullptr;
-  std::span<const kys::Prior> priors;        ///< one per keypoint, or empty
-  const ImagePyramid* pyramid = nullptr;     ///< null: no refinement (features without images)
+  std::span<const kys::Prior> priors;     ///< one per keypoint, or empty
+  const ImagePyramid* pyramid = nullptr;  ///< null: no refinement (features without images)
 };
 
 /// Column of every left keypoint in the right image (ORB-SLAM2, Sec. III-A): candidates on the same

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "optimization/bundle_solver.h"
 #include "geometry/reprojection.h"
+#include "optimization/bundle_solver.h"
 
 namespace kys_slam {
 namespace {

@@ -1,7 +1,7 @@
 #include "optimization/cost_functions.h"
 
-#include "geometry/so3.h"
 #include "geometry/reprojection.h"
+#include "geometry/so3.h"
 
 namespace kys_slam {
 namespace {

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "optimization/lanes.h"
 #include "geometry/reprojection.h"
+#include "optimization/lanes.h"
 
 namespace kys_slam {
 namespace {

@@ -67,9 +67,15 @@ std::vector<BackEndStep> BackEndRunner::collect(std::int64_t frame_index) {
   while (!submitted_.empty()) {
     bool due = false;
     switch (schedule_) {
-      case Schedule::kSequential: due = true; break;
-      case Schedule::kPipelined: due = submitted_.front() + delay_ < frame_index; break;
-      case Schedule::kRealtime: due = !done_.empty() || failure_; break;
+      case Schedule::kSequential:
+        due = true;
+        break;
+      case Schedule::kPipelined:
+        due = submitted_.front() + delay_ < frame_index;
+        break;
+      case Schedule::kRealtime:
+        due = !done_.empty() || failure_;
+        break;
     }
     if (!due) break;
     steps.push_back(take(lock));

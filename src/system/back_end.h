@@ -19,7 +19,7 @@ namespace kys_slam {
 
 /// What the back end answers to one keyframe.
 struct BackEndStep {
-  std::int64_t frame_index = 0;   ///< of the keyframe
+  std::int64_t frame_index = 0;  ///< of the keyframe
   ChangeSet changes;
   LocalMapperReport report;
 };
@@ -68,8 +68,8 @@ class BackEndRunner {
   BackEnd back_end_;
   Schedule schedule_;
   int delay_;
-  int waiting_ = 0;                      // caller's thread
-  std::deque<std::int64_t> submitted_;   // frame of every message not collected; caller's thread
+  int waiting_ = 0;                     // caller's thread
+  std::deque<std::int64_t> submitted_;  // frame of every message not collected; caller's thread
   std::atomic<bool> stop_{false};
 
   std::mutex mutex_;

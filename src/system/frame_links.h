@@ -26,7 +26,7 @@ class FrameLinks {
   struct Link {
     FramePose before;
     FramePose after;
-    double share = 0;   // of the way from the keyframe before to the one after
+    double share = 0;  // of the way from the keyframe before to the one after
   };
   std::vector<Link> links_;
   std::size_t last_keyframe_ = 0;  // frame

@@ -198,13 +198,13 @@ std::string describe_run(const System& system, const RunInfo& info) {
     text += fmt::format("  {:<28} {}\n", name, value);
   };
   row("frames tracked", fmt::format("{} of {}", counts.tracked, counts.frames));
-  row("keyframes, landmarks", fmt::format("{}, {}", system.map().keyframes().size(),
-                                          system.map().landmarks().size()));
+  row("keyframes, landmarks",
+      fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
   row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
   if (const auto a = accuracy(system, info)) {
     row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a->ate.rmse));
-    row("RPE per frame, rmse", fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse,
-                                           a->rpe_rotation.rmse));
+    row("RPE per frame, rmse",
+        fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
   for (const Stage& stage : kStages) {
     const Spread s = spread(system.reports(), stage);

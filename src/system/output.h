@@ -13,13 +13,13 @@ namespace kys_slam {
 struct RunInfo {
   std::string sequence;
   std::string mode;
-  std::vector<TimedPose> ground_truth;   ///< left camera; empty: none
-  double start_up_s = 0;                 ///< from the program's start to the first frame
-  double wall_s = 0;                     ///< from the first frame to the end of the back end
-  double cpu_s = 0;                      ///< processor time in between
-  bool complete = true;                  ///< false: interrupted, or stopped by bad input
-  std::string end_reason;                ///< why, when it is not complete
-  std::int64_t missing_priors = 0;       ///< frames without a prior file
+  std::vector<TimedPose> ground_truth;  ///< left camera; empty: none
+  double start_up_s = 0;                ///< from the program's start to the first frame
+  double wall_s = 0;                    ///< from the first frame to the end of the back end
+  double cpu_s = 0;                     ///< processor time in between
+  bool complete = true;                 ///< false: interrupted, or stopped by bad input
+  std::string end_reason;               ///< why, when it is not complete
+  std::int64_t missing_priors = 0;      ///< frames without a prior file
 };
 
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,

@@ -15,8 +15,12 @@ namespace kys_slam {
 
 namespace {
 
-std::string to_text(bool value) { return value ? "true" : "false"; }
-std::string to_text(const std::string& value) { return value; }
+std::string to_text(bool value) {
+  return value ? "true" : "false";
+}
+std::string to_text(const std::string& value) {
+  return value;
+}
 template <typename T>
 std::string to_text(const T& value) {
   std::ostringstream text;
@@ -28,7 +32,8 @@ std::string to_text(const T& value) {
 template <typename T>
 void from_text(std::string_view key, std::string_view text, T& value) {
   const auto fail = [&](const char* what) {
-    throw InputError("setting " + std::string(key) + ": '" + std::string(text) + "' is not " + what);
+    throw InputError("setting " + std::string(key) + ": '" + std::string(text) + "' is not " +
+                     what);
   };
   if constexpr (std::is_same_v<T, std::string>) {
     value = std::string(text);

@@ -39,14 +39,16 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("orb.subpixel", s.orb.subpixel, "", "corners placed to a fraction of a pixel");
 
   visit("stereo.max_distance", s.stereo.max_distance, "bits", "largest distance of a stereo match");
-  visit("stereo.row_tolerance", s.stereo.row_tolerance, "px", "half width of the row band, octave 0");
+  visit("stereo.row_tolerance", s.stereo.row_tolerance, "px",
+        "half width of the row band, octave 0");
   visit("stereo.refine", s.stereo.refine, "", "sub-pixel disparity by correlation");
   visit("stereo.median_cut", s.stereo.median_cut, "",
         "matches whose patches differ by more than this times the median go");
   visit("stereo.added_disparity", s.stereo.added_disparity, "px",
         "a deliberate fault, to see that tests notice");
 
-  visit("tracking.min_start_points", s.tracking.min_start_points, "", "stereo points to start a map");
+  visit("tracking.min_start_points", s.tracking.min_start_points, "",
+        "stereo points to start a map");
   visit("tracking.close_baselines", s.tracking.close_baselines, "baselines",
         "points nearer than this are close: stereo alone places them well");
   visit("tracking.motion_radius", s.tracking.motion_radius, "px",
@@ -114,7 +116,8 @@ void visit_settings(Data& s, Visitor&& visit) {
         "in the map when it is first estimated; again at twice that");
   visit("calibration.significance", m.calibration.significance, "standard deviations",
         "by which it has to differ to be applied");
-  visit("calibration.max_correction", m.calibration.max_correction, "px", "a larger one is ignored");
+  visit("calibration.max_correction", m.calibration.max_correction, "px",
+        "a larger one is ignored");
 
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");

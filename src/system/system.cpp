@@ -39,9 +39,12 @@ LocalMapperOptions mapper_options(const SettingsData& settings) {
 
 const char* to_string(FrameStatus status) {
   switch (status) {
-    case FrameStatus::kStarted: return "started";
-    case FrameStatus::kTracked: return "tracked";
-    case FrameStatus::kLost: break;
+    case FrameStatus::kStarted:
+      return "started";
+    case FrameStatus::kTracked:
+      return "tracked";
+    case FrameStatus::kLost:
+      break;
   }
   return "lost";
 }
@@ -94,8 +97,8 @@ struct System::Impl {
   Tracker tracker;
   BackEndRunner runner;
   std::vector<FrameReport> reports;
-  FrameLinks links;              // of every frame fed
-  std::int64_t count = 0;        // frames fed: the index everything inside goes by
+  FrameLinks links;        // of every frame fed
+  std::int64_t count = 0;  // frames fed: the index everything inside goes by
 };
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
@@ -141,9 +144,15 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
 void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
                         FrameReport& report) const {
   switch (tracked.status) {
-    case TrackingStatus::kStarted: report.status = FrameStatus::kStarted; break;
-    case TrackingStatus::kTracked: report.status = FrameStatus::kTracked; break;
-    case TrackingStatus::kLost: report.status = FrameStatus::kLost; break;
+    case TrackingStatus::kStarted:
+      report.status = FrameStatus::kStarted;
+      break;
+    case TrackingStatus::kTracked:
+      report.status = FrameStatus::kTracked;
+      break;
+    case TrackingStatus::kLost:
+      report.status = FrameStatus::kLost;
+      break;
   }
   report.reason = tracked.reason;
   if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
@@ -196,9 +205,13 @@ FrameReport System::feed(const StereoFrame& frame) {
   return report;
 }
 
-void System::finish() { impl_->apply(impl_->runner.drain()); }
+void System::finish() {
+  impl_->apply(impl_->runner.drain());
+}
 
-void System::interrupt() { impl_->runner.interrupt(); }
+void System::interrupt() {
+  impl_->runner.interrupt();
+}
 
 std::vector<FrameEstimate> System::trajectory() const {
   std::vector<FrameEstimate> estimates;
@@ -222,8 +235,12 @@ std::vector<TimedPose> System::keyframes() const {
   return poses;
 }
 
-const std::vector<FrameReport>& System::reports() const { return impl_->reports; }
+const std::vector<FrameReport>& System::reports() const {
+  return impl_->reports;
+}
 
-const Map& System::map() const { return impl_->runner.map(); }
+const Map& System::map() const {
+  return impl_->runner.map();
+}
 
 }  // namespace kys_slam

@@ -58,7 +58,8 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   std::size_t labelled = 0;
   for (const kys::Prior& prior : priors_[0]) labelled += prior.label != kys::kVoidLabel ? 1 : 0;
   result.prior_coverage =
-      priors_[0].empty() ? 0 : static_cast<double>(labelled) / static_cast<double>(priors_[0].size());
+      priors_[0].empty() ? 0
+                         : static_cast<double>(labelled) / static_cast<double>(priors_[0].size());
   return true;
 }
 
@@ -85,8 +86,9 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame) {
       match_stereo(camera_, scales_, view(0), view(1), stereo_, *model_, result.statistics);
   result.stereo_matches = static_cast<int>(
       std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); }));
-  result.features = std::make_shared<const FrameFeatures>(
-      camera_, std::move(features_[0]), std::move(u_right), std::move(priors_[0]), disparity_offset_);
+  result.features =
+      std::make_shared<const FrameFeatures>(camera_, std::move(features_[0]), std::move(u_right),
+                                            std::move(priors_[0]), disparity_offset_);
   features_[0] = {};
   priors_[0].clear();
   result.times.stereo = watch.lap_ms();

@@ -25,10 +25,10 @@ struct FrontEndTimes {
 struct FrontEndResult {
   std::shared_ptr<const FrameFeatures> features;
   FrontEndTimes times;
-  kys::Statistics statistics;   ///< of stereo matching
+  kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
-  double prior_coverage = 0;    ///< share of keypoints with a valid label
-  int masked = 0;               ///< keypoints dropped because their segment moves (mode `mask`)
+  double prior_coverage = 0;  ///< share of keypoints with a valid label
+  int masked = 0;             ///< keypoints dropped because their segment moves (mode `mask`)
 };
 
 /// A stereo frame becomes features with disparities and priors: extraction of both images side by
@@ -53,7 +53,7 @@ class FrontEnd {
   float disparity_offset_ = 0;
   const kys::DistanceModel* model_;
   PriorProvider* prior_provider_;
-  std::array<OrbExtractor, 2> extractors_;   // left, right
+  std::array<OrbExtractor, 2> extractors_;  // left, right
   std::array<FeatureSet, 2> features_;
   std::array<std::vector<kys::Prior>, 2> priors_;
   Worker right_worker_;

@@ -24,8 +24,8 @@ class LocalMapGatherer {
 
  private:
   std::size_t max_keyframes_;
-  std::vector<int> votes_;              // by keyframe id, zero between calls
-  std::vector<std::uint32_t> stamp_;    // by landmark id, the call that saw it last
+  std::vector<int> votes_;            // by keyframe id, zero between calls
+  std::vector<std::uint32_t> stamp_;  // by landmark id, the call that saw it last
   std::uint32_t call_ = 0;
 };
 

@@ -3,13 +3,11 @@
 #include <signal.h>
 #include <sys/resource.h>
 
-#include <thread>
-
-#include "io/read_bytes.h"
 #include <atomic>
 #include <chrono>
 #include <thread>
 
+#include "io/read_bytes.h"
 #include "temporary_folder.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"

@@ -1,8 +1,8 @@
 #include "priors/builder/build_sequence.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <kys_slam/error.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>

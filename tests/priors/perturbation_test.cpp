@@ -1,8 +1,8 @@
 #include "perturbation.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <kys_slam/error.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>

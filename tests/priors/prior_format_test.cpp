@@ -1,8 +1,8 @@
 #include "priors/format/prior_format.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <kys_slam/error.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -242,7 +242,8 @@ TEST(PriorFile, HostileContentWithAValidChecksumNeverReadsOutside) {
 }
 
 TEST(PriorSource, MissingFilesAreCountedAndWarnedOnce) {
-  const fs::path folder = fs::temp_directory_path() / ("kys_prior_source_test_" + std::to_string(::getpid()));
+  const fs::path folder =
+      fs::temp_directory_path() / ("kys_prior_source_test_" + std::to_string(::getpid()));
   fs::create_directories(folder);
   EXPECT_THROW(PriorSource(folder / "none", {}), InputError);
   const auto bytes = encode_priors(make_street(48, 24, 4), "x");

@@ -1,7 +1,7 @@
 // Virtual KITTI 2's own pictures, in tiny made-up folders: encodings as in its documentation.
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <kys_slam/error.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>

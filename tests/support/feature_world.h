@@ -14,12 +14,12 @@ class FeatureWorld {
  public:
   struct Options {
     int points = 4000;
-    double length = 60;            ///< m along z
-    double half_width = 12;        ///< m
-    double half_height = 4;        ///< m
-    double pixel_noise = 0;        ///< px at octave 0, standard deviation
-    int flipped_bits = 0;          ///< of each descriptor, at random
-    double max_distance = 60;      ///< m
+    double length = 60;        ///< m along z
+    double half_width = 12;    ///< m
+    double half_height = 4;    ///< m
+    double pixel_noise = 0;    ///< px at octave 0, standard deviation
+    int flipped_bits = 0;      ///< of each descriptor, at random
+    double max_distance = 60;  ///< m
     int max_features = 1500;
     unsigned seed = 1;
   };
@@ -69,7 +69,8 @@ class FeatureWorld {
       const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
       if (!camera_.in_image(pixel.x(), pixel.y()) || pixel.z() < 0) continue;
       const double ratio = points_[i].largest_distance / p_c.norm();
-      const int octave = ratio > 1 ? static_cast<int>(std::ceil(std::log(ratio) / std::log(1.2))) : 0;
+      const int octave =
+          ratio > 1 ? static_cast<int>(std::ceil(std::log(ratio) / std::log(1.2))) : 0;
       if (octave > 7) continue;
       Keypoint k;
       k.octave = static_cast<std::uint8_t>(octave);

@@ -36,9 +36,9 @@ class RenderedCorridor {
   }
 
  private:
-  static constexpr double kHalfWidth = 7;   // m, walls at x = +-7
-  static constexpr double kFloor = 1.7;     // m below the camera
-  static constexpr double kRoof = -6;       // m: above it the sky, a far dome
+  static constexpr double kHalfWidth = 7;  // m, walls at x = +-7
+  static constexpr double kFloor = 1.7;    // m below the camera
+  static constexpr double kRoof = -6;      // m: above it the sky, a far dome
 
   struct Hit {
     double distance;  // in units of the ray
@@ -79,9 +79,16 @@ class RenderedCorridor {
       return {1e6, 40 * n.x(), 40 * n.y(), 8};
     }
     switch (best.surface) {
-      case 3: best.s = p.x(), best.t = p.z(); break;
-      case 6: case 7: best.s = p.x(), best.t = p.y() + 100 * best.surface + std::round(p.z()); break;
-      default: best.s = p.z(), best.t = p.y(); break;
+      case 3:
+        best.s = p.x(), best.t = p.z();
+        break;
+      case 6:
+      case 7:
+        best.s = p.x(), best.t = p.y() + 100 * best.surface + std::round(p.z());
+        break;
+      default:
+        best.s = p.z(), best.t = p.y();
+        break;
     }
     return best;
   }
