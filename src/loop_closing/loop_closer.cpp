@@ -70,7 +70,7 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrame
   report.query = watch.lap_ms();
   std::optional<Confirmed> best;
   for (const PlaceCandidate& candidate : candidates) {
-    if (!map.has(candidate.keyframe)) continue;
+    if (!map.has(candidate.keyframe) || candidate.votes < options_.min_votes) continue;
     ++report.candidates;
     std::optional<VerifiedPlace> place = verify_place(
         map, features, candidate.keyframe, options_.verification, *model_, report.statistics);

@@ -17,7 +17,8 @@ namespace kys_slam {
 struct LoopOptions {
   bool enabled = true;
   int min_gap = 10;                   ///< keyframes between two loops
-  std::size_t candidates = 5;         ///< of the place index, verified in this order
+  std::size_t candidates = 3;         ///< of the place index, verified in this order
+  int min_votes = 15;                 ///< features that vote for a candidate; fewer: not verified
   std::size_t neighbours = 5;         ///< covisible keyframes that are asked to confirm
   int min_confirming = 2;             ///< of these have to
   int min_neighbour_inliers = 25;     ///< landmarks of the place each has to see
