@@ -4,6 +4,8 @@
 #include <cmath>
 #include <optional>
 
+#include "geometry/reprojection.h"
+
 namespace kys_slam {
 
 namespace {
@@ -66,14 +68,10 @@ bool reprojects(const StereoCamera& camera, const ScaleLevels& scales, const Ray
   if (p_c.z() <= 0) return false;
   const FrameFeatures& features = *ray.keyframe->features;
   const Keypoint& k = features.keypoint(ray.feature);
-  const Eigen::Vector3d pixel = camera.project_stereo(p_c);
-  double error = (pixel.head<2>() - Eigen::Vector2d(k.x, k.y)).squaredNorm();
-  double bound = kChi2Mono;
-  if (ray.has_stereo()) {
-    const double right = pixel.z() - features.u_right(ray.feature);
-    error += right * right;
-    bound = kChi2Stereo;
-  }
+  const Eigen::Vector3d e =
+      reprojection_error(camera, p_c, k.x, k.y, features.u_right(ray.feature));
+  const double error = ray.has_stereo() ? e.squaredNorm() : e.head<2>().squaredNorm();
+  const double bound = ray.has_stereo() ? kChi2Stereo : kChi2Mono;
   const double inv_sigma = scales.inv_sigma(k.octave);
   return error * inv_sigma * inv_sigma <= bound;
 }

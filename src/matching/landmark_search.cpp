@@ -20,8 +20,8 @@ bool within_error_bound(const FrameFeatures& features, const ScaleLevels& scales
   const float dv = keypoint.y - query.v;
   float error = du * du + dv * dv;
   if (!features.has_stereo(i)) return error * inv_sigma * inv_sigma <= kChi2Mono;
-  const float dr = features.u_right(i) - query.u_right;
-  error += dr * dr;
+  const float dd = (keypoint.x - features.u_right(i)) - (query.u - query.u_right);
+  error += dd * dd;
   return error * inv_sigma * inv_sigma <= kChi2Stereo;
 }
 

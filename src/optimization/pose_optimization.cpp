@@ -22,7 +22,7 @@ constexpr double kCostTolerance = 1e-7;  // relative
 struct ObservationLanes {
   Lanes x{}, y{}, z{};        // p_w, m
   Lanes u{}, v{}, u_right{};  // px
-  Lanes weight{}, weight_right{};
+  Lanes weight{}, weight_disparity{};
   Lanes bound{};   // chi2 that separates outliers, and the square of Huber's delta
   Lanes active{};  // 1: takes part in this round
 };
@@ -48,7 +48,7 @@ struct CameraNumbers {
 
 /// Reprojection errors of four observations from the pose [R|t] (row-major 3x4).
 struct LaneErrors {
-  Lanes x, y, z, inverse, derivative, du, dv, dr, chi2;
+  Lanes x, y, z, inverse, derivative, du, dv, dd, chi2;
 };
 
 KYS_ALWAYS_INLINE LaneErrors errors_of(const ObservationLanes& o, const CameraNumbers& camera,
@@ -66,8 +66,8 @@ KYS_ALWAYS_INLINE LaneErrors errors_of(const ObservationLanes& o, const CameraNu
   const Lanes u = camera.fx * e.x * e.inverse + camera.cx;
   e.du = u - o.u;
   e.dv = camera.fy * e.y * e.inverse + camera.cy - o.v;
-  e.dr = u - camera.bf * e.inverse - o.u_right;
-  e.chi2 = o.weight * (e.du * e.du + e.dv * e.dv) + o.weight_right * e.dr * e.dr;
+  e.dd = camera.bf * e.inverse - (o.u - o.u_right);
+  e.chi2 = o.weight * (e.du * e.du + e.dv * e.dv) + o.weight_disparity * e.dd * e.dd;
   return e;
 }
 
@@ -90,24 +90,24 @@ KYS_ALWAYS_INLINE void accumulate(const ObservationLanes& o, const CameraNumbers
   const LaneErrors e = errors_of(o, camera, T);
   const Lanes robust_w = robust_weight(o, e.chi2, robust, sums.cost);
   const Lanes w = robust_w * o.weight;
-  const Lanes w_right = robust_w * o.weight_right;
+  const Lanes w_disparity = robust_w * o.weight_disparity;
 
-  // d(u,v,u_right)/dp_c = [a 0 b; 0 c d; a 0 e]
+  // d(u,v,disparity)/dp_c = [a 0 b; 0 c d; 0 0 f]
   const Lanes a = camera.fx * e.inverse;
   const Lanes b = camera.fx * e.x * e.derivative;
   const Lanes c = camera.fy * e.inverse;
   const Lanes d = camera.fy * e.y * e.derivative;
-  const Lanes f = b - camera.bf * e.derivative;
+  const Lanes f = camera.bf * e.derivative;
   // A = J^T W J over p_c (a 3x3 block with A01 = 0 but for mixed terms), g = J^T W r.
-  const Lanes wa = (w + w_right) * a;
+  const Lanes wa = w * a;
   const Lanes a00 = wa * a;
-  const Lanes a02 = a * (w * b + w_right * f);
+  const Lanes a02 = wa * b;
   const Lanes a11 = w * c * c;
   const Lanes a12 = w * c * d;
-  const Lanes a22 = w * (b * b + d * d) + w_right * f * f;
-  const Lanes g0 = a * (w * e.du + w_right * e.dr);
+  const Lanes a22 = w * (b * b + d * d) + w_disparity * f * f;
+  const Lanes g0 = wa * e.du;
   const Lanes g1 = w * c * e.dv;
-  const Lanes g2 = w * (b * e.du + d * e.dv) + w_right * f * e.dr;
+  const Lanes g2 = w * (b * e.du + d * e.dv) + w_disparity * f * e.dd;
 
   // dp_c/d[w v] = [-hat(p) I]; B = hat(p) A (rotation rows, translation columns).
   const Lanes b00 = e.y * a02;
@@ -234,7 +234,7 @@ class PoseProblem {
     to.v[lane] = from.v;
     to.u_right[lane] = stereo ? from.u_right : 0;
     to.weight[lane] = static_cast<double>(from.inv_sigma) * from.inv_sigma;
-    to.weight_right[lane] = stereo ? to.weight[lane] : 0;
+    to.weight_disparity[lane] = stereo ? to.weight[lane] : 0;
     to.bound[lane] = stereo ? options.chi2_stereo : options.chi2_mono;
   }
 

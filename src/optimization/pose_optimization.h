@@ -15,7 +15,7 @@ struct PoseObservation {
   float u = 0;          ///< px, left image
   float v = 0;          ///< px
   float u_right = 0;    ///< px, right image; NaN for a monocular observation
-  float inv_sigma = 1;  ///< 1/px, inverse standard deviation (1 / scale of the octave)
+  float inv_sigma = 1;  ///< 1/px, inverse standard deviation (ScaleLevels::inv_sigma)
 };
 
 struct PoseOptions {

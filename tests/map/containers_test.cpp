@@ -83,7 +83,7 @@ TEST(ScaleLevels, ScalesGrowByTheFactorAndOctavesArePredictedByDistance) {
   ASSERT_EQ(scales.levels(), 8);
   EXPECT_FLOAT_EQ(scales.scale[0], 1);
   EXPECT_NEAR(scales.scale[3], 1.728, 1e-6);
-  EXPECT_NEAR(scales.inv_sigma(1), 1 / 1.2, 1e-6);
+  EXPECT_NEAR(scales.inv_sigma(1), 1 / (1.2 * kPixelSigma), 1e-6);
   // Seen from its largest distance a landmark is on octave 0; 1.2 times nearer, on octave 1.
   EXPECT_EQ(scales.predict_octave(10, 10), 0);
   EXPECT_EQ(scales.predict_octave(10, 12), 0);
