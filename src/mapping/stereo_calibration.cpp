@@ -2,6 +2,8 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
+#include <optional>
 
 #include "mapping/local_bundle.h"
 
@@ -10,6 +12,11 @@ namespace kys_slam {
 namespace {
 
 constexpr double kStep = 0.2;  // px between the offsets that are tried
+constexpr int kRounds = 2;     // the robust cost is no parabola: once more around its vertex
+// Square of Huber's delta. Errors are about half of what kPixelSigma allows, so this bends for the
+// few per cent at depth edges, whose disparities lean towards the nearer surface.
+constexpr double kHuber = 0.5;
+constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 
 struct Whole {
   std::vector<KeyFrameId> poses;
@@ -43,8 +50,46 @@ double way(const BundleProblem& problem) {
   return length;
 }
 
+/// Coarse octaves mix more surfaces in a patch: their error grows with their scale and is no
+/// constant. There only the left pixel counts.
+void drop_coarse_disparities(BundleProblem& problem) {
+  for (auto& o : problem.observations) {
+    if (o.inv_sigma * kPixelSigma * kLargestScale < 1) {
+      o.u_right = std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+}
+
 void shift_disparities(BundleProblem& problem, double offset) {
   for (auto& o : problem.observations) o.u_right -= static_cast<float>(offset);
+}
+
+/// Through the costs of the whole map at three offsets.
+struct Parabola {
+  double vertex;     // px, from the middle one
+  double curvature;  // 1/px^2
+  double cost;       // at the middle one
+};
+
+std::optional<Parabola> profile(const BundleProblem& problem, double middle,
+                                const std::atomic<bool>* stop) {
+  BundleOptions exact;
+  exact.iterations = 30;
+  exact.refine_iterations = 0;
+  exact.chi2_mono = exact.chi2_stereo = kHuber;
+  exact.function_tolerance = 1e-9;
+  exact.stop = stop;
+  std::array<double, 3> cost{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    BundleProblem shifted = problem;
+    shift_disparities(shifted, middle + kStep * (static_cast<double>(k) - 1));
+    const BundleSummary summary = adjust_bundle(shifted, exact);
+    if (summary.stopped) return {};
+    cost[k] = summary.final_cost;
+  }
+  const double curvature = (cost[0] - 2 * cost[1] + cost[2]) / (kStep * kStep);
+  if (!(curvature > 0)) return {};
+  return Parabola{(cost[0] - cost[2]) / (2 * kStep) / curvature, curvature, cost[1]};
 }
 
 }  // namespace
@@ -64,34 +109,22 @@ DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibratio
   for (std::size_t k = 0; k < problem.observations.size(); ++k) {
     if (settled.outlier[k] != 0) continue;
     inliers.push_back(problem.observations[k]);
-    residuals += std::isnan(problem.observations[k].u_right) ? 2 : 3;
   }
   problem.observations = std::move(inliers);
+  drop_coarse_disparities(problem);
+  for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
   const int unknowns =
       6 * static_cast<int>(problem.T_c_w.size()) + 3 * static_cast<int>(problem.points.size());
   if (settled.stopped || residuals < unknowns + 100) return {};
 
-  BundleOptions exact;
-  exact.iterations = 30;
-  exact.refine_iterations = 0;
-  exact.robust = false;
-  exact.chi2_mono = exact.chi2_stereo = 1e9;
-  exact.function_tolerance = 1e-9;
-  exact.stop = stop;
-  std::array<double, 3> cost{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    BundleProblem shifted = problem;
-    shift_disparities(shifted, kStep * (static_cast<double>(k) - 1));
-    const BundleSummary summary = adjust_bundle(shifted, exact);
-    if (summary.stopped) return {};
-    cost[k] = summary.final_cost;
-  }
-  const double curvature = (cost[0] - 2 * cost[1] + cost[2]) / (kStep * kStep);
-  if (!(curvature > 0)) return {};
-  const double variance = 2 * cost[1] / (residuals - unknowns);  // of a unit residual
   DisparityOffset result;
-  result.offset = (cost[0] - cost[2]) / (2 * kStep) / curvature;
-  result.sigma = std::sqrt(variance / curvature);
+  for (int round = 0; round < kRounds; ++round) {
+    const std::optional<Parabola> parabola = profile(problem, result.offset, stop);
+    if (!parabola) return {};
+    result.offset += parabola->vertex;
+    const double variance = 2 * parabola->cost / (residuals - unknowns);  // of a unit residual
+    result.sigma = std::sqrt(variance / parabola->curvature);
+  }
   return result;
 }
 
@@ -102,8 +135,9 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   ++looks_;
   const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
   const double total = map.disparity_offset() + found.offset;
+  const double sigma = std::hypot(found.sigma, options_.systematic);
   const bool significant =
-      found.sigma > 0 && std::abs(found.offset) > options_.significance * found.sigma;
+      found.sigma > 0 && std::abs(found.offset) > options_.significance * sigma;
   if (!significant || std::abs(total) > options_.max_correction) return false;
 
   map.set_disparity_offset(static_cast<float>(total));

@@ -135,18 +135,20 @@ TEST_F(LandmarkSearch, ComparesTheRightColumnWhereThereIsOne) {
 TEST_F(LandmarkSearch, ErrorBoundsAreThoseOfChiSquare) {
   SearchOptions options;
   options.check_error = true;
-  const auto found = [&](float dx, float dr, int octave, bool stereo) {
-    HandMade f{100 + dx, 100, octave, zero_};
-    if (stereo) f.u_right = 80 + dr;
+  // In standard deviations at octave 0: of u, and of the disparity.
+  const auto found = [&](float du, float dd, int octave, bool stereo) {
+    HandMade f{100 + kPixelSigma * du, 100, octave, zero_};
+    if (stereo) f.u_right = f.x - 20 - kPixelSigma * dd;
     return search({f}, {query(100, 100, zero_, 80)}, options)[0].feature == 0;
   };
-  // Left image alone: 5.991, i.e. 2.447 px at octave 0; with the right one 7.815, 2.795 px.
+  // Left image alone: 5.991, i.e. 2.447 deviations; with the right one 7.815, 2.795.
   EXPECT_TRUE(found(2.44f, 0, 0, false));
   EXPECT_FALSE(found(2.46f, 0, 0, false));
   EXPECT_TRUE(found(2.79f, 0, 0, true));
   EXPECT_FALSE(found(2.81f, 0, 0, true));
   EXPECT_FALSE(found(2.1f, 2.1f, 0, true));
   EXPECT_TRUE(found(1.9f, 1.9f, 0, true));
+  EXPECT_TRUE(found(1.9f, -1.9f, 0, true)) << "the disparity's error has nothing to do with u's";
   // One octave up everything is 1.2 times as far.
   EXPECT_TRUE(found(2.93f, 0, 1, false));
   EXPECT_FALSE(found(2.95f, 0, 1, false));

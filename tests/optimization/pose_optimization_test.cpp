@@ -79,6 +79,7 @@ TEST(OptimizePose, InformationMatchesNumericDifferences) {
                   camera.project_stereo(plus(result.T_c_w, -d) * o.p_w)) /
                  2e-6;
     }
+    J.row(2) = J.row(0) - J.row(2);  // of the disparity
     if (std::isnan(o.u_right)) J.row(2).setZero();
     expected += J.transpose() * J * o.inv_sigma * o.inv_sigma;
   }

@@ -100,7 +100,9 @@ inline Scene make_scene(const SceneOptions& options) {
       o.point = static_cast<std::int32_t>(scene.points.size());
       o.u = static_cast<float>(uvr.x() + random.normal(options.noise * sigma));
       o.v = static_cast<float>(uvr.y() + random.normal(options.noise * sigma));
-      const auto right = static_cast<float>(uvr.z() + random.normal(options.noise * sigma));
+      // The noise of the disparity is independent of that of u.
+      const auto right =
+          static_cast<float>(o.u - (uvr.x() - uvr.z()) + random.normal(options.noise * sigma));
       o.u_right = mono ? kNoRight : right;
       o.inv_sigma = static_cast<float>(1.0 / sigma);
       track.push_back(o);
@@ -142,7 +144,7 @@ inline std::vector<PoseObservation> make_frame(const Rigid3& T_c_w, int count, d
     o.p_w = T_w_c * p_c;
     o.u = static_cast<float>(uvr.x() + random.normal(noise * sigma));
     o.v = static_cast<float>(uvr.y() + random.normal(noise * sigma));
-    const auto right = static_cast<float>(uvr.z() + random.normal(noise * sigma));
+    const auto right = static_cast<float>(o.u - (uvr.x() - uvr.z()) + random.normal(noise * sigma));
     o.u_right = random.uniform(0, 1) < mono_share ? kNoRight : right;
     o.inv_sigma = static_cast<float>(1.0 / sigma);
     frame.push_back(o);

@@ -81,7 +81,8 @@ class FeatureWorld {
       k.y = static_cast<float>(pixel.y()) + sigma * noise(random);
       frame.left_features->keypoints.push_back(k);
       frame.left_features->descriptors.push_back(noisy(points_[i].descriptor, random));
-      k.x = static_cast<float>(pixel.z()) + sigma * noise(random);
+      // As stereo matching does: the disparity is that of where the left keypoint lies.
+      k.x += static_cast<float>(pixel.z() - pixel.x()) + sigma * noise(random);
       frame.right_features->keypoints.push_back(k);
       frame.right_features->descriptors.push_back(noisy(points_[i].descriptor, random));
       if (seen != nullptr) seen->push_back(i);
