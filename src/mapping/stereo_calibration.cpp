@@ -12,7 +12,8 @@ namespace kys_slam {
 namespace {
 
 constexpr double kStep = 0.2;  // px between the offsets that are tried
-constexpr int kRounds = 2;     // the robust cost is no parabola: once more around its vertex
+constexpr int kRounds =
+    2;  // the second looks around, and sets outliers aside at, the first's vertex
 // Square of Huber's delta. Errors are about half of what kPixelSigma allows, so this bends for the
 // few per cent at depth edges, whose disparities lean towards the nearer surface.
 constexpr double kHuber = 0.5;
@@ -64,6 +65,30 @@ void shift_disparities(BundleProblem& problem, double offset) {
   for (auto& o : problem.observations) o.u_right -= static_cast<float>(offset);
 }
 
+/// Adjusts poses and points and takes out what does not fit: the same observations have to serve at
+/// every offset, or the costs could not be compared. Returns false when it was stopped.
+bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
+  BundleOptions settle;
+  settle.iterations = 10;
+  settle.refine_iterations = 10;
+  settle.stop = stop;
+  const BundleSummary settled = adjust_bundle(problem, settle);
+  std::vector<BundleProblem::Observation> inliers;
+  for (std::size_t k = 0; k < problem.observations.size(); ++k) {
+    if (settled.outlier[k] == 0) inliers.push_back(problem.observations[k]);
+  }
+  problem.observations = std::move(inliers);
+  return !settled.stopped;
+}
+
+/// Number of residuals beyond that of the unknowns.
+int redundancy_of(const BundleProblem& problem) {
+  int residuals = 0;
+  for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
+  return residuals - 6 * static_cast<int>(problem.T_c_w.size()) -
+         3 * static_cast<int>(problem.points.size());
+}
+
 /// Through the costs of the whole map at three offsets.
 struct Parabola {
   double vertex;     // px, from the middle one
@@ -71,8 +96,7 @@ struct Parabola {
   double cost;       // at the middle one
 };
 
-std::optional<Parabola> profile(const BundleProblem& problem, double middle,
-                                const std::atomic<bool>* stop) {
+std::optional<Parabola> profile(const BundleProblem& problem, const std::atomic<bool>* stop) {
   BundleOptions exact;
   exact.iterations = 30;
   exact.refine_iterations = 0;
@@ -82,7 +106,7 @@ std::optional<Parabola> profile(const BundleProblem& problem, double middle,
   std::array<double, 3> cost{};
   for (std::size_t k = 0; k < 3; ++k) {
     BundleProblem shifted = problem;
-    shift_disparities(shifted, middle + kStep * (static_cast<double>(k) - 1));
+    shift_disparities(shifted, kStep * (static_cast<double>(k) - 1));
     const BundleSummary summary = adjust_bundle(shifted, exact);
     if (summary.stopped) return {};
     cost[k] = summary.final_cost;
@@ -96,33 +120,18 @@ std::optional<Parabola> profile(const BundleProblem& problem, double middle,
 
 DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
                                           const std::atomic<bool>* stop) {
-  BundleProblem problem = whole_map(map, options.min_observers).problem;
-  BundleOptions settle;
-  settle.iterations = 10;
-  settle.refine_iterations = 10;
-  settle.stop = stop;
-  const BundleSummary settled = adjust_bundle(problem, settle);
-
-  // The same observations at every offset, or the costs could not be compared.
-  std::vector<BundleProblem::Observation> inliers;
-  int residuals = 0;
-  for (std::size_t k = 0; k < problem.observations.size(); ++k) {
-    if (settled.outlier[k] != 0) continue;
-    inliers.push_back(problem.observations[k]);
-  }
-  problem.observations = std::move(inliers);
-  drop_coarse_disparities(problem);
-  for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
-  const int unknowns =
-      6 * static_cast<int>(problem.T_c_w.size()) + 3 * static_cast<int>(problem.points.size());
-  if (settled.stopped || residuals < unknowns + 100) return {};
-
+  const BundleProblem whole = whole_map(map, options.min_observers).problem;
   DisparityOffset result;
   for (int round = 0; round < kRounds; ++round) {
-    const std::optional<Parabola> parabola = profile(problem, result.offset, stop);
-    if (!parabola) return {};
+    BundleProblem problem = whole;
+    shift_disparities(problem, result.offset);
+    if (!keep_inliers(problem, stop)) return {};
+    drop_coarse_disparities(problem);
+    const std::optional<Parabola> parabola = profile(problem, stop);
+    const int redundancy = redundancy_of(problem);
+    if (!parabola || redundancy < 100) return {};
     result.offset += parabola->vertex;
-    const double variance = 2 * parabola->cost / (residuals - unknowns);  // of a unit residual
+    const double variance = 2 * parabola->cost / redundancy;  // of a unit residual
     result.sigma = std::sqrt(variance / parabola->curvature);
   }
   return result;

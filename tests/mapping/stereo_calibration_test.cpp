@@ -73,6 +73,18 @@ TEST(StereoCalibration, AnErrorIsPutRightInTheMap) {
   EXPECT_FALSE(calibration.update(map)) << "looks again when there are twice as many keyframes";
 }
 
+TEST(StereoCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
+  // Found with certainty, as far as noise goes, but no larger than what depth edges do.
+  Map map = map_with_error(0.05f, 8);
+  const DisparityOffset found = estimate_disparity_offset(map, {});
+  EXPECT_GT(std::abs(found.offset), 2.5 * found.sigma);
+  EXPECT_FALSE(StereoCalibration({}).update(map));
+  EXPECT_EQ(map.disparity_offset(), 0);
+  StereoCalibrationOptions exact;
+  exact.systematic = 0;
+  EXPECT_TRUE(StereoCalibration(exact).update(map));
+}
+
 TEST(StereoCalibration, AnAccurateRigIsLeftAlone) {
   Map map = map_with_error(0, 6);
   StereoCalibration calibration({});

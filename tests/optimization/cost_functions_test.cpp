@@ -63,6 +63,20 @@ TEST_P(ReprojectionGradient, MatchesNumericDifferences) {
   }
 }
 
+TEST(ReprojectionError, WhereTheLeftKeypointLiesDoesNotTouchTheDisparity) {
+  const StereoCamera camera = kitti_camera();
+  const Eigen::Vector3d p_c(1, -0.5, 12);
+  const Eigen::Vector3d pixel = camera.project_stereo(p_c);
+  const Eigen::Vector3d moved =
+      reprojection_error(camera, p_c, pixel.x() + 0.3, pixel.y(), pixel.z() + 0.3);
+  EXPECT_NEAR(moved.x(), -0.3, 1e-9);
+  EXPECT_NEAR(moved.z(), 0, 1e-9);
+  const Eigen::Vector3d nearer =
+      reprojection_error(camera, p_c, pixel.x(), pixel.y(), pixel.z() - 0.2);
+  EXPECT_NEAR(nearer.x(), 0, 1e-9);
+  EXPECT_NEAR(nearer.z(), -0.2, 1e-9) << "observed disparity 0.2 px too large";
+}
+
 TEST_P(ReprojectionGradient, GoesOnBehindTheCamera) {
   Random random(static_cast<std::uint64_t>(GetParam()));
   const StereoCamera camera = kitti_camera();
