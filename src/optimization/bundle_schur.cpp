@@ -25,12 +25,12 @@ constexpr double kMinDiagonal = 1e-6;  // as Ceres: damping where a direction is
 constexpr double kMaxDamping = 1e16;
 
 struct SchurObservation {
-  std::int32_t pose;        // index of the pose
-  std::int32_t free;        // position among the free poses, -1: fixed
-  double u, v, u_right;     // px; u_right 0 for monocular
-  double weight;            // 1/px^2
-  double weight_disparity;  // 1/px^2, 0 for monocular
-  double bound;             // square of Huber's delta
+  std::int32_t pose;     // index of the pose
+  std::int32_t free;     // position among the free poses, -1: fixed
+  double u, v, u_right;  // px; u_right 0 for monocular
+  double weight;         // 1/px^2
+  double weight_right;   // 1/px^2, 0 for monocular
+  double bound;          // square of Huber's delta
 };
 
 /// One point and its observations [begin, end) in the sorted array.
@@ -224,7 +224,7 @@ class SchurBundle {
         const Eigen::Vector3d p_c = T.R * p_w + T.t;
         const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
         const double chi2 =
-            o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_disparity * e.z() * e.z();
+            o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
         cost += robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
       }
     }
@@ -293,12 +293,11 @@ class SchurBundle {
     const PoseMatrix& T = matrices_[o.pose];
     const Eigen::Vector3d p = T.R * p_w + T.t;
     const Eigen::Vector3d e = reprojection_error(problem_.camera, p, o.u, o.v, o.u_right);
-    const double chi2 =
-        o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_disparity * e.z() * e.z();
+    const double chi2 = o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
     const double w = robust_ && chi2 > o.bound ? std::sqrt(o.bound / chi2) : 1.0;
 
     const Eigen::Matrix3d J = reprojection_jacobian(problem_.camera, p);
-    const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_disparity);
+    const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_right);
     const Eigen::Matrix3d JtW = J.transpose() * W.asDiagonal();
     const Eigen::Matrix3d A = JtW * J;
     const Eigen::Vector3d g = JtW * e;
