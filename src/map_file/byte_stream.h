@@ -29,7 +29,7 @@ class ByteWriter {
   void f32(float x) { number(std::bit_cast<std::uint32_t>(x)); }
   void f64(double x) { number(std::bit_cast<std::uint64_t>(x)); }
   void raw(std::span<const std::uint8_t> bytes) {
-    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+    for (const std::uint8_t byte : bytes) bytes_.push_back(byte);
   }
   void put_u32(std::size_t at, std::uint32_t x) { put(at, x); }
   void put_u64(std::size_t at, std::uint64_t x) { put(at, x); }

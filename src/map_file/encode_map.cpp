@@ -107,7 +107,7 @@ void write_landmark(ByteWriter& out, const Landmark& landmark) {
 
 /// One chunk per `batch` objects.
 template <typename T>
-void write_chunks(std::vector<std::uint8_t>& file, const std::vector<T>& objects, std::size_t batch,
+void write_chunks(ByteWriter& file, const std::vector<T>& objects, std::size_t batch,
                   void (*write)(ByteWriter&, const T&)) {
   ByteWriter chunk;
   for (std::size_t i = 0; i < objects.size(); ++i) {
@@ -146,10 +146,10 @@ std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_spac
 
   ByteWriter shared;
   write_shared(shared, contents, label_space);
-  mf::append_chunk(file.bytes(), shared.bytes());
-  write_chunks(file.bytes(), contents.keyframes, 1, write_keyframe);
-  write_chunks(file.bytes(), contents.culled, mf::kBatch, write_culled);
-  write_chunks(file.bytes(), contents.landmarks, mf::kBatch, write_landmark);
+  mf::append_chunk(file, shared.bytes());
+  write_chunks(file, contents.keyframes, 1, write_keyframe);
+  write_chunks(file, contents.culled, mf::kBatch, write_culled);
+  write_chunks(file, contents.landmarks, mf::kBatch, write_landmark);
   file.put_u64(mf::kAtFileSize, file.size());
   file.put_u32(mf::kAtChecksum, mf::checksum(std::span(file.bytes()).subspan(mf::kAtChecked)));
   return std::move(file.bytes());

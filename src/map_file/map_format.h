@@ -4,10 +4,12 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
 /// The numbers of the map file format, version 1, described byte by byte in README.md.
 namespace kys_slam::map_format {
+
+class ByteReader;
+class ByteWriter;
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
 inline constexpr std::uint16_t kVersion = 1;
@@ -23,7 +25,6 @@ inline constexpr std::size_t kAtLandmarks = 32;
 inline constexpr std::size_t kAtReserved = 36;
 
 inline constexpr std::uint32_t kBatch = 4096;    ///< culled keyframes or landmarks per chunk
-inline constexpr std::uint32_t kMaxRatio = 16;   ///< of a chunk's content to its stored size
 inline constexpr std::uint32_t kMaxLevels = 64;  ///< of the pyramid
 inline constexpr int kMaxSide = 16384;           ///< px
 inline constexpr float kMaxPixel = 65536;        ///< px, of any coordinate
@@ -33,11 +34,12 @@ inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
 inline constexpr std::uint64_t kIdsAtLeast = 65536;
 inline constexpr std::uint64_t kIdsPerObject = 1024;  ///< features or keyframe records
 
+/// CRC-32 of zlib, PNG and Ethernet.
 std::uint32_t checksum(std::span<const std::uint8_t> bytes);
 
-/// Appends a chunk: stored size, size, bytes (compressed when that makes them smaller).
-void append_chunk(std::vector<std::uint8_t>& file, std::span<const std::uint8_t> content);
-/// Takes a chunk off the front of `rest`. \throws Damage.
-std::vector<std::uint8_t> take_chunk(std::span<const std::uint8_t>& rest);
+/// Appends a chunk: its size, its bytes.
+void append_chunk(ByteWriter& file, std::span<const std::uint8_t> content);
+/// Takes a chunk off the front. \throws Damage.
+std::span<const std::uint8_t> take_chunk(ByteReader& file);
 
 }  // namespace kys_slam::map_format

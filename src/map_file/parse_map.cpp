@@ -201,11 +201,10 @@ Landmark read_landmark(ByteReader& in) {
 
 /// Reads `count` objects, kBatch in a chunk.
 template <typename T>
-void read_batches(std::span<const std::uint8_t>& rest, std::uint32_t count, std::vector<T>& objects,
+void read_batches(ByteReader& file, std::uint32_t count, std::vector<T>& objects,
                   T (*read)(ByteReader&)) {
   while (objects.size() < count) {
-    const std::vector<std::uint8_t> chunk = mf::take_chunk(rest);
-    ByteReader in(chunk);
+    ByteReader in(mf::take_chunk(file));
     const std::size_t end = std::min<std::size_t>(count, objects.size() + mf::kBatch);
     while (objects.size() < end) objects.push_back(read(in));
     require(in.left() == 0, "has bytes too many");
@@ -224,16 +223,15 @@ void check_id_ends(const MapContents& contents) {
 
 Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
   const Header header = check_header(bytes);
-  std::span<const std::uint8_t> rest = std::span(bytes).subspan(mf::kHeaderSize);
+  ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
-  const std::string stored_space = read_shared(ByteReader(mf::take_chunk(rest)), contents);
+  const std::string stored_space = read_shared(ByteReader(mf::take_chunk(file)), contents);
   while (contents.keyframes.size() < header.keyframes) {
-    const std::vector<std::uint8_t> chunk = mf::take_chunk(rest);
-    contents.keyframes.push_back(read_keyframe(ByteReader(chunk), contents));
+    contents.keyframes.push_back(read_keyframe(ByteReader(mf::take_chunk(file)), contents));
   }
-  read_batches(rest, header.culled, contents.culled, read_culled);
-  read_batches(rest, header.landmarks, contents.landmarks, read_landmark);
-  require(rest.empty(), "has bytes too many");
+  read_batches(file, header.culled, contents.culled, read_culled);
+  read_batches(file, header.landmarks, contents.landmarks, read_landmark);
+  require(file.left() == 0, "has bytes too many");
   bytes = {};
   check_id_ends(contents);
   if (stored_space != label_space && contents.has_priors()) {

@@ -180,7 +180,7 @@ TEST(MapFile, FileOfVersion1StillOpens) {
   EXPECT_EQ(map.disparity_offset(), 0.0625f);
   EXPECT_EQ(map.keyframes().ids(), (std::vector<KeyFrameId>{{0}, {1}, {4}, {5}, {6}, {7}}));
   EXPECT_EQ(map.culled_parent({3}), KeyFrameId{2});
-  EXPECT_EQ(map.landmarks().size(), 59u);
+  EXPECT_EQ(map.landmarks().size(), 56u);
   EXPECT_FALSE(map.has(LandmarkId{2}));
   const KeyFrame& k = map.keyframe({6});
   EXPECT_EQ(k.frame_index, 42);
