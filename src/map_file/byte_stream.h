@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <cstring>
@@ -29,8 +30,11 @@ class ByteWriter {
   void f32(float x) { number(std::bit_cast<std::uint32_t>(x)); }
   void f64(double x) { number(std::bit_cast<std::uint64_t>(x)); }
   void raw(std::span<const std::uint8_t> bytes) {
-    for (const std::uint8_t byte : bytes) bytes_.push_back(byte);
+    const std::size_t at = bytes_.size();
+    bytes_.resize(at + bytes.size());
+    std::copy(bytes.begin(), bytes.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(at));
   }
+  void reserve(std::size_t size) { bytes_.reserve(size); }
   void put_u32(std::size_t at, std::uint32_t x) { put(at, x); }
   void put_u64(std::size_t at, std::uint64_t x) { put(at, x); }
 

@@ -118,6 +118,16 @@ void write_chunks(ByteWriter& file, const std::vector<T>& objects, std::size_t b
   }
 }
 
+/// About, so that the largest buffer is taken once.
+std::size_t estimate_size(const MapContents& contents) {
+  std::size_t size = 1000 + 64 * contents.culled.size();
+  for (const KeyFrame& k : contents.keyframes) {
+    size += 150 + 53 * k.features->size() + 15 * k.features->priors().size();
+  }
+  for (const Landmark& l : contents.landmarks) size += 131 + 8 * l.observations.size();
+  return size;
+}
+
 void check_label_space(const MapContents& contents, std::string_view label_space) {
   if (label_space.size() > 255 || std::any_of(label_space.begin(), label_space.end(),
                                               [](char c) { return c <= ' ' || c > '~'; })) {
@@ -134,6 +144,7 @@ std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_spac
   const MapContents contents = map.contents();
   check_label_space(contents, label_space);
   ByteWriter file;
+  file.reserve(estimate_size(contents));
   file.raw(mf::kMagic);
   file.u16(mf::kVersion);
   file.u16(mf::kHeaderSize);
