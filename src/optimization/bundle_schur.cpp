@@ -228,8 +228,10 @@ class SchurBundle {
       if (round.active[i] != 0) observations_[next[all[i].point]++] = convert(all[i]);
     }
     for (const SchurPoint& p : points_) {
-      std::stable_sort(observations_.begin() + p.begin, observations_.begin() + p.end,
-                       [](const auto& a, const auto& b) { return a.free < b.free; });
+      const auto begin = observations_.begin() + p.begin;
+      const auto end = observations_.begin() + p.end;
+      const auto earlier = [](const auto& a, const auto& b) { return a.free < b.free; };
+      if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
     }
   }
 
