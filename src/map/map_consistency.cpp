@@ -78,8 +78,7 @@ void Map::check_consistency() const {
     }
     if (k.parent.valid()) {
       require(has(k.parent), name(id) + " has an absent parent");
-      require(keyframe(k.parent).submap == k.submap,
-              name(id) + " has a parent in another sub-map");
+      require(keyframe(k.parent).submap == k.submap, name(id) + " has a parent in another sub-map");
       const auto& siblings = keyframe(k.parent).children;
       require(std::binary_search(siblings.begin(), siblings.end(), id),
               "the parent of " + name(id) + " does not know it");
