@@ -66,6 +66,8 @@ void check_bonds(const Map& map, KeyFrameId id, const KeyFrame& k, std::vector<i
             " has covisible keyframes out of order");
     require(c.weight > 0 && map.has(c.keyframe) && shared[c.keyframe.value] == c.weight,
             "wrong covisibility of ", id, " and ", c.keyframe);
+    require(map.keyframe(c.keyframe).submap == k.submap, id,
+            " shares landmarks with another sub-map");
     shared[c.keyframe.value] = 0;
   }
 }
@@ -76,6 +78,7 @@ void check_relatives(const Map& map, KeyFrameId id, const KeyFrame& k) {
     const auto& siblings = map.keyframe(k.parent).children;
     require(std::binary_search(siblings.begin(), siblings.end(), id), "the parent of ", id,
             " does not know it");
+    require(map.keyframe(k.parent).submap == k.submap, id, " has a parent in another sub-map");
   }
   for (const KeyFrameId child : k.children) {
     require(map.has(child) && map.keyframe(child).parent == id, id, " has a wrong child ", child);
@@ -85,7 +88,8 @@ void check_relatives(const Map& map, KeyFrameId id, const KeyFrame& k) {
   }
 }
 
-/// Every keyframe hangs on a root. The ones found to do so are marked, so each is passed once.
+/// Every keyframe hangs on the one root of its sub-map. Those found to do so are marked, so each is
+/// passed once.
 void check_ancestors(const Map& map) {
   std::vector<std::uint8_t> rooted(map.keyframes().id_end(), 0);
   std::vector<KeyFrameId> path;
@@ -96,6 +100,13 @@ void check_ancestors(const Map& map) {
       path.push_back(k);
     }
     for (const KeyFrameId k : path) rooted[k.value] = 1;
+  });
+  std::vector<std::uint8_t> has_root(map.keyframe_id_end(), 0);  // by sub-map
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& k) {
+    require(k.submap.value < has_root.size(), id, " belongs to no sub-map");
+    if (k.parent.valid()) return;
+    require(has_root[k.submap.value] == 0, "two roots in the sub-map of ", id);
+    has_root[k.submap.value] = 1;
   });
 }
 
