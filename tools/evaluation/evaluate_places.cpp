@@ -3,24 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <memory>
-#include <numbers>
-#include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
-#include "evaluation/association.h"
-#include "geometry/stereo_alignment.h"
-#include "io/sequence.h"
-#include "matching/descriptor_matcher.h"
+#include "place_run.h"
 #include "recall.h"
-#include "retrieval/place_index.h"
-#include "tracking/front_end.h"
 #include "util/atomic_file.h"
-#include "util/progress.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 namespace {
@@ -30,266 +20,218 @@ constexpr int kBadInput = 2;
 struct Arguments {
   std::string sequence;
   std::string csv;
-  std::int64_t frames = 0;
-  std::int64_t every = 1;
-  int features = 1200;
-  double gap = 10;           // s
-  double pair_distance = 1;  // m
-  double pair_angle = 30;    // degrees
-  int candidates = 10;
-  int min_inliers = 10;
-  DescriptorMatchOptions matching;
-  RansacOptions ransac;
-  PlaceOptions places;
+  PlaceRunOptions run;
+  double near_distance = 1;        // m
+  double near_angle = 30;          // degrees
+  double min_overlap = 0.1;        // less: not the same view
+  double translation_error = 0.3;  // m, a measured motion this wrong is a false loop
+  double rotation_error = 5;       // degrees
 };
 
-/// A frame with its true pose, as a keyframe.
-struct Place {
-  std::string name;
-  double timestamp = 0;
-  Rigid3 T_w_c;
-  std::shared_ptr<const FrameFeatures> features;
-};
-
-/// Two keyframes more than the gap apart in time, and what recognition made of them.
-struct Pair {
-  std::size_t query = 0;
-  std::size_t keyframe = 0;  // the older one
-  double distance = 0;       // m, between the cameras
-  double angle = 0;          // degrees, between the cameras
-  double score = 0;          // of the index; 0: not returned
-  int votes = 0;
-  int rank = -1;  // among the candidates, from 0
-  int matches = -1;
-  int inliers = -1;
-  double error_distance = 0;  // m, of the measured motion, when there are inliers
-  double error_angle = 0;     // degrees
-};
-
-double degrees(double radians) {
-  return radians * 180 / std::numbers::pi;
-}
-
-class Evaluation {
+/// The judgements of a run by the definitions that the help text gives.
+class Report {
  public:
-  explicit Evaluation(const Arguments& arguments) : arguments_(arguments), scales_(1.2, 8) {}
-
-  void load() {
-    const auto sequence = open_euroc_sequence(arguments_.sequence);
-    camera_ = sequence->camera();
-    std::vector<TimedPose> stamps;
-    for (std::int64_t i = 0; i < sequence->frame_count(); ++i) {
-      stamps.push_back({sequence->frame(i).timestamp, {}});
-    }
-    const TrajectoryPair truth = associate_by_time(sequence->ground_truth(), stamps);
-    OrbOptions orb;
-    orb.features = arguments_.features;
-    scales_ = ScaleLevels(orb.scale_factor, orb.levels);
-    FrontEnd front_end(camera_, orb, StereoOptions{}, model_, nullptr);
-    Progress progress("features", static_cast<std::int64_t>(truth.size()));
-    std::size_t next = 0;
-    for (std::int64_t i = 0; i < sequence->frame_count(); ++i) {
-      const double stamp = sequence->frame(i).timestamp;
-      if (next >= truth.size() || truth.estimate[next].timestamp != stamp) continue;
-      const Rigid3 T_w_c = truth.reference[next++].T_w_c;
-      if (i % arguments_.every != 0) continue;
-      const StereoFrame frame = sequence->read(i);
-      places_.push_back({frame.name, stamp, T_w_c, front_end.process(frame).features});
-      progress.update(static_cast<std::int64_t>(next));
-      if (static_cast<std::int64_t>(places_.size()) == arguments_.frames) break;
-    }
-    if (places_.empty()) {
-      throw InputError(arguments_.sequence + ": no frame has a ground-truth pose");
-    }
+  Report(const PlaceRun& run, const Arguments& arguments) : run_(run), arguments_(arguments) {
+    for (const PlacePair& pair : run.pairs()) near_ += is_near(pair) ? 1 : 0;
   }
 
-  void run() {
-    PlaceIndex index(arguments_.places);
-    std::size_t indexed = 0;
-    Progress progress("queries", static_cast<std::int64_t>(places_.size()));
-    for (std::size_t q = 0; q < places_.size(); ++q) {
-      while (places_[q].timestamp - places_[indexed].timestamp > arguments_.gap) {
-        index.apply(as_changes(indexed++));
-      }
-      ask(index, q, indexed);
-      progress.update(static_cast<std::int64_t>(q + 1));
-    }
-    landmarks_ = index.landmarks();
+  void print() const {
+    std::printf("%zu keyframes, %zu pairs more than %g s apart, %zu of them near (%g m, %g deg)\n",
+                run_.places().size(), run_.pairs().size(), arguments_.run.gap, near_,
+                arguments_.near_distance, arguments_.near_angle);
+    print_ranks();
+    print_curves();
+    print_check();
+    print_times();
   }
-
-  void report() const;
-  void write_csv() const;
 
  private:
-  /// A keyframe whose landmarks are its stereo features, seen by nobody else.
-  ChangeSet as_changes(std::size_t place) {
-    const FrameFeatures& features = *places_[place].features;
-    const KeyFrameId id{static_cast<std::uint32_t>(place)};
-    ChangeSet changes;
-    KeyFrameView keyframe;
-    keyframe.features = places_[place].features;
-    for (std::size_t i = 0; i < features.size(); ++i) {
-      if (!features.has_stereo(i)) continue;
-      LandmarkView landmark;
-      landmark.descriptor = features.descriptor(i);
-      landmark.prior = features.prior(i);
-      landmark.observers = {id};
-      changes.landmarks.emplace_back(LandmarkId{next_landmark_++}, landmark);
-    }
-    changes.keyframes.emplace_back(id, std::move(keyframe));
-    return changes;
+  [[nodiscard]] bool is_near(const PlacePair& p) const {
+    return p.distance < arguments_.near_distance && p.angle < arguments_.near_angle;
+  }
+  [[nodiscard]] bool is_same_view(const PlacePair& p) const {
+    return p.overlap >= arguments_.min_overlap;
+  }
+  [[nodiscard]] bool is_right_motion(const PlacePair& p) const {
+    return p.check && p.check->translation < arguments_.translation_error &&
+           p.check->rotation < arguments_.rotation_error;
   }
 
-  void ask(const PlaceIndex& index, std::size_t q, std::size_t indexed) {
-    Stopwatch watch;
-    kys::Statistics statistics;
-    const std::vector<PlaceCandidate> candidates =
-        index.query(*places_[q].features, model_, statistics, {}, indexed);
-    query_ms_.push_back(watch.lap_ms());
-    compared_.push_back(static_cast<double>(statistics.total()));
-    const std::size_t first = pairs_.size();
-    for (std::size_t k = 0; k < indexed; ++k) {
-      const Rigid3 T_q_k = places_[q].T_w_c.inverse() * places_[k].T_w_c;
-      Pair pair;
-      pair.query = q;
-      pair.keyframe = k;
-      pair.distance = T_q_k.translation.norm();
-      pair.angle = degrees(rotation_angle(T_q_k));
-      pairs_.push_back(pair);
+  void print_ranks() const {
+    std::printf("\nqueries with a near keyframe that have one among the best:\n ");
+    for (const int n : {1, 2, 3, 5, 10, 20}) {
+      std::set<std::size_t> all, found;
+      for (const PlacePair& p : run_.pairs()) {
+        if (!is_near(p)) continue;
+        all.insert(p.query);
+        if (p.rank >= 0 && p.rank < n) found.insert(p.query);
+      }
+      std::printf("  %d: %.3f", n,
+                  static_cast<double>(found.size()) /
+                      static_cast<double>(std::max<std::size_t>(all.size(), 1)));
     }
-    for (std::size_t r = 0; r < candidates.size(); ++r) {
-      Pair& pair = pairs_[first + candidates[r].keyframe.value];
-      pair.score = candidates[r].score;
-      pair.votes = candidates[r].votes;
-      pair.rank = static_cast<int>(r);
-      if (pair.rank < arguments_.candidates) verify(pair);
-    }
+    std::printf("\n");
   }
 
-  [[nodiscard]] PointMatch point_match(const FrameFeatures& a, std::size_t i,
-                                       const FrameFeatures& b, std::size_t j) const {
-    const auto pixel = [&](const FrameFeatures& f, std::size_t n) {
-      return StereoPixel{f.keypoint(n).x, f.keypoint(n).y, f.u_right(n),
-                         scales_.inv_sigma(f.keypoint(n).octave)};
+  /// Recall of near pairs when everything else that `allows` does not excuse is false.
+  template <typename Score, typename Allows>
+  void print_curve(const char* name, Score score, Allows allows) const {
+    std::vector<Proposal> proposals;
+    for (const PlacePair& p : run_.pairs()) {
+      const double s = score(p);
+      if (s > 0 && (is_near(p) || !allows(p))) proposals.push_back({s, is_near(p) && allows(p)});
+    }
+    const std::vector<RecallPoint> curve = recall_curve(proposals, near_);
+    const RecallPoint strict = best_recall(curve, 1.0);
+    std::printf("%-58s %8.3f %10.4g %8.3f %8.3f\n", name, strict.recall, strict.threshold,
+                best_recall(curve, 0.99).recall, best_recall(curve, 0.95).recall);
+  }
+
+  void print_curves() const {
+    std::printf("\n%-58s %8s %10s %8s %8s\n", "recall of near pairs at precision", "1", "threshold",
+                "0.99", "0.95");
+    const auto score = [](const PlacePair& p) { return p.score; };
+    const auto inliers = [](const PlacePair& p) {
+      return p.check ? static_cast<double>(p.check->inliers) : 0.0;
     };
-    const auto point = [&](const FrameFeatures& f, std::size_t n) {
-      return camera_.back_project(f.keypoint(n).x, f.keypoint(n).y, f.depth(n));
-    };
-    return {point(a, i), point(b, j), pixel(a, i), pixel(b, j)};
+    const auto near = [&](const PlacePair& p) { return is_near(p); };
+    const auto same = [&](const PlacePair& p) { return is_near(p) || is_same_view(p); };
+    const auto right = [&](const PlacePair& p) { return is_right_motion(p); };
+    print_curve("score; false: any pair that is not near", score, near);
+    print_curve("score; false: views that do not overlap", score, same);
+    print_curve("inliers; false: any pair that is not near", inliers, near);
+    print_curve("inliers; false: views that do not overlap", inliers, same);
+    print_curve("inliers; false: the measured motion is wrong", inliers, right);
   }
 
-  /// Every descriptor against every other, then the motion that most matches agree with.
-  void verify(Pair& pair) {
-    Stopwatch watch;
-    const FrameFeatures& a = *places_[pair.query].features;
-    const FrameFeatures& b = *places_[pair.keyframe].features;
-    std::vector<DescriptorQuery> queries;
-    std::vector<std::size_t> feature;
-    for (std::size_t i = 0; i < a.size(); ++i) {
-      if (!a.has_stereo(i)) continue;
-      queries.push_back({&a.descriptor(i), &a.prior(i), a.keypoint(i).angle});
-      feature.push_back(i);
+  void print_check() const {
+    std::size_t checked = 0, accepted = 0, wrong = 0, apart = 0, near = 0;
+    std::set<std::size_t> queries, closed;
+    for (const PlacePair& p : run_.pairs()) {
+      if (is_near(p)) queries.insert(p.query);
+      if (!p.check) continue;
+      ++checked;
+      if (!p.check->accepted) continue;
+      ++accepted;
+      wrong += is_right_motion(p) ? 0 : 1;
+      apart += is_same_view(p) ? 0 : 1;
+      near += is_near(p) ? 1 : 0;
+      if (is_right_motion(p)) closed.insert(p.query);
     }
-    kys::Statistics statistics;
-    const std::vector<std::int32_t> matches =
-        match_descriptors(queries, b, arguments_.matching, model_, statistics);
-    std::vector<PointMatch> points;
-    for (std::size_t m = 0; m < matches.size(); ++m) {
-      if (matches[m] < 0 || !b.has_stereo(static_cast<std::size_t>(matches[m]))) continue;
-      points.push_back(point_match(a, feature[m], b, static_cast<std::size_t>(matches[m])));
-    }
-    const RansacResult result = align_se3_ransac(camera_, points, arguments_.ransac);
-    pair.matches = static_cast<int>(points.size());
-    pair.inliers = result.inliers;
-    if (result.success) {
-      const Rigid3 truth = places_[pair.query].T_w_c.inverse() * places_[pair.keyframe].T_w_c;
-      const Rigid3 error = truth.inverse() * result.T;
-      pair.error_distance = error.translation.norm();
-      pair.error_angle = degrees(rotation_angle(error));
-    }
-    verify_ms_.push_back(watch.lap_ms());
+    std::size_t closed_near = 0;
+    for (const std::size_t q : queries) closed_near += closed.contains(q) ? 1 : 0;
+    std::printf(
+        "\nloop closing's own check of the best %d: %zu of %zu accepted, %zu with a wrong motion, "
+        "%zu of views that do not overlap\n  near pairs accepted: %.3f; queries with a near "
+        "keyframe that get a right motion: %.3f; all queries that get one: %zu\n",
+        arguments_.run.candidates, accepted, checked, wrong, apart,
+        static_cast<double>(near) / static_cast<double>(std::max<std::size_t>(near_, 1)),
+        static_cast<double>(closed_near) /
+            static_cast<double>(std::max<std::size_t>(queries.size(), 1)),
+        closed.size());
   }
 
-  [[nodiscard]] bool is_near(const Pair& pair) const {
-    return pair.distance < arguments_.pair_distance && pair.angle < arguments_.pair_angle;
+  void print_times() const {
+    const std::vector<QueryTime>& times = run_.query_times();
+    std::printf("\n%12s %12s %12s\n", "landmarks", "ms/query", "compared");
+    constexpr std::size_t kRows = 5;
+    for (std::size_t row = 0; row < kRows; ++row) {
+      const std::size_t first = row * times.size() / kRows;
+      const std::size_t last = (row + 1) * times.size() / kRows;
+      if (first == last) continue;
+      double ms = 0, landmarks = 0, compared = 0;
+      for (std::size_t i = first; i < last; ++i) {
+        ms += times[i].milliseconds;
+        landmarks += static_cast<double>(times[i].landmarks);
+        compared += static_cast<double>(times[i].comparisons);
+      }
+      const auto n = static_cast<double>(last - first);
+      std::printf("%12.0f %12.2f %12.0f\n", landmarks / n, ms / n, compared / n);
+    }
+    if (!times.empty() && times.back().landmarks > 0) {
+      std::printf(
+          "index: %.0f bytes per landmark; check of a candidate: %.2f ms\n",
+          static_cast<double>(run_.index_bytes()) / static_cast<double>(times.back().landmarks),
+          run_.mean_check_ms());
+    }
   }
 
-  Arguments arguments_;
-  kys::DistanceModel model_;
-  StereoCamera camera_;
-  ScaleLevels scales_;
-  std::vector<Place> places_;
-  std::vector<Pair> pairs_;
-  std::vector<double> query_ms_, verify_ms_, compared_;
-  std::uint32_t next_landmark_ = 0;
-  std::size_t landmarks_ = 0;
+  const PlaceRun& run_;
+  const Arguments& arguments_;
+  std::size_t near_ = 0;
 };
 
-double mean(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double v : values) sum += v;
-  return values.empty() ? 0 : sum / static_cast<double>(values.size());
-}
-
-void Evaluation::report() const {
-  std::size_t near = 0;
-  std::vector<Proposal> by_score, by_inliers;
-  for (const Pair& pair : pairs_) {
-    near += is_near(pair) ? 1 : 0;
-    if (pair.score > 0) by_score.push_back({pair.score, is_near(pair)});
-    if (pair.inliers > 0) by_inliers.push_back({static_cast<double>(pair.inliers), is_near(pair)});
-  }
-  std::printf("places %zu, pairs %zu, near %zu, landmarks %zu\n", places_.size(), pairs_.size(),
-              near, landmarks_);
-  const auto row = [&](const char* name, const std::vector<Proposal>& proposals) {
-    const RecallPoint point = best_recall(recall_curve(proposals, near), 1.0);
-    std::printf("%-20s recall %.3f at %.3f\n", name, point.recall, point.threshold);
-  };
-  row("score", by_score);
-  row("inliers", by_inliers);
-  std::printf("query %.2f ms, %.0f comparisons, verify %.2f ms\n", mean(query_ms_), mean(compared_),
-              mean(verify_ms_));
-}
-
-void Evaluation::write_csv() const {
-  if (arguments_.csv.empty()) return;
+void write_csv(const PlaceRun& run, const std::string& path) {
   std::string text =
-      "query,keyframe,distance_m,angle_deg,score,votes,rank,matches,inliers,error_m,error_deg\n";
-  for (const Pair& p : pairs_) {
-    text += fmt::format("{},{},{:.4f},{:.3f},{:.6g},{},{},{},{},{:.4f},{:.3f}\n", p.query,
-                        p.keyframe, p.distance, p.angle, p.score, p.votes, p.rank, p.matches,
-                        p.inliers, p.error_distance, p.error_angle);
+      "query,keyframe,distance_m,angle_deg,overlap,score,votes,rank,accepted,inliers,in_view,"
+      "error_m,error_deg\n";
+  for (const PlacePair& p : run.pairs()) {
+    const PairCheck none;
+    const PairCheck& c = p.check ? *p.check : none;
+    text += fmt::format("{},{},{:.4f},{:.3f},{:.3f},{:.6g},{},{},{},{},{},{:.4f},{:.3f}\n",
+                        run.places()[p.query].name, run.places()[p.keyframe].name, p.distance,
+                        p.angle, p.overlap, p.score, p.votes, p.rank, c.accepted ? 1 : 0, c.inliers,
+                        c.in_view, c.translation, c.rotation);
   }
-  write_file_atomic(arguments_.csv, text);
+  write_file_atomic(path, text);
+}
+
+void declare(CLI::App& app, Arguments& a) {
+  app.add_option("SEQUENCE", a.sequence, "folder of an EuRoC sequence with ground truth")
+      ->required();
+  app.add_option("--every", a.run.every, "make every so manyth frame a keyframe")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--frames", a.run.frames, "use so many keyframes (0: all)")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--features", a.run.features, "per image")
+      ->check(CLI::Range(1, 60000))
+      ->capture_default_str();
+  app.add_option("--gap", a.run.gap, "s, a query looks for keyframes older than this")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--candidates", a.run.candidates, "of each query that are checked geometrically")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--near-distance", a.near_distance, "m, between the cameras of a near pair")
+      ->capture_default_str();
+  app.add_option("--near-angle", a.near_angle, "degrees, between the cameras of a near pair")
+      ->capture_default_str();
+  app.add_option("--min-overlap", a.min_overlap,
+                 "views overlap if this share of the query's stereo points lies in the keyframe's "
+                 "image (nothing hides anything)")
+      ->capture_default_str();
+  app.add_option("--translation-error", a.translation_error, "m, from here a motion is wrong")
+      ->capture_default_str();
+  app.add_option("--rotation-error", a.rotation_error, "degrees, from here a motion is wrong")
+      ->capture_default_str();
+  app.add_option("--csv", a.csv, "write all pairs to this file");
+  PlaceOptions& p = a.run.places;
+  app.add_option("--tables", p.tables, "hash tables")->capture_default_str();
+  app.add_option("--seed", p.seed, "of the hash tables' bits")->capture_default_str();
+  app.add_option("--max-bucket", p.max_bucket, "landmarks")->capture_default_str();
+  app.add_option("--max-features", p.max_features, "of a query")->capture_default_str();
+  app.add_option("--max-distance", p.max_distance, "bits")->capture_default_str();
+  app.add_option("--margin", p.margin, "bits")->capture_default_str();
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("Precision and recall of place recognition on a stereo sequence with ground truth");
-  Arguments a;
-  app.add_option("SEQUENCE", a.sequence, "folder of an EuRoC sequence")->required();
-  app.add_option("--csv", a.csv, "all pairs as a table");
-  app.add_option("--frames", a.frames, "");
-  app.add_option("--every", a.every, "");
-  app.add_option("--features", a.features, "");
-  app.add_option("--gap", a.gap, "");
-  app.add_option("--candidates", a.candidates, "");
-  app.add_option("--tables", a.places.tables, "");
-  app.add_option("--seed", a.places.seed, "");
-  app.add_option("--max-bucket", a.places.max_bucket, "");
-  app.add_option("--max-features", a.places.max_features, "");
-  app.add_option("--max-distance", a.places.max_distance, "");
-  app.add_option("--margin", a.places.margin, "");
-  app.add_option("--match-distance", a.matching.max_distance, "");
-  app.add_option("--match-ratio", a.matching.ratio, "");
-  app.add_option("--check-rotation", a.matching.check_rotation, "");
-  app.add_option("--iterations", a.ransac.iterations, "");
-  CLI11_PARSE(app, argc, argv);
-  a.ransac.min_inliers = 3;
-  Evaluation evaluation(a);
-  evaluation.load();
-  evaluation.run();
-  evaluation.report();
-  evaluation.write_csv();
+  CLI::App app(
+      "How well places are recognised: every frame of a sequence with ground truth asks the index\n"
+      "for older keyframes of the same place, and the best candidates are checked by geometry.\n"
+      "Prints the recall of near pairs (query and keyframe) at given precisions.");
+  Arguments arguments;
+  declare(app, arguments);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kBadInput;
+  }
+  PlaceRun places(arguments.sequence, arguments.run);
+  places.run();
+  Report(places, arguments).print();
+  if (!arguments.csv.empty()) write_csv(places, arguments.csv);
   return 0;
 }
 
