@@ -4,10 +4,14 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "draw_matches.h"
+#include "io/sequence.h"
 #include "place_run.h"
 #include "recall.h"
 #include "util/atomic_file.h"
@@ -20,6 +24,7 @@ constexpr int kBadInput = 2;
 struct Arguments {
   std::string sequence;
   std::string csv;
+  std::string drawings;
   PlaceRunOptions run;
   double near_distance = 1;        // m
   double near_angle = 30;          // degrees
@@ -207,6 +212,9 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--rotation-error", a.rotation_error, "degrees, from here a motion is wrong")
       ->capture_default_str();
   app.add_option("--csv", a.csv, "write all pairs to this file");
+  app.add_option("--draw", a.drawings,
+                 "folder for pictures of near pairs that the check refuses and of pairs that it "
+                 "wrongly accepts");
   PlaceOptions& p = a.run.places;
   app.add_option("--tables", p.tables, "hash tables")->capture_default_str();
   app.add_option("--seed", p.seed, "of the hash tables' bits")->capture_default_str();
@@ -214,6 +222,28 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--max-features", p.max_features, "of a query")->capture_default_str();
   app.add_option("--max-distance", p.max_distance, "bits")->capture_default_str();
   app.add_option("--margin", p.margin, "bits")->capture_default_str();
+}
+
+/// The matches of every near pair that the check refuses, and of every pair it wrongly accepts.
+void draw(const PlaceRun& run, const Arguments& a) {
+  make_output_folder(a.drawings);
+  const auto sequence = open_euroc_sequence(a.sequence);
+  for (const PlacePair& p : run.pairs()) {
+    const bool near = p.distance < a.near_distance && p.angle < a.near_angle;
+    const bool accepted = p.check && p.check->accepted;
+    const bool wrong = accepted && (p.check->translation >= a.translation_error ||
+                                    p.check->rotation >= a.rotation_error);
+    if (!wrong && (!near || accepted)) continue;
+    const Place& query = run.places()[p.query];
+    const Place& keyframe = run.places()[p.keyframe];
+    std::vector<std::pair<Keypoint, Keypoint>> matches;
+    if (p.check) matches = run.matches(*p.check, p.query);
+    const std::string name =
+        fmt::format("{}-{}-{}.png", wrong ? "wrong" : "missed", query.name, keyframe.name);
+    write_png(std::filesystem::path(a.drawings) / name,
+              draw_matches(sequence->read(query.position).left,
+                           sequence->read(keyframe.position).left, matches));
+  }
 }
 
 int run(int argc, char** argv) {
@@ -232,6 +262,7 @@ int run(int argc, char** argv) {
   places.run();
   Report(places, arguments).print();
   if (!arguments.csv.empty()) write_csv(places, arguments.csv);
+  if (!arguments.drawings.empty()) draw(places, arguments);
   return 0;
 }
 

@@ -42,7 +42,7 @@ PlaceRun::PlaceRun(const std::filesystem::path& folder, const PlaceRunOptions& o
     if (stamp != truth.estimate[places_.size()].timestamp) continue;
     const StereoFrame frame = sequence->read(i);
     const Rigid3& T_w_c = truth.reference[places_.size()].T_w_c;
-    places_.push_back({frame.name, stamp, T_w_c, front_end.process(frame).features});
+    places_.push_back({i, frame.name, stamp, T_w_c, front_end.process(frame).features});
     progress.update(static_cast<std::int64_t>(places_.size()));
     if (static_cast<std::int64_t>(places_.size()) == options.frames) break;
   }
@@ -59,6 +59,19 @@ void PlaceRun::run() {
     if (indexed > 0) ask(q, indexed);
     progress.update(static_cast<std::int64_t>(q + 1));
   }
+}
+
+std::vector<std::pair<Keypoint, Keypoint>> PlaceRun::matches(const PairCheck& check,
+                                                             std::size_t query) const {
+  std::vector<std::pair<Keypoint, Keypoint>> pairs;
+  for (std::size_t i = 0; i < check.place.landmarks.size(); ++i) {
+    const LandmarkId id = check.place.landmarks[i];
+    if (!id.valid()) continue;
+    const Observation& seen = map_->landmark(id).observations.front();
+    pairs.emplace_back(places_[query].features->keypoint(i),
+                       map_->keyframe(seen.keyframe).features->keypoint(seen.feature));
+  }
+  return pairs;
 }
 
 double PlaceRun::mean_check_ms() const {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "loop_closing/place_verification.h"
@@ -28,6 +29,7 @@ struct PlaceRunOptions {
 
 /// A frame with its true pose.
 struct Place {
+  std::int64_t position = 0;  ///< in the sequence
   std::string name;
   double timestamp = 0;  ///< s
   Rigid3 T_w_c;
@@ -79,7 +81,9 @@ class PlaceRun {
   [[nodiscard]] const std::vector<QueryTime>& query_times() const { return query_times_; }
   [[nodiscard]] double mean_check_ms() const;
   [[nodiscard]] std::size_t index_bytes() const { return index_.bytes(); }
-  [[nodiscard]] const Map& map() const { return *map_; }
+  /// The features of query and keyframe that the check took for the same.
+  [[nodiscard]] std::vector<std::pair<Keypoint, Keypoint>> matches(const PairCheck& check,
+                                                                   std::size_t query) const;
 
  private:
   void add_keyframe(std::size_t place);
