@@ -10,6 +10,7 @@
 #include "map/change_set.h"
 #include "map/id_table.h"
 #include "retrieval/descriptor_tables.h"
+#include "retrieval/place_candidate.h"
 
 namespace kys_slam {
 
@@ -23,14 +24,6 @@ struct PlaceOptions {
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
-};
-
-/// A keyframe that may show the same place as the query.
-struct PlaceCandidate {
-  KeyFrameId keyframe;
-  double score = 0;  ///< see PlaceIndex::query
-  int votes = 0;     ///< features of the query that found a landmark of this very keyframe
-  friend bool operator==(const PlaceCandidate&, const PlaceCandidate&) = default;
 };
 
 /// Which keyframes show the place a frame shows? Place recognition without a vocabulary: hash

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "retrieval/place_index.h"
-
 namespace kys_slam {
 
 void PlaceVotes::allow(std::span<const KeyFrameId> keyframes,

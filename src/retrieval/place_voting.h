@@ -8,10 +8,9 @@
 
 #include "map/id_table.h"
 #include "map/ids.h"
+#include "retrieval/place_candidate.h"
 
 namespace kys_slam {
-
-struct PlaceCandidate;
 
 /// The ballot box of one query: which keyframes may be voted for, and how many votes they have.
 class PlaceVotes {

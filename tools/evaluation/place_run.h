@@ -62,7 +62,7 @@ struct PlacePair {
 /// Time of a query with that many landmarks in the index.
 struct QueryTime {
   std::size_t landmarks = 0;
-  double milliseconds = 0;
+  double milliseconds = 0;  ///< of processor time
   std::uint64_t comparisons = 0;
 };
 
