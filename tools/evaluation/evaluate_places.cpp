@@ -248,9 +248,14 @@ void draw(const PlaceRun& run, const Arguments& a) {
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "How well places are recognised: every frame of a sequence with ground truth asks the index\n"
-      "for older keyframes of the same place, and the best candidates are checked by geometry.\n"
-      "Prints the recall of near pairs (query and keyframe) at given precisions.");
+      "How well places are recognised. Every frame of a sequence with ground truth is a keyframe\n"
+      "and a query for keyframes older than the gap; the index holds these alone, each stereo\n"
+      "feature a landmark of its own. A pair is a query and an older keyframe, near when the\n"
+      "cameras were close and looked the same way. Recall counts near pairs: by the index's score\n"
+      "alone, and by the inliers of loop closing's geometric check of the best candidates. What\n"
+      "is false is said three ways: a pair that is not near (a pair just beyond the limits looks\n"
+      "much the same, so this is no fair measure), one whose views do not overlap, one whose\n"
+      "measured motion is wrong.");
   Arguments arguments;
   declare(app, arguments);
   try {
