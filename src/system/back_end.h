@@ -38,7 +38,8 @@ struct BackEndOptions {
 };
 
 /// Owner and only writer of the map: one step per keyframe message, local mapping and loop closing.
-/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when `threaded`.
+/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when
+/// `threaded`.
 class BackEnd {
  public:
   /// \param model has to outlive the back end

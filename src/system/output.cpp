@@ -82,7 +82,8 @@ std::string frames_csv(const System& system) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_gap_m,keypoints,stereo_matches,matches,inliers,"
+      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_gap_m,keypoints,"
+      "stereo_matches,matches,inliers,"
       "prior_coverage,masked";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
@@ -232,8 +233,7 @@ std::string describe_run(const System& system, const RunInfo& info) {
       fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
   if (counts.loops + counts.merges + counts.relocalised > 0) {
     row("loops closed", std::to_string(counts.loops));
-    row("sub-maps left, merged",
-        fmt::format("{}, {}", submap_count(system.map()), counts.merges));
+    row("sub-maps left, merged", fmt::format("{}, {}", submap_count(system.map()), counts.merges));
     row("frames relocalised", std::to_string(counts.relocalised));
   }
   row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));

@@ -130,12 +130,14 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("loop.enabled", l.enabled, "", "close loops and merge sub-maps");
   visit("loop.min_gap", l.min_gap, "keyframes", "between two loops");
   visit("loop.candidates", l.candidates, "", "places verified per keyframe");
+  visit("loop.min_votes", l.min_votes, "", "features voting for a place below which it is skipped");
   visit("loop.neighbours", l.neighbours, "", "covisible keyframes asked to confirm");
   visit("loop.min_confirming", l.min_confirming, "", "of these have to");
   visit("loop.min_neighbour_inliers", l.min_neighbour_inliers, "",
         "landmarks of the place each of them has to see");
   visit("loop.max_neighbour_shift", l.max_neighbour_shift, "m, and m/m",
-        "between where one is found and where it should be: this much and this share of its distance");
+        "between where one is found and where it should be: this much and this share of its "
+        "distance");
   visit("loop.max_neighbour_turn", l.max_neighbour_turn, "deg",
         "between where one is found and where it should be");
   visit("loop.essential_weight", l.essential_weight, "",

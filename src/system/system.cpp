@@ -54,9 +54,12 @@ const char* to_string(FrameStatus status) {
 
 const char* to_string(LoopEvent event) {
   switch (event) {
-    case LoopEvent::kClosed: return "closed";
-    case LoopEvent::kMerged: return "merged";
-    case LoopEvent::kNone: break;
+    case LoopEvent::kClosed:
+      return "closed";
+    case LoopEvent::kMerged:
+      return "merged";
+    case LoopEvent::kNone:
+      break;
   }
   return "";
 }
