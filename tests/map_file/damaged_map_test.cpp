@@ -149,6 +149,8 @@ TEST(DamagedMap, ContradictionsAreRefused) {
   expect_refused(spoil(kFirstKeyframe + 1, 8, 99), {"absent parent"});
   expect_refused(spoil(kFirstKeyframe, 8, 1), {"cycle"});  // the root's parent is its child
   expect_refused(spoil(kFirstKeyframe, 4, 0x7FFFFFFF), {"sub-map"});
+  expect_refused(spoil(kFirstKeyframe, 4, 4), {"contradicts itself", "sub-map"});
+  expect_refused(spoil(kFirstKeyframe, 4, 0xFFFFFFFF), {"contradicts itself", "sub-map"});
   expect_refused(spoil(kCulledChunk, 4, 99), {"absent parent"});
   expect_refused(spoil(kCulledChunk, 4, 3), {"ancestor"});  // 2 and 3 hang on each other
   expect_refused(spoil(kCulledChunk, 0, 1), {"both alive and culled"});

@@ -141,8 +141,11 @@ TEST(MapFile, ALoadedMapGoesOn) {
     const std::uint32_t id = m->keyframe_id_end();
     m->add_keyframe(testing::make_keyframe(id, testing::features_with_priors(m->camera(), 60, 99),
                                            m->keyframe({1}).T_c_w));
-    for (std::uint32_t f = 4; f < 30; ++f) m->add_observation({2 * f}, {id}, f);
-    for (std::uint32_t f = 4; f < 30; ++f) m->refresh_landmark({2 * f});
+    for (const LandmarkId l : m->landmarks().ids()) {
+      if (m->submap(m->landmark(l).reference) != KeyFrameId{0} || l.value >= 60) continue;
+      m->add_observation(l, {id}, l.value / 2);
+      m->refresh_landmark(l);
+    }
     m->connect_to_spanning_tree({id}, {0});
     EXPECT_TRUE(m->cull_keyframe({4}));
     m->erase_landmark({8});
@@ -180,16 +183,17 @@ TEST(MapFile, FileOfVersion1StillOpens) {
   EXPECT_EQ(map.disparity_offset(), 0.0625f);
   EXPECT_EQ(map.keyframes().ids(), (std::vector<KeyFrameId>{{0}, {1}, {4}, {5}, {6}, {7}}));
   EXPECT_EQ(map.culled_parent({3}), KeyFrameId{2});
-  EXPECT_EQ(map.landmarks().size(), 56u);
+  EXPECT_EQ(map.landmarks().size(), 57u);
   EXPECT_FALSE(map.has(LandmarkId{2}));
   const KeyFrame& k = map.keyframe({6});
   EXPECT_EQ(k.frame_index, 42);
-  EXPECT_EQ(k.submap, KeyFrameId{4});
+  EXPECT_EQ(k.submap, KeyFrameId{6});
+  EXPECT_EQ(map.submap({2}), KeyFrameId{0});
   EXPECT_DOUBLE_EQ(k.timestamp, 0.1 * 6);
   EXPECT_NEAR(k.T_c_w.t().z(), -9.0, 1e-12);
   EXPECT_EQ(k.features->size(), 60u);
   EXPECT_EQ(k.features->priors().size(), 60u);
-  EXPECT_EQ(map.keyframe({7}).loop_edges, (std::vector<KeyFrameId>{{0}, {1}}));
+  EXPECT_EQ(map.keyframe({0}).loop_edges, (std::vector<KeyFrameId>{{1}, {5}}));
   const Landmark& l = map.landmark({20});
   EXPECT_NEAR(l.p_w.y(), 1.0 / 11, 1e-12);
   EXPECT_EQ(l.visible, 11u);

@@ -35,8 +35,9 @@ inline std::shared_ptr<const FrameFeatures> features_with_priors(const StereoCam
       std::move(u_right), std::move(priors));
 }
 
-/// A map with everything a map can have: `keyframes` keyframes (at least 6) of `features` features,
-/// culled ones (one hanging on another), a replaced landmark, loop edges, priors, an offset.
+/// A map with everything a map can have: `keyframes` keyframes (at least 6, the last two a sub-map
+/// of their own) of `features` features, culled ones (one hanging on another), a replaced landmark,
+/// loop edges, priors, an offset.
 inline Map sample_map(std::uint32_t keyframes = 8, int features = 60, bool with_priors = true) {
   Map map(kitti_camera(), ScaleLevels(1.2, 8));
   for (std::uint32_t k = 0; k < keyframes; ++k) {
@@ -45,21 +46,26 @@ inline Map sample_map(std::uint32_t keyframes = 8, int features = 60, bool with_
         with_priors ? features_with_priors(map.camera(), features, k + 1)
                     : random_features(map.camera(), features, k + 1),
         Rigid3(so3_exp({0.01 * k, 0.1 * k, 0}), Eigen::Vector3d(0.1, 0.2 * k, -1.5 * k)));
-    keyframe.submap = {k < keyframes / 2 ? 0 : keyframes / 2};
     keyframe.frame_index = 7 * k;
     map.add_keyframe(std::move(keyframe));
   }
   std::mt19937 random(5);
+  const std::uint32_t second = keyframes - 2;
   for (std::uint32_t l = 0; l < static_cast<std::uint32_t>(features); ++l) {
-    const std::uint32_t first = random() % (keyframes - 3);
+    const bool in_second = l % 5 == 4;
+    const std::uint32_t first = in_second ? second : random() % (keyframes - 5);
     map.add_landmark(make_landmark(2 * l, {0.1 * l, 1.0 / (l + 1), 20.0 + l}, {first}));
-    for (std::uint32_t k = first; k < first + 4; ++k) map.add_observation({2 * l}, {k}, l);
+    for (std::uint32_t k = first; k < (in_second ? keyframes : first + 4); ++k) {
+      map.add_observation({2 * l}, {k}, l);
+    }
     map.add_visible({2 * l}, l, l / 2);
     map.refresh_landmark({2 * l});
   }
-  for (std::uint32_t k = 1; k < keyframes; ++k) map.connect_to_spanning_tree({k}, {k - 1});
-  map.add_loop_edge({0}, {keyframes - 1});
-  map.add_loop_edge({1}, {keyframes - 1});
+  for (std::uint32_t k = 1; k < keyframes; ++k) {
+    if (k != second) map.connect_to_spanning_tree({k}, {k - 1});
+  }
+  map.add_loop_edge({0}, {1});
+  map.add_loop_edge({0}, {second - 1});
   map.cull_keyframe({3});
   map.cull_keyframe({2});
   map.replace_landmark({2}, {0});
