@@ -202,7 +202,9 @@ BlockCholesky::Result BlockCholesky::eliminate_columns(const Front& front,
     const Eigen::Index left = rows - at - width;
     Eigen::Ref<Eigen::MatrixXd> corner = work_.block(at, at, width, width);
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(corner);
-    if (factor.info() != Eigen::Success) return Result::kNotPositive;
+    if (factor.info() != Eigen::Success || !corner.diagonal().allFinite()) {
+      return Result::kNotPositive;
+    }
     if (left == 0) continue;
     auto under = work_.block(at + width, at, left, width);
     corner.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(under);

@@ -27,6 +27,8 @@ constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDiagonal = 1e-6;  // as Ceres: damping where a direction is not observed at all
 constexpr double kMaxDamping = 1e16;
 constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
+constexpr int kPointRounds = 2;
+constexpr double kPointDamping = 1e-3;
 
 struct SchurObservation {
   std::int32_t pose;     // index of the pose
@@ -167,6 +169,7 @@ class SchurBundle {
         continue;
       }
       if (predicted <= 1e-3 * options_.function_tolerance * cost) break;
+      if (sparse_) settle_points();
       const double candidate = evaluate();
       const double decrease = cost - candidate;
       const double gain = decrease / predicted;
@@ -225,8 +228,10 @@ class SchurBundle {
       if (round.active[i] != 0) observations_[next[all[i].point]++] = convert(all[i]);
     }
     for (const SchurPoint& p : points_) {
-      std::stable_sort(observations_.begin() + p.begin, observations_.begin() + p.end,
-                       [](const auto& a, const auto& b) { return a.free < b.free; });
+      const auto begin = observations_.begin() + p.begin;
+      const auto end = observations_.begin() + p.end;
+      const auto earlier = [](const auto& a, const auto& b) { return a.free < b.free; };
+      if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
     }
   }
 
@@ -294,22 +299,76 @@ class SchurBundle {
     }
   }
 
+  /// rho of an observation's chi2, the point being at p_w.
+  [[nodiscard]] double loss(const SchurObservation& o, const Eigen::Vector3d& p_w) const {
+    const PoseMatrix& T = matrices_[o.pose];
+    const Eigen::Vector3d p_c = T.R * p_w + T.t;
+    const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
+    const double chi2 = o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
+    return robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
+  }
+
+  [[nodiscard]] double loss(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
+    double sum = 0;
+    for (std::int32_t i = point.begin; i < point.end; ++i) sum += loss(observations_[i], p_w);
+    return sum;
+  }
+
   /// 1/2 sum of rho at the present poses and points.
   [[nodiscard]] double evaluate() const {
     double cost = 0;
     for (const SchurPoint& point : points_) {
       const Eigen::Vector3d& p_w = problem_.points[point.point];
-      for (std::int32_t i = point.begin; i < point.end; ++i) {
-        const SchurObservation& o = observations_[i];
-        const PoseMatrix& T = matrices_[o.pose];
-        const Eigen::Vector3d p_c = T.R * p_w + T.t;
-        const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-        const double chi2 =
-            o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
-        cost += robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
-      }
+      for (std::int32_t i = point.begin; i < point.end; ++i) cost += loss(observations_[i], p_w);
     }
     return 0.5 * cost;
+  }
+
+  /// After a step, every point by itself goes where the moved poses see it best (Jeong et al.,
+  /// "Pushing the envelope of modern methods for bundle adjustment", 2012, Sec. 4: embedded point
+  /// iterations). The linear model is poor for the few points of little parallax; without this they
+  /// get steps refused that were good for all others.
+  void settle_points() {
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      if (k % kPointsBetweenStops == 0 && should_stop()) return;
+      Eigen::Vector3d& p_w = problem_.points[points_[k].point];
+      double cost = loss(points_[k], p_w);
+      if (const double before = loss(points_[k], old_points_[k]); before < cost) {
+        p_w = old_points_[k];
+        cost = before;
+      }
+      for (int round = 0; round < kPointRounds; ++round) {
+        const Eigen::Vector3d moved = p_w + point_newton_step(points_[k], p_w);
+        const double after = loss(points_[k], moved);
+        if (!(after < cost)) break;
+        p_w = moved;
+        cost = after;
+      }
+    }
+  }
+
+  /// Gauss-Newton step of one point, the poses held.
+  [[nodiscard]] Eigen::Vector3d point_newton_step(const SchurPoint& point,
+                                                  const Eigen::Vector3d& p_w) const {
+    Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    for (std::int32_t i = point.begin; i < point.end; ++i) {
+      const SchurObservation& o = observations_[i];
+      const PoseMatrix& T = matrices_[o.pose];
+      const Eigen::Vector3d p = T.R * p_w + T.t;
+      const Eigen::Vector3d e = reprojection_error(problem_.camera, p, o.u, o.v, o.u_right);
+      const double chi2 =
+          o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
+      const double w = robust_ && chi2 > o.bound ? std::sqrt(o.bound / chi2) : 1.0;
+      const Eigen::Matrix3d J = reprojection_jacobian(problem_.camera, p) * T.R;
+      const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_right);
+      const Eigen::Matrix3d JtW = J.transpose() * W.asDiagonal();
+      V.noalias() += JtW * J;
+      b.noalias() += JtW * e;
+    }
+    V.diagonal() += kPointDamping * V.diagonal().cwiseMax(kMinDiagonal);
+    const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
+    return -(L_inverse.transpose() * (L_inverse * b));
   }
 
   Matrix6d& block(std::int32_t row, std::int32_t col) { return reduced_[places_(row, col)]; }

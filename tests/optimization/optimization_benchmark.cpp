@@ -1,13 +1,17 @@
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <thread>
 
 #include "optimization/bundle_adjustment.h"
 #include "optimization/pose_graph.h"
 #include "optimization/pose_optimization.h"
 #include "synthetic_scene.h"
 #include "util/process_figures.h"
+#include "util/stopwatch.h"
 
 namespace kys_slam::test {
 namespace {
@@ -133,6 +137,35 @@ BENCHMARK_CAPTURE(full, hall_ceres, BundleSolver::kCeres, true)
     ->Args({300, 6000})
     ->Unit(benchmark::kSecond)
     ->Iterations(1);
+
+/// Longest time from the stop flag to the return, a 1500 keyframe map being adjusted.
+void stop_delay(benchmark::State& state) {
+  Scene scene = make_loop_scene(1500, 150000, 0.7);
+  perturb(scene, 0.001, 0.05, 0.05);
+  double worst = 0;
+  for (auto _ : state) {
+    for (const int ms : {50, 150, 300, 370, 440, 510, 580, 650, 720, 790}) {
+      BundleProblem problem = scene.problem;
+      std::atomic<bool> stop{false};
+      BundleOptions options;
+      options.stop = &stop;
+      options.iterations = 1000;
+      options.function_tolerance = 0;
+      Stopwatch watch;
+      std::thread other([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+        watch.lap_ms();
+        stop = true;
+      });
+      adjust_bundle(problem, options);
+      const double delay = watch.elapsed_ms();
+      other.join();
+      worst = std::max(worst, delay);
+    }
+  }
+  state.counters["worst_ms"] = worst;
+}
+BENCHMARK(stop_delay)->Iterations(1)->Unit(benchmark::kSecond);
 
 /// Poses on two laps with edges to the ten before them and those of the other lap.
 void graph(benchmark::State& state) {
