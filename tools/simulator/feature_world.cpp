@@ -347,13 +347,16 @@ kys::Descriptor FeatureWorld::Impl::look(std::int32_t id) const {
 }
 
 // Where the corner is found beside the landmark's image: px of (u, v, u in the right image). A
-// smooth function of the view alone: the same place sees the same. Its two images share most of it.
+// smooth function of the view alone: the same place sees the same. The two images share most of it,
+// and so do landmarks that stand together, on the same tree or in the same shadow.
 Eigen::Vector3d FeatureWorld::Impl::wander(const Sight& sight) const {
   constexpr double kPeriod = 1.3;  // octaves of distance
-  Rng rng(hash_of(options.seed, 7, static_cast<std::uint64_t>(sight.id)));
+  const Landmark& l = landmarks[static_cast<std::size_t>(sight.id)];
+  const Eigen::Vector3i group = (l.p_w * (30 / path.far)).array().floor().cast<int>();
+  Rng rng(hash_of(options.seed, 7, cell_key(group.x(), group.y(), group.z())));
+  const double octaves = sight.level - std::log(l.max_distance) / std::log(kFeatureScale);
   const auto wave = [&] {
-    const double phase = rng.uniform() + rng.uniform(-1.5, 1.5) * sight.aside;
-    return std::sin(2 * std::numbers::pi * (sight.level / kPeriod + phase));
+    return std::sin(2 * std::numbers::pi * (octaves / kPeriod + rng.uniform()));
   };
   const double size = options.wander * std::pow(kFeatureScale, static_cast<int>(sight.level));
   const double u = size * wave();
