@@ -311,9 +311,38 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --start 7");
   expect_refused(good, " --camera pinhole");
   expect_refused(good, " --near 10 --far 5");
+  expect_refused(good, " --near 1e-300");
+  expect_refused(good, " --rate 1e-300");
+  expect_refused(good, " --seed -1");
+  expect_refused(good, " --features many");
+  expect_refused(good, " --bogus");
+  expect_refused("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1e15 0 1 0 0 0 0 1 0\n", "");
   expect_refused(good, " --every 0");
   expect_refused(good, " --wander nan");
   expect_refused(good, " --lens -1");
+}
+
+TEST(SimulateFeatures, OutputThatCannotBeWrittenLeavesNothing) {
+  const ScratchFolder scratch("unwritable");
+  std::string rows;
+  for (int i = 0; i < 20; ++i) rows += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(0.5 * i) + "\n";
+  std::ofstream(scratch / "t.txt") << rows;
+  std::filesystem::create_directory(scratch / "folder");
+  const std::string command = std::string(KYS_BIN_DIR) + "/simulate_features " +
+                              (scratch / "t.txt").string() + " --quiet --output ";
+  const auto expect_refused = [&](const std::string& whole) {
+    const ProgramResult r = run_program(whole, scratch);
+    EXPECT_EQ(r.status, 2) << whole;
+    EXPECT_TRUE(is_one_line(r.error)) << r.error;
+    EXPECT_NE(r.error.find("cannot write"), std::string::npos) << r.error;
+  };
+  expect_refused(command + "/proc/kys/no");
+  expect_refused(command + (scratch / "missing" / "out").string());
+  expect_refused(command + (scratch / "folder").string());
+  // Files may not grow beyond a few kilobytes, as on a full disk.
+  expect_refused("bash -c \"trap '' XFSZ; ulimit -f 64; " + command +
+                 (scratch / "folder" / "out").string() + "\"");
+  EXPECT_TRUE(std::filesystem::is_empty(scratch / "folder")) << "no half-written file";
 }
 
 TEST(SimulateFeatures, RealTrajectoriesCanBeDriven) {

@@ -23,6 +23,7 @@ constexpr double kMaxCone = 0.79;       // 45 degrees
 constexpr double kShortSpan = 0.25;     // octaves that a landmark is found at, mean: half of them
 constexpr double kLongSpan = 1.2;       // the others
 constexpr double kMissed = 0.15;        // share of the features of one image missing in the other
+constexpr double kFarthest = 1e6;       // m from the origin, of a pose
 constexpr int kFamilies = 400;          // looks that repeated landmarks share
 constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
 
@@ -88,8 +89,10 @@ void FeatureOptions::check() const {
   require(outliers >= 0 && outliers <= 0.9, "--outliers: must lie between 0 and 0.9");
   require(dropout >= 0 && dropout <= 0.9, "--dropout: must lie between 0 and 0.9");
   require(repeats >= 0 && repeats <= 1, "--repeats: must lie between 0 and 1");
-  require(rate > 0 && rate <= 1e4, "--rate: must lie between 0 and 10000 Hz");
-  require(near >= 0 && far >= 0 && far <= 1e4, "--near, --far: must lie between 0 and 10000 m");
+  require(rate >= 1e-3 && rate <= 1e4, "--rate: must lie between 0.001 and 10000 Hz");
+  const auto depth_makes_sense = [](double d) { return d == 0 || (d >= 0.1 && d <= 1e4); };
+  require(depth_makes_sense(near) && depth_makes_sense(far),
+          "--near, --far: must lie between 0.1 and 10000 m");
   require(near == 0 || far == 0 || near < far, "--near: must be less than --far");
 }
 
@@ -140,6 +143,10 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
     used.push_back(path.poses[static_cast<std::size_t>(i)]);
   }
   path.poses = std::move(used);
+  for (const TimedPose& pose : path.poses) {
+    if (pose.T_w_c.t().cwiseAbs().maxCoeff() < kFarthest) continue;
+    throw InputError(trajectory.string() + ": a pose lies more than 1000 km from the origin");
+  }
   const bool kitti = options.camera == "kitti" || (options.camera == "auto" && columns == 12);
   if (kitti) {
     path.camera = {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 386.1448 / 718.856};

@@ -46,7 +46,9 @@ int run(int argc, char** argv) {
   app.add_option("--camera", o.camera,
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
-  app.add_option("--seed", o.seed, "of landmarks and noise")->capture_default_str();
+  app.add_option("--seed", o.seed, "of landmarks and noise")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   app.add_option("--start", o.start, "first pose used")->capture_default_str();
   app.add_option("--frames", o.frames, "poses used (default: all)");
   app.add_option("--every", o.every, "of the file's poses the first, and then each so many")
@@ -69,7 +71,12 @@ int run(int argc, char** argv) {
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
   app.add_flag("--quiet", quiet, "no progress");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    throw kys_slam::InputError(std::string(error.what()) + "; see --help");
+  }
   if (app.count("--frames") > 0 && o.frames < 1) {
     throw InputError("--frames " + std::to_string(o.frames) + ": must be at least 1");
   }
@@ -94,7 +101,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
-    return run(argc, argv) == 0 ? 0 : 2;
+    return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "simulate_features: %s\n", error.what());
     return 2;
