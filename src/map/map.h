@@ -10,6 +10,7 @@
 #include "map/id_table.h"
 #include "map/keyframe.h"
 #include "map/landmark.h"
+#include "map/map_contents.h"
 
 namespace kys_slam {
 
@@ -20,6 +21,14 @@ namespace kys_slam {
 class Map {
  public:
   Map(const StereoCamera& camera, const ScaleLevels& scales);
+  /// A map with these contents: who sees whom in both directions, covisibility and children made
+  /// anew, check_consistency() passed. Everything in it counts as changed, so that the next change
+  /// set makes a full replica.
+  /// \throws std::invalid_argument or std::logic_error with the first thing wrong in them.
+  explicit Map(MapContents contents);
+
+  /// What Map(contents) makes this map of again. Features are shared, not copied.
+  [[nodiscard]] MapContents contents() const;
 
   [[nodiscard]] const StereoCamera& camera() const { return camera_; }
   [[nodiscard]] const ScaleLevels& scales() const { return scales_; }
@@ -27,6 +36,9 @@ class Map {
   [[nodiscard]] const IdTable<LandmarkId, Landmark>& landmarks() const { return landmarks_; }
   [[nodiscard]] const KeyFrame& keyframe(KeyFrameId id) const { return keyframes_.at(id); }
   [[nodiscard]] const Landmark& landmark(LandmarkId id) const { return landmarks_.at(id); }
+  /// One past the largest id any keyframe (landmark) here ever had; new ones begin there.
+  [[nodiscard]] std::uint32_t keyframe_id_end() const;
+  [[nodiscard]] std::uint32_t landmark_id_end() const { return landmarks_.id_end(); }
   [[nodiscard]] bool has(KeyFrameId id) const { return keyframes_.contains(id); }
   [[nodiscard]] bool has(LandmarkId id) const { return landmarks_.contains(id); }
 
@@ -45,13 +57,27 @@ class Map {
   }
   /// Pose of a keyframe, alive or culled (then through its parents).
   [[nodiscard]] std::optional<Rigid3> pose(KeyFrameId id) const;
+  /// Sub-map of a keyframe, alive or culled: the keyframe that began it. Every sub-map is one
+  /// spanning tree with a world frame of its own. Invalid for an unknown keyframe.
+  [[nodiscard]] KeyFrameId submap(KeyFrameId id) const;
+  /// Living keyframes of a sub-map, by id.
+  [[nodiscard]] std::vector<KeyFrameId> submap_keyframes(KeyFrameId submap) const;
 
-  /// Adds a keyframe without observations, covisibility, parent or children.
+  /// Adds a keyframe without observations, covisibility, parent or children. Without a sub-map it
+  /// begins one.
   void add_keyframe(KeyFrame keyframe);
-  /// Makes the heaviest covisible older keyframe the parent (the given one when there is none).
+  /// Makes the heaviest covisible older keyframe the parent (the given one when there is none);
+  /// the keyframe joins its sub-map.
   void connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise);
   void add_loop_edge(KeyFrameId a, KeyFrameId b);
   void set_pose(KeyFrameId id, const Rigid3& T_c_w);
+  /// Moves keyframes, each with the landmarks that have it as their reference. What sees moved
+  /// things is brought up to date as by `refresh_geometry`.
+  /// \param ids increasing \param T_c_w new poses, as many
+  void move_keyframes(const std::vector<KeyFrameId>& ids, const std::vector<Rigid3>& T_c_w);
+  /// Makes the sub-map of `joint` part of that of `onto`: its tree is hung up at `joint`, below
+  /// `onto`. Poses and points have to be in the common frame already.
+  void join_submaps(KeyFrameId joint, KeyFrameId onto);
   /// Disparities of all keyframes, present and future, get this offset added.
   void set_disparity_offset(float offset);
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
@@ -85,14 +111,20 @@ class Map {
   [[nodiscard]] LandmarkView view(LandmarkId id) const;
   [[nodiscard]] KeyFrameView view(KeyFrameId id) const;
 
-  /// Checks every invariant: bonds in both directions, weights recounted, tree connected, finite
-  /// numbers. \throws std::logic_error with the first violation.
+  /// Checks every invariant, in time linear in observations and covisible pairs: bonds in both
+  /// directions, weights recounted, tree connected, finite numbers. \throws std::logic_error with
+  /// the first violation.
   void check_consistency() const;
 
   static constexpr int kCovisibilityMin = 15;  ///< landmarks shared by covisible keyframes
   static constexpr std::size_t kViewNeighbours = 10;
 
  private:
+  void restore_keyframes(std::vector<KeyFrame> keyframes);
+  void restore_tree();
+  void restore_culled(const std::vector<CulledKeyFrame>& culled);
+  void restore_landmarks(std::vector<Landmark> landmarks);
+  void restore_covisibility();
   void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
   void touch(KeyFrameId id) { dirty_keyframes_.insert(id); }
   void touch(LandmarkId id) { dirty_landmarks_.push_back(id); }

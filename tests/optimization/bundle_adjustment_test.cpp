@@ -215,9 +215,11 @@ TEST_P(AdjustBundle, PointSeenTwiceFromOnePose) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Solvers, AdjustBundle,
-                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kCeres),
+                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kSparseSchur,
+                                           BundleSolver::kCeres),
                          [](const auto& parameter) {
-                           return parameter.param == BundleSolver::kSchur ? "schur" : "ceres";
+                           if (parameter.param == BundleSolver::kCeres) return "ceres";
+                           return parameter.param == BundleSolver::kSchur ? "schur" : "sparse";
                          });
 
 TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
