@@ -36,6 +36,8 @@ def main():
     place = Workplace(arguments.build)
     case = load(arguments.case)
     try:
+        if "expected" not in case:
+            raise Failure(f"{arguments.case}: nothing recorded yet; see record.py")
         source = make_input(case, case.get("seed"), place)
         name = arguments.case + ("-broken" if arguments.broken else "")
         results = read_results(run(case, name, source, [FAULT] if arguments.broken else [], place))

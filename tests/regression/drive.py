@@ -1,4 +1,4 @@
-"""A drive of our own for the simulation of features: around a block, and half of the way again."""
+"""A drive of our own for the simulation of features: around a block, and some of the way again."""
 import math
 
 LENGTH, WIDTH, RADIUS = 110.0, 70.0, 9.0  # m: sides of the block, radius of its corners
@@ -26,7 +26,7 @@ def _on_lap(s):
     return x, z, heading
 
 
-def drive_text(laps=1.5):
+def drive_text(laps=1.25):
     """KITTI's format: a row of T_w_c (camera: x right, y down, z ahead) per frame."""
     lap = 2 * (LENGTH + WIDTH) - 8 * RADIUS + 2 * math.pi * RADIUS
     text = ""

@@ -7,8 +7,9 @@ WORLD is a folder of simulate_sequence whose name ends in its seed ("street3"); 
 name and other seeds are summed up together. Prior files are made from the world's exact
 perception, into DIR/priors, where they are not there already. Written after every run: DIR/runs.csv
 (a row per run), DIR/modes.md and DIR/modes.csv (a row per world and mode: mean and standard deviation
-over seeds, and of the difference to stock on the same seed). What was done before, by the same
-program with the same arguments, is not done again.
+over seeds, and of the difference to stock on the same seed; accepted pairs of descriptors by tier;
+gated pairs of all that were looked at). What was done before, by the same program with the same
+arguments, is not done again.
 """
 import argparse
 import collections
@@ -28,8 +29,8 @@ RUN_HEADER = ["world", "seed", "mode", "tracked", "ate_m", "rpe_m", "rpe_deg", "
               "tracking_ms_p95", "keyframes", "loops_closed", "peak_mb"] + [
                   f"{kind}_{tier}" for kind in ("pairs", "accepted") for tier in TIERS]
 HEADER = ["world", "mode", "seeds", "tracked %", "ATE m", "+-", "less stock", "+-", "worst seed",
-          "tracking ms", "same instance %", "cross instance %", "cross class %", "bypassed %",
-          "gated %"]
+          "tracking ms", "accepted: same instance %", "cross instance %", "cross class %",
+          "bypassed %", "pairs gated %"]
 
 Result = collections.namedtuple("Result", "world seed mode summary pairs accepted")
 
@@ -78,14 +79,15 @@ def summed_row(world, mode, results):
     stock = {r.seed: r.summary.get("ate_se3_rmse_m") for r in results
              if (r.world, r.mode) == (world, "stock")}
     less = [value - stock[seed] for seed, value in ate.items() if stock.get(seed) is not None]
-    pairs = shares({tier: sum(r.pairs[tier] for r in mine) for tier in TIERS})
+    accepted = shares({tier: sum(r.accepted[tier] for r in mine) for tier in TIERS})
+    gated = shares({tier: sum(r.pairs[tier] for r in mine) for tier in TIERS})["gated"]
     tracked = mean([r.summary["frames_tracked"] / r.summary["frames"] for r in mine])
     worst = max(ate, key=ate.get) if ate else None
     return [world, mode, len(mine), show(100 * tracked, 1), show(mean(list(ate.values())), 4),
             show(deviation(list(ate.values())), 4), show(mean(less), 4), show(deviation(less), 4),
             "-" if worst is None else f"{ate[worst]:.4f} ({worst})",
             show(mean([r.summary["timing_ms"]["total"]["median"] for r in mine]), 2),
-            *[show(100 * pairs[tier], 2) for tier in TIERS[:5]]]
+            *[show(100 * accepted[tier], 2) for tier in TIERS[:4]], show(100 * gated, 2)]
 
 
 def write_tables(output, results):
