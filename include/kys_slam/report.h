@@ -16,6 +16,14 @@ enum class FrameStatus : std::uint8_t {
 };
 const char* to_string(FrameStatus status);
 
+/// What loop closing made of a keyframe.
+enum class LoopEvent : std::uint8_t {
+  kNone,
+  kClosed,  ///< drift within a sub-map taken away
+  kMerged,  ///< two sub-maps became one
+};
+const char* to_string(LoopEvent event);
+
 /// ms of the stages of one frame. `total` is what the caller of `feed` waits for; the back end's
 /// time is the one spent for the keyframe made of this frame, wherever it ran.
 struct StageTimes {
@@ -44,6 +52,9 @@ struct FrameReport {
   int matches = 0;  ///< landmarks matched
   int inliers = 0;  ///< of these, after pose optimisation
   bool keyframe = false;
+  LoopEvent loop = LoopEvent::kNone;
+  std::int64_t loop_frame = -1;  ///< the frame it was closed with
+  double loop_gap_m = 0;         ///< distance by which the loop was open
   double prior_coverage = 0;   ///< share of keypoints with a valid label
   int masked = 0;              ///< keypoints dropped by mode `mask`
   kys::Statistics statistics;  ///< descriptor comparisons of this frame, back end included
@@ -55,8 +66,11 @@ struct FrameReport {
 struct FrameEstimate {
   std::int64_t index = 0;
   double timestamp = 0;    ///< s
-  bool connected = false;  ///< false: lost, or not connected to the map; the pose is meaningless
-  Rigid3 T_w_c;
+  /// False: the frame was lost, or belongs to a sub-map that was never connected to the one with
+  /// most frames.
+  bool connected = false;
+  std::int64_t submap = -1;  ///< number of its sub-map, -1: lost
+  Rigid3 T_w_c;              ///< in the frame of its sub-map; meaningless when lost
 };
 
 }  // namespace kys_slam

@@ -33,6 +33,7 @@ struct KeyFrameView {
   std::vector<KeyFrameId> neighbours;  ///< best covisible ones, heaviest first
   KeyFrameId parent;
   std::vector<KeyFrameId> children;
+  KeyFrameId submap;  ///< keyframe that began its sub-map
 };
 
 /// A keyframe that was culled: frames that refer to it go on through its parent.

@@ -21,6 +21,7 @@ struct Covisible {
 /// A frame kept in the map.
 struct KeyFrame {
   KeyFrameId id;
+  KeyFrameId submap;  ///< keyframe that began the sub-map it belongs to
   std::int64_t frame_index = 0;
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;

@@ -98,9 +98,27 @@ std::optional<Rigid3> Map::pose(KeyFrameId id) const {
   return T_c_k * keyframe(id).T_c_w;
 }
 
+KeyFrameId Map::submap(KeyFrameId id) const {
+  while (!keyframes_.contains(id)) {
+    const CulledKeyFrame* culled = culled_.find(id);
+    if (culled == nullptr) return {};
+    id = culled->parent;
+  }
+  return keyframe(id).submap;
+}
+
+std::vector<KeyFrameId> Map::submap_keyframes(KeyFrameId submap) const {
+  std::vector<KeyFrameId> members;
+  keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
+    if (k.submap == submap) members.push_back(id);
+  });
+  return members;
+}
+
 void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.features) throw std::logic_error("keyframe without features");
   const KeyFrameId id = keyframe.id;
+  if (!keyframe.submap.valid()) keyframe.submap = id;
   if (keyframe.features->disparity_offset() != disparity_offset_) {
     keyframe.features = std::make_shared<const FrameFeatures>(
         keyframe.features->with_disparity_offset(camera_, disparity_offset_));
@@ -129,6 +147,7 @@ void Map::connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise) {
     touch(before);
   }
   keyframes_.at(id).parent = parent;
+  keyframes_.at(id).submap = keyframe(parent).submap;
   insert_sorted(keyframes_.at(parent).children, id);
   touch(id);
   touch(parent);
@@ -142,6 +161,44 @@ void Map::add_loop_edge(KeyFrameId a, KeyFrameId b) {
 void Map::set_pose(KeyFrameId id, const Rigid3& T_c_w) {
   keyframes_.at(id).T_c_w = T_c_w;
   touch(id);
+}
+
+void Map::move_keyframes(const std::vector<KeyFrameId>& ids, const std::vector<Rigid3>& T_c_w) {
+  IdTable<KeyFrameId, Rigid3> T_new_old;  // of world points seen from each
+  for (std::size_t k = 0; k < ids.size(); ++k) {
+    T_new_old.put(ids[k], T_c_w[k].inverse() * keyframe(ids[k]).T_c_w);
+    set_pose(ids[k], T_c_w[k]);
+  }
+  for (const LandmarkId id : landmarks_.ids()) {
+    Landmark& landmark = landmarks_.at(id);
+    if (const Rigid3* T = T_new_old.find(landmark.reference)) landmark.p_w = *T * landmark.p_w;
+    const auto moved = [&](const Observation& o) { return T_new_old.contains(o.keyframe); };
+    if (std::any_of(landmark.observations.begin(), landmark.observations.end(), moved)) {
+      refresh_geometry(id);
+    }
+  }
+}
+
+void Map::join_submaps(KeyFrameId joint, KeyFrameId onto) {
+  const KeyFrameId from = keyframe(joint).submap;
+  const KeyFrameId into = keyframe(onto).submap;
+  if (from == into) throw std::logic_error("the sub-maps to be joined are one");
+  // The path from the joint to the root turns round.
+  KeyFrameId child = joint;
+  KeyFrameId new_parent = onto;
+  while (child.valid()) {
+    const KeyFrameId old_parent = keyframe(child).parent;
+    if (old_parent.valid()) erase_sorted(keyframes_.at(old_parent).children, child);
+    keyframes_.at(child).parent = new_parent;
+    insert_sorted(keyframes_.at(new_parent).children, child);
+    touch(new_parent);
+    new_parent = child;
+    child = old_parent;
+  }
+  for (const KeyFrameId id : submap_keyframes(from)) {
+    keyframes_.at(id).submap = into;
+    touch(id);
+  }
 }
 
 void Map::set_disparity_offset(float offset) {
@@ -339,7 +396,7 @@ LandmarkView Map::view(LandmarkId id) const {
 KeyFrameView Map::view(KeyFrameId id) const {
   const KeyFrame& k = keyframe(id);
   return {k.T_c_w,  k.features, k.landmarks, best_covisible(id, kViewNeighbours),
-          k.parent, k.children};
+          k.parent, k.children, k.submap};
 }
 
 ChangeSet Map::take_changes() {

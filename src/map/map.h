@@ -45,13 +45,27 @@ class Map {
   }
   /// Pose of a keyframe, alive or culled (then through its parents).
   [[nodiscard]] std::optional<Rigid3> pose(KeyFrameId id) const;
+  /// Sub-map of a keyframe, alive or culled: the keyframe that began it. Every sub-map is one
+  /// spanning tree with a world frame of its own. Invalid for an unknown keyframe.
+  [[nodiscard]] KeyFrameId submap(KeyFrameId id) const;
+  /// Living keyframes of a sub-map, by id.
+  [[nodiscard]] std::vector<KeyFrameId> submap_keyframes(KeyFrameId submap) const;
 
-  /// Adds a keyframe without observations, covisibility, parent or children.
+  /// Adds a keyframe without observations, covisibility, parent or children. Without a sub-map it
+  /// begins one.
   void add_keyframe(KeyFrame keyframe);
-  /// Makes the heaviest covisible older keyframe the parent (the given one when there is none).
+  /// Makes the heaviest covisible older keyframe the parent (the given one when there is none);
+  /// the keyframe joins its sub-map.
   void connect_to_spanning_tree(KeyFrameId id, KeyFrameId otherwise);
   void add_loop_edge(KeyFrameId a, KeyFrameId b);
   void set_pose(KeyFrameId id, const Rigid3& T_c_w);
+  /// Moves keyframes, each with the landmarks that have it as their reference. What sees moved
+  /// things is brought up to date as by `refresh_geometry`.
+  /// \param ids increasing \param T_c_w new poses, as many
+  void move_keyframes(const std::vector<KeyFrameId>& ids, const std::vector<Rigid3>& T_c_w);
+  /// Makes the sub-map of `joint` part of that of `onto`: its tree is hung up at `joint`, below
+  /// `onto`. Poses and points have to be in the common frame already.
+  void join_submaps(KeyFrameId joint, KeyFrameId onto);
   /// Disparities of all keyframes, present and future, get this offset added.
   void set_disparity_offset(float offset);
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }

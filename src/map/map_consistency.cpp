@@ -2,6 +2,7 @@
 #include <map>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "map/map.h"
 
@@ -44,7 +45,7 @@ void Map::check_consistency() const {
     require(sees_reference, name(id) + " is not seen by its reference");
   });
 
-  int roots = 0;
+  std::vector<bool> has_root(keyframes_.id_end(), false);  // by sub-map
   std::size_t weights = 0;
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
     require(k.id == id, name(id) + " is stored under another id");
@@ -61,15 +62,24 @@ void Map::check_consistency() const {
       require(known, name(l) + " does not know that " + name(id) + " sees it");
     }
     for (const Covisible& c : k.covisible) {
+      require(keyframe(c.keyframe).submap == k.submap,
+              name(id) + " shares landmarks with another sub-map");
       const auto pair = std::minmax(id, c.keyframe);
       const auto found = shared.find({pair.first, pair.second});
       require(found != shared.end() && found->second == c.weight,
               "wrong covisibility of " + name(id) + " and " + name(c.keyframe));
       ++weights;
     }
-    if (!k.parent.valid()) ++roots;
+    require(k.submap.valid() && k.submap.value < keyframes_.id_end(),
+            name(id) + " belongs to no sub-map");
+    if (!k.parent.valid()) {
+      require(!has_root[k.submap.value], "two roots in the sub-map of " + name(id));
+      has_root[k.submap.value] = true;
+    }
     if (k.parent.valid()) {
       require(has(k.parent), name(id) + " has an absent parent");
+      require(keyframe(k.parent).submap == k.submap,
+              name(id) + " has a parent in another sub-map");
       const auto& siblings = keyframe(k.parent).children;
       require(std::binary_search(siblings.begin(), siblings.end(), id),
               "the parent of " + name(id) + " does not know it");
@@ -90,7 +100,9 @@ void Map::check_consistency() const {
     }
   });
   require(weights == 2 * shared.size(), "covisibility edges are missing");
-  require(keyframes_.empty() || roots >= 1, "the spanning tree has no root");
+  keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
+    require(has_root[k.submap.value], "the sub-map of " + name(id) + " has no root");
+  });
 }
 
 }  // namespace kys_slam

@@ -5,22 +5,53 @@
 namespace kys_slam {
 
 BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
-                 const LocalMapperOptions& options, const kys::DistanceModel& model)
-    : map_(camera, scales), mapper_(options, model) {}
+                 const BackEndOptions& options, const kys::DistanceModel& model, bool threaded)
+    : model_(&model),
+      relocalization_(options.relocalization),
+      map_(camera, scales),
+      mapper_(options.mapping, model),
+      closer_(options.loop, options.mapping.bundle, model),
+      full_bundle_(options.full_bundle, threaded) {}
 
 BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<bool>* stop) {
   BackEndStep step;
   step.frame_index = message.frame_index;
+  full_bundle_.take_over_if_due(map_, message.id);
   step.report = mapper_.process(map_, message, stop);
-  step.changes = map_.take_changes();
-#ifndef NDEBUG
-  map_.check_consistency();
-#endif
+  step.loop = closer_.process(map_, message.id, places_, stop);
+  if (step.loop.closed) {
+    full_bundle_.start(map_, map_.keyframe(message.id).submap, message.id);
+  }
+  step.changes = publish();
   return step;
 }
 
-BackEndRunner::BackEndRunner(BackEnd back_end, Schedule schedule, int delay)
-    : back_end_(std::move(back_end)), schedule_(schedule), delay_(delay) {
+ChangeSet BackEnd::finish() {
+  full_bundle_.finish(map_);
+  return publish();
+}
+
+/// What changed, for the index of places and for the tracker.
+ChangeSet BackEnd::publish() {
+  ChangeSet changes = map_.take_changes();
+  places_.apply(changes);
+#ifndef NDEBUG
+  map_.check_consistency();
+#endif
+  return changes;
+}
+
+std::optional<VerifiedPlace> BackEnd::relocalize(const FrameFeatures& features,
+                                                 kys::Statistics& statistics) const {
+  return kys_slam::relocalize(map_, places_, features, relocalization_, *model_, statistics);
+}
+
+BackEndRunner::BackEndRunner(const StereoCamera& camera, const ScaleLevels& scales,
+                             const BackEndOptions& options, const kys::DistanceModel& model,
+                             Schedule schedule, int delay)
+    : back_end_(camera, scales, options, model, schedule != Schedule::kSequential),
+      schedule_(schedule),
+      delay_(delay) {
   if (schedule_ != Schedule::kSequential) thread_ = std::thread([this] { run(); });
 }
 

@@ -8,12 +8,17 @@
 #include <deque>
 #include <exception>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <vector>
 
+#include "loop_closing/full_bundle.h"
+#include "loop_closing/loop_closer.h"
+#include "loop_closing/relocalization.h"
 #include "map/keyframe_message.h"
 #include "map/map.h"
 #include "mapping/local_mapper.h"
+#include "retrieval/place_index.h"
 
 namespace kys_slam {
 
@@ -22,20 +27,44 @@ struct BackEndStep {
   std::int64_t frame_index = 0;  ///< of the keyframe
   ChangeSet changes;
   LocalMapperReport report;
+  LoopReport loop;
 };
 
-/// Owner and only writer of the map: one step per keyframe message. Knows nothing of threads.
+struct BackEndOptions {
+  LocalMapperOptions mapping;
+  LoopOptions loop;
+  FullBundleOptions full_bundle;
+  RelocalizationOptions relocalization;
+};
+
+/// Owner and only writer of the map: one step per keyframe message, local mapping and loop closing.
+/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when `threaded`.
 class BackEnd {
  public:
-  BackEnd(const StereoCamera& camera, const ScaleLevels& scales, const LocalMapperOptions& options,
-          const kys::DistanceModel& model);
+  /// \param model has to outlive the back end
+  BackEnd(const StereoCamera& camera, const ScaleLevels& scales, const BackEndOptions& options,
+          const kys::DistanceModel& model, bool threaded);
 
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
+  /// Takes over what full bundle adjustment still has under way.
+  ChangeSet finish();
+  /// Where a frame is in the map, if it is at a known place.
+  [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
+                                                        kys::Statistics& statistics) const;
+  /// Full bundle adjustment stops. From any thread.
+  void interrupt() { full_bundle_.interrupt(); }
   [[nodiscard]] const Map& map() const { return map_; }
 
  private:
+  ChangeSet publish();
+
+  const kys::DistanceModel* model_;
+  RelocalizationOptions relocalization_;
   Map map_;
   LocalMapper mapper_;
+  PlaceIndex places_;
+  LoopCloser closer_;
+  FullBundle full_bundle_;
 };
 
 /// Runs the back end by a schedule: messages go in, finished steps come out at frame boundaries.
@@ -44,7 +73,10 @@ class BackEnd {
 ///   realtime: it runs in a thread and comes out when it is ready.
 class BackEndRunner {
  public:
-  BackEndRunner(BackEnd back_end, Schedule schedule, int delay);
+  /// \param model has to outlive the runner
+  BackEndRunner(const StereoCamera& camera, const ScaleLevels& scales,
+                const BackEndOptions& options, const kys::DistanceModel& model, Schedule schedule,
+                int delay);
   BackEndRunner(const BackEndRunner&) = delete;
   BackEndRunner& operator=(const BackEndRunner&) = delete;
   ~BackEndRunner();
@@ -56,8 +88,18 @@ class BackEndRunner {
   std::vector<BackEndStep> drain();
   /// Messages submitted and not yet collected.
   [[nodiscard]] int waiting() const { return waiting_; }
+  /// After `drain`: the map's last correction.
+  ChangeSet finish() { return back_end_.finish(); }
+  /// After `drain`.
+  [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
+                                                        kys::Statistics& statistics) const {
+    return back_end_.relocalize(features, statistics);
+  }
   /// Optimisation under way stops early, and all that follows.
-  void interrupt() { stop_ = true; }
+  void interrupt() {
+    stop_ = true;
+    back_end_.interrupt();
+  }
   /// After `drain`.
   [[nodiscard]] const Map& map() const { return back_end_.map(); }
 

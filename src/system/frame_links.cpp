@@ -8,6 +8,7 @@ void FrameLinks::close(KeyFrameId id, const Tracker& tracker) {
   for (std::size_t f = last_keyframe_ + 1; f < at; ++f) {
     Link& link = links_[f];
     if (!link.before.reference.valid()) continue;
+    if (tracker.submap(link.before.reference) != tracker.submap(id)) continue;
     link.after = {id, tracker.current_pose(link.before) * T_w_k};
     link.share = static_cast<double>(f - last_keyframe_) / static_cast<double>(at - last_keyframe_);
   }

@@ -19,6 +19,11 @@ class FrameLinks {
   /// The last frame added became keyframe `id`: ties the frames since the keyframe before to it.
   void close(KeyFrameId id, const Tracker& tracker);
   [[nodiscard]] std::size_t size() const { return links_.size(); }
+  /// Sub-map of a frame; invalid for one without a pose.
+  [[nodiscard]] KeyFrameId submap(const Map& map, std::size_t frame) const {
+    const KeyFrameId reference = links_.at(frame).before.reference;
+    return reference.valid() ? map.submap(reference) : KeyFrameId{};
+  }
   /// T_w_c of a frame in the map as it is now; nothing for a frame without a pose.
   [[nodiscard]] std::optional<Rigid3> pose(const Map& map, std::size_t frame) const;
 

@@ -82,15 +82,19 @@ std::string frames_csv(const System& system) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-      "index,name,timestamp,status,reason,keyframe,keypoints,stereo_matches,matches,inliers,"
+      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_gap_m,keypoints,stereo_matches,matches,inliers,"
       "prior_coverage,masked";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
-  for (const FrameReport& r : system.reports()) {
-    text += fmt::format("{},{},{:.9f},{},\"{}\",{},{},{},{},{},{:.4f},{}", r.index, r.name,
-                        r.timestamp, to_string(r.status), r.reason, r.keyframe ? 1 : 0, r.keypoints,
-                        r.stereo_matches, r.matches, r.inliers, r.prior_coverage, r.masked);
+  const std::vector<FrameEstimate> estimates = system.trajectory();
+  for (std::size_t k = 0; k < estimates.size(); ++k) {
+    const FrameReport& r = system.reports()[k];
+    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f}", r.index, r.name, r.timestamp,
+                        to_string(r.status), estimates[k].submap, r.reason, r.keyframe ? 1 : 0,
+                        to_string(r.loop), r.loop_frame, r.loop_gap_m);
+    text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
+                        r.inliers, r.prior_coverage, r.masked);
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
       text += fmt::format(",{},{}", r.statistics.pairs[t], r.statistics.accepted[t]);
     }
@@ -100,15 +104,25 @@ std::string frames_csv(const System& system) {
   return text;
 }
 
-std::string map_ply(const Map& map) {
-  std::string text = fmt::format(
-      "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
-      "property float x\nproperty float y\nproperty float z\nend_header\n",
-      map.landmarks().size());
+/// Landmarks of the sub-map that the trajectory is told in.
+std::string map_ply(const System& system) {
+  const Map& map = system.map();
+  std::int64_t main = -1;
+  for (const FrameEstimate& estimate : system.trajectory()) {
+    if (estimate.connected) main = estimate.submap;
+  }
+  std::string vertices;
+  std::size_t count = 0;
   map.landmarks().for_each([&](LandmarkId, const Landmark& l) {
-    text += fmt::format("{:.4f} {:.4f} {:.4f}\n", l.p_w.x(), l.p_w.y(), l.p_w.z());
+    if (static_cast<std::int64_t>(map.keyframe(l.reference).submap.value) != main) return;
+    vertices += fmt::format("{:.4f} {:.4f} {:.4f}\n", l.p_w.x(), l.p_w.y(), l.p_w.z());
+    ++count;
   });
-  return text;
+  return fmt::format(
+             "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
+             "property float x\nproperty float y\nproperty float z\nend_header\n",
+             count) +
+         vertices;
 }
 
 /// Errors against the ground truth; nothing when too little of it belongs to frames with a pose.
@@ -123,6 +137,9 @@ struct Counts {
   std::int64_t frames = 0;
   std::int64_t tracked = 0;
   std::int64_t keyframes_made = 0;
+  std::int64_t loops = 0;
+  std::int64_t merges = 0;
+  std::int64_t relocalised = 0;
 };
 
 Counts count(const System& system) {
@@ -131,8 +148,18 @@ Counts count(const System& system) {
     ++c.frames;
     c.tracked += report.status != FrameStatus::kLost ? 1 : 0;
     c.keyframes_made += report.keyframe ? 1 : 0;
+    c.loops += report.loop == LoopEvent::kClosed ? 1 : 0;
+    c.merges += report.loop == LoopEvent::kMerged ? 1 : 0;
+    c.relocalised += report.reason == "relocalised" ? 1 : 0;
   }
   return c;
+}
+
+std::size_t submap_count(const Map& map) {
+  std::size_t roots = 0;
+  map.keyframes().for_each(
+      [&](KeyFrameId, const KeyFrame& k) { roots += k.parent.valid() ? 0 : 1; });
+  return roots;
 }
 
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info) {
@@ -148,8 +175,11 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["keyframes"] = system.map().keyframes().size();
   json["keyframes_made"] = counts.keyframes_made;
   json["landmarks"] = system.map().landmarks().size();
-  json["loops_closed"] = 0;
-  json["submaps"] = system.map().keyframes().empty() ? 0 : 1;
+  json["loops_closed"] = counts.loops;
+  json["submaps"] = submap_count(system.map());
+  json["submaps_merged"] = counts.merges;
+  json["relocalisations"] = counts.relocalised;
+  json["frames_connected"] = connected_poses(system).size();
   json["path_length_m"] = path_length(connected_poses(system));
   json["missing_priors"] = info.missing_priors;
   if (const auto a = accuracy(system, info)) {
@@ -187,7 +217,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   }
   write_file_atomic(folder / "frames.csv", frames_csv(system));
   write_file_atomic(folder / "config.yaml", settings.to_yaml());
-  write_file_atomic(folder / "map.ply", map_ply(system.map()));
+  write_file_atomic(folder / "map.ply", map_ply(system));
   write_file_atomic(folder / "summary.json", summary(system, schedule, info).dump(2) + "\n");
 }
 
@@ -200,6 +230,12 @@ std::string describe_run(const System& system, const RunInfo& info) {
   row("frames tracked", fmt::format("{} of {}", counts.tracked, counts.frames));
   row("keyframes, landmarks",
       fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
+  if (counts.loops + counts.merges + counts.relocalised > 0) {
+    row("loops closed", std::to_string(counts.loops));
+    row("sub-maps left, merged",
+        fmt::format("{}, {}", submap_count(system.map()), counts.merges));
+    row("frames relocalised", std::to_string(counts.relocalised));
+  }
   row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
   if (const auto a = accuracy(system, info)) {
     row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a->ate.rmse));

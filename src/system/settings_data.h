@@ -5,6 +5,9 @@
 #include <string>
 
 #include "features/orb_extractor.h"
+#include "loop_closing/full_bundle.h"
+#include "loop_closing/loop_closer.h"
+#include "loop_closing/relocalization.h"
 #include "mapping/local_mapper.h"
 #include "matching/stereo_matcher.h"
 #include "tracking/tracker.h"
@@ -23,6 +26,10 @@ struct SettingsData {
   StereoOptions stereo;
   TrackerOptions tracking;
   LocalMapperOptions mapping;
+  LoopOptions loop;
+  FullBundleOptions full_bundle;
+  RelocalizationOptions relocalization;
+  PlaceVerificationOptions place;  ///< of loops and relocalisation alike
   kys::ModeOptions kys;
   ControlOptions control;
 };
@@ -118,6 +125,52 @@ void visit_settings(Data& s, Visitor&& visit) {
         "by which it has to differ to be applied");
   visit("calibration.max_correction", m.calibration.max_correction, "px",
         "a larger one is ignored");
+
+  auto& l = s.loop;
+  visit("loop.enabled", l.enabled, "", "close loops and merge sub-maps");
+  visit("loop.min_gap", l.min_gap, "keyframes", "between two loops");
+  visit("loop.candidates", l.candidates, "", "places verified per keyframe");
+  visit("loop.min_votes", l.min_votes, "", "features voting for a place below which it is skipped");
+  visit("loop.neighbours", l.neighbours, "", "covisible keyframes asked to confirm");
+  visit("loop.min_confirming", l.min_confirming, "", "of these have to");
+  visit("loop.min_neighbour_inliers", l.min_neighbour_inliers, "",
+        "landmarks of the place each of them has to see");
+  visit("loop.max_neighbour_shift", l.max_neighbour_shift, "m, and m/m",
+        "between where one is found and where it should be: this much and this share of its distance");
+  visit("loop.max_neighbour_turn", l.max_neighbour_turn, "deg",
+        "between where one is found and where it should be");
+  visit("loop.essential_weight", l.essential_weight, "",
+        "shared landmarks that make an edge of the pose graph");
+  visit("loop.graph_iterations", l.graph_iterations, "", "of the pose graph at most");
+  visit("full_bundle.enabled", s.full_bundle.enabled, "",
+        "bundle adjustment of the whole map after a loop");
+  visit("full_bundle.min_delay", s.full_bundle.min_delay, "keyframes",
+        "after which its result is taken over ...");
+  visit("full_bundle.keyframes_per_step", s.full_bundle.keyframes_per_step, "",
+        "... and one more for every so many keyframes of the map");
+  visit("full_bundle.iterations", s.full_bundle.bundle.iterations, "", "of the robust round");
+  visit("full_bundle.refine_iterations", s.full_bundle.bundle.refine_iterations, "",
+        "after outliers are set aside");
+  visit("relocalization.enabled", s.relocalization.enabled, "",
+        "look for lost frames in the whole map, start a new sub-map when that fails");
+  visit("relocalization.candidates", s.relocalization.candidates, "", "places verified per frame");
+  visit("relocalization.patience", s.relocalization.patience, "frames",
+        "not recognised before one of them starts a new sub-map");
+  auto& p = s.place;
+  visit("place.descriptor_distance", p.descriptor_distance, "bits",
+        "largest distance of a match without prediction");
+  visit("place.descriptor_ratio", p.descriptor_ratio, "", "best over second best distance");
+  visit("place.min_descriptor_matches", p.min_descriptor_matches, "",
+        "such matches below which it is another place");
+  visit("place.min_aligned", p.min_aligned, "", "matches that agree on one motion");
+  visit("place.wide_radius", p.wide_radius, "px", "search radius after the alignment, octave 0");
+  visit("place.narrow_radius", p.narrow_radius, "px", "after the first refinement");
+  visit("place.search_distance", p.search_distance, "bits", "largest distance of a match there");
+  visit("place.min_inliers", p.min_inliers, "", "landmarks that fit the refined pose");
+  visit("place.min_share", p.min_share, "", "of the landmarks that should be in view");
+  visit("place.min_observers", p.min_observers, "", "keyframes of the place that ...");
+  visit("place.min_observed", p.min_observed, "", "... see this many of those that fit");
+  visit("place.seed", p.seed, "", "of the samples of the alignment");
 
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <chrono>
+#include <map>
 #include <thread>
 #include <utility>
 
@@ -29,9 +30,11 @@ kys::DistanceModel make_model(const SettingsData& settings) {
   }
 }
 
-LocalMapperOptions mapper_options(const SettingsData& settings) {
-  LocalMapperOptions options = settings.mapping;
-  options.keyframe_culling.close_baselines = settings.tracking.close_baselines;
+BackEndOptions back_end_options(const SettingsData& settings) {
+  BackEndOptions options{settings.mapping, settings.loop, settings.full_bundle,
+                         settings.relocalization};
+  options.mapping.keyframe_culling.close_baselines = settings.tracking.close_baselines;
+  options.loop.verification = options.relocalization.verification = settings.place;
   return options;
 }
 
@@ -47,6 +50,15 @@ const char* to_string(FrameStatus status) {
       break;
   }
   return "lost";
+}
+
+const char* to_string(LoopEvent event) {
+  switch (event) {
+    case LoopEvent::kClosed: return "closed";
+    case LoopEvent::kMerged: return "merged";
+    case LoopEvent::kNone: break;
+  }
+  return "";
 }
 
 namespace {
@@ -81,11 +93,13 @@ struct System::Impl {
         scales(options.orb.scale_factor, options.orb.levels),
         front_end(camera, options.orb, options.stereo, model, priors.get()),
         tracker(camera, scales, options.tracking, model),
-        runner(BackEnd(camera, scales, mapper_options(options), model), schedule,
+        runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay) {}
 
   void check_input(const StereoFrame& frame) const;
   void apply(std::vector<BackEndStep> steps);
+  TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
+  [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
 
   StereoCamera camera;
@@ -99,6 +113,7 @@ struct System::Impl {
   std::vector<FrameReport> reports;
   FrameLinks links;        // of every frame fed
   std::int64_t count = 0;  // frames fed: the index everything inside goes by
+  int unrecognised = 0;    // lost frames since the last tracked one that were looked for in vain
 };
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
@@ -137,7 +152,14 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
     FrameReport& report = reports.at(static_cast<std::size_t>(step.frame_index));
     report.times.local_mapping = step.report.total();
     report.times.local_bundle = step.report.bundle;
+    report.times.loop = step.loop.total();
     report.statistics += step.report.statistics;
+    report.statistics += step.loop.statistics;
+    if (step.loop.closed) {
+      report.loop = step.loop.merged ? LoopEvent::kMerged : LoopEvent::kClosed;
+      report.loop_gap_m = step.loop.gap;
+      report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
+    }
   }
 }
 
@@ -175,6 +197,29 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   report.resident_mb = resident_memory_mb();
 }
 
+/// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
+/// starts, to be merged when a known place is seen again. The back end is waited for, so that the
+/// answer depends on the frames alone.
+TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult& seen,
+                                  TrackResult lost) {
+  if (!options.relocalization.enabled || seen.features->size() == 0) return lost;
+  apply(runner.drain());
+  if (const auto place = runner.relocalize(*seen.features, lost.statistics)) {
+    TrackResult resumed = tracker.resume(count, frame.timestamp, seen.features,
+                                         {place->keyframe, place->T_c_w, place->landmarks}, 0);
+    resumed.statistics += lost.statistics;
+    if (resumed.status != TrackingStatus::kLost) return resumed;
+    lost.reason += "; " + resumed.reason;
+    lost.statistics = resumed.statistics;
+  }
+  if (!tracker.can_start(*seen.features) || ++unrecognised < options.relocalization.patience) {
+    return lost;
+  }
+  TrackResult started = tracker.start_submap(count, frame.timestamp, seen.features);
+  started.statistics += lost.statistics;
+  return started;
+}
+
 FrameReport System::feed(const StereoFrame& frame) {
   Impl& s = *impl_;
   s.check_input(frame);
@@ -188,6 +233,10 @@ FrameReport System::feed(const StereoFrame& frame) {
   s.apply(s.runner.collect(s.count));
   TrackResult tracked =
       s.tracker.track(s.count, frame.timestamp, seen.features, s.runner.waiting());
+  if (tracked.status == TrackingStatus::kLost && s.tracker.knows_a_map()) {
+    tracked = s.recover(frame, seen, std::move(tracked));
+  }
+  if (tracked.status != TrackingStatus::kLost) s.unrecognised = 0;
 
   FrameReport report;
   report.index = frame.index;
@@ -207,19 +256,42 @@ FrameReport System::feed(const StereoFrame& frame) {
 
 void System::finish() {
   impl_->apply(impl_->runner.drain());
+  impl_->tracker.apply(impl_->runner.finish());
 }
 
 void System::interrupt() {
   impl_->runner.interrupt();
 }
 
+/// The sub-map with most frames; of equals the oldest. The trajectory is told in its frame.
+KeyFrameId System::Impl::main_submap() const {
+  std::map<KeyFrameId, int> frames;
+  for (std::size_t k = 0; k < links.size(); ++k) {
+    if (const KeyFrameId id = links.submap(runner.map(), k); id.valid()) ++frames[id];
+  }
+  KeyFrameId main;
+  int most = 0;
+  for (const auto& [id, members] : frames) {
+    if (members > most) {
+      main = id;
+      most = members;
+    }
+  }
+  return main;
+}
+
 std::vector<FrameEstimate> System::trajectory() const {
+  const KeyFrameId main = impl_->main_submap();
   std::vector<FrameEstimate> estimates;
   for (std::size_t k = 0; k < impl_->reports.size(); ++k) {
     const FrameReport& report = impl_->reports[k];
-    FrameEstimate estimate{report.index, report.timestamp, false, {}};
+    FrameEstimate estimate;
+    estimate.index = report.index;
+    estimate.timestamp = report.timestamp;
     if (const auto T_w_c = impl_->links.pose(map(), k)) {
-      estimate.connected = true;
+      const KeyFrameId submap = impl_->links.submap(map(), k);
+      estimate.submap = static_cast<std::int64_t>(submap.value);
+      estimate.connected = submap == main;
       estimate.T_w_c = *T_w_c;
     }
     estimates.push_back(estimate);
@@ -228,8 +300,10 @@ std::vector<FrameEstimate> System::trajectory() const {
 }
 
 std::vector<TimedPose> System::keyframes() const {
+  const KeyFrameId main = impl_->main_submap();
   std::vector<TimedPose> poses;
   map().keyframes().for_each([&](KeyFrameId, const KeyFrame& keyframe) {
+    if (keyframe.submap != main) return;
     poses.push_back({keyframe.timestamp, keyframe.T_c_w.inverse()});
   });
   return poses;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "matching/descriptor_matcher.h"
 #include "matching/predicted_view.h"
@@ -26,6 +27,12 @@ int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId
     ++count;
   }
   return count;
+}
+
+int count_stereo(const FrameFeatures& features) {
+  int stereo = 0;
+  for (std::size_t i = 0; i < features.size(); ++i) stereo += features.has_stereo(i) ? 1 : 0;
+  return stereo;
 }
 
 int count_landmarks(const std::vector<LandmarkId>& landmarks) {
@@ -58,14 +65,24 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
   options.check();
 }
 
+Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
+                                   std::shared_ptr<const FrameFeatures> features) const {
+  Frame frame{index, timestamp, std::move(features), {}, {}, {}};
+  frame.landmarks.resize(frame.features->size());
+  return frame;
+}
+
 TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
                            std::shared_ptr<const FrameFeatures> features, int waiting) {
   TrackResult result;
   Stopwatch watch;
-  Frame frame{frame_index, timestamp, std::move(features), {}, {}, {}};
-  frame.landmarks.resize(frame.features->size());
+  Frame frame = make_frame(frame_index, timestamp, std::move(features));
   if (!last_) {
-    start_map(frame, result);
+    if (replica_.keyframes().empty()) {
+      start_map(frame, result);
+    } else {
+      result.reason = "not yet found in the map";
+    }
     return result;
   }
   refresh_last_frame();
@@ -75,22 +92,64 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
   result.times.local_map = watch.lap_ms();
   if (!tracked) {
     velocity_.reset();
-    result.status = TrackingStatus::kLost;
     return result;
   }
+  settle(std::move(frame), waiting, result);
+  return result;
+}
+
+/// A frame with a pose: perhaps a keyframe, and what the next one starts from.
+void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
+  Stopwatch watch;
   result.status = TrackingStatus::kTracked;
   if (wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
   result.times.keyframe = watch.lap_ms();
   leave(std::move(frame), result);
+}
+
+TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
+                            std::shared_ptr<const FrameFeatures> features, const KnownPlace& place,
+                            int waiting) {
+  TrackResult result;
+  result.reason = "relocalised";
+  Stopwatch watch;
+  Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  frame.T_c_w = place.T_c_w;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (replica_.landmarks().contains(place.landmarks[i])) frame.landmarks[i] = place.landmarks[i];
+  }
+  refine_pose(frame);
+  const KeyFrameId before = std::exchange(reference_, place.reference);
+  const bool tracked = track_local_map(frame, result);
+  result.times.local_map = watch.lap_ms();
+  if (!tracked) {
+    reference_ = before;
+    return result;
+  }
+  if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
+  settle(std::move(frame), waiting, result);
   return result;
 }
 
-/// The first frame with enough stereo points becomes the first keyframe, at the world's origin.
+bool Tracker::can_start(const FrameFeatures& features) const {
+  return count_stereo(features) >= options_.min_start_points;
+}
+
+TrackResult Tracker::start_submap(std::int64_t frame_index, double timestamp,
+                                  std::shared_ptr<const FrameFeatures> features) {
+  TrackResult result;
+  Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  const KeyFrameId before = std::exchange(reference_, KeyFrameId{});
+  start_map(frame, result);
+  if (result.status != TrackingStatus::kStarted) reference_ = before;
+  return result;
+}
+
+/// A frame with enough stereo points becomes the first keyframe of a map, at the world's origin.
 void Tracker::start_map(Frame& frame, TrackResult& result) {
-  int stereo = 0;
-  for (std::size_t i = 0; i < frame.features->size(); ++i) stereo += frame.features->has_stereo(i);
+  const int stereo = count_stereo(*frame.features);
   if (stereo < options_.min_start_points) {
     result.reason = "too few stereo points to start a map: " + std::to_string(stereo);
     return;
@@ -98,6 +157,7 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
   result.status = TrackingStatus::kStarted;
   result.reason = "start";
   result.keyframe = make_keyframe(frame);
+  first_keyframe_ = result.keyframe->id;
   result.inliers = result.matches = static_cast<int>(result.keyframe->new_landmarks.size());
   leave(std::move(frame), result);
 }
@@ -133,6 +193,11 @@ void Tracker::refresh_last_frame() {
 Rigid3 Tracker::current_pose(const FramePose& pose) const {
   const Replica::Anchor anchor = replica_.resolve(pose.reference);
   return pose.T_c_reference * anchor.T_c_k * replica_.keyframes().at(anchor.keyframe).T_c_w;
+}
+
+KeyFrameId Tracker::submap(KeyFrameId keyframe) const {
+  const KeyFrameView* view = replica_.keyframes().find(replica_.resolve(keyframe).keyframe);
+  return view != nullptr ? view->submap : KeyFrameId{};
 }
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
@@ -316,7 +381,8 @@ void Tracker::count_visible(LandmarkId id) {
 KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waiting) const {
   KeyFrameSituation s;
   s.frames_since_keyframe = static_cast<int>(frame.index - last_keyframe_frame_);
-  s.keyframes_in_map = static_cast<int>(replica_.keyframes().size());
+  s.keyframes_in_map =
+      1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value);
   s.inliers = inliers;
   s.waiting = waiting;
   const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
@@ -356,6 +422,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
 
   // The replica has it at once; the back end's view of it follows in a change set.
   KeyFrameView view;
+  view.submap = reference_.valid() ? submap(reference_) : message.id;
   view.T_c_w = frame.T_c_w;
   view.features = frame.features;
   view.landmarks = frame.landmarks;
@@ -384,7 +451,7 @@ void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message)
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return frame.features->depth(a) < frame.features->depth(b);
   });
-  const bool first = message.id.value == 0;
+  const bool first = !message.reference.valid();
   constexpr std::size_t kNearest = 100;
   const Rigid3 T_w_c = frame.T_c_w.inverse();
   for (std::size_t k = 0; k < order.size(); ++k) {

@@ -46,6 +46,13 @@ struct FramePose {
   Rigid3 T_c_reference;
 };
 
+/// Where a frame was recognised in the map.
+struct KnownPlace {
+  KeyFrameId reference;
+  Rigid3 T_c_w;
+  std::vector<LandmarkId> landmarks;  ///< per feature; invalid: none
+};
+
 struct TrackTimes {
   double predict = 0;    ///< ms
   double local_map = 0;  ///< ms
@@ -76,12 +83,26 @@ class Tracker {
   TrackResult track(std::int64_t frame_index, double timestamp,
                     std::shared_ptr<const FrameFeatures> features, int waiting);
 
+  /// Tracks a frame that `track` lost but that was recognised in the map (relocalisation).
+  TrackResult resume(std::int64_t frame_index, double timestamp,
+                     std::shared_ptr<const FrameFeatures> features, const KnownPlace& place,
+                     int waiting);
+  /// Starts a new sub-map with a frame that `track` lost, at the origin of its own world.
+  TrackResult start_submap(std::int64_t frame_index, double timestamp,
+                           std::shared_ptr<const FrameFeatures> features);
+  /// Is there a map a lost frame could be looked for in?
+  [[nodiscard]] bool knows_a_map() const { return !replica_.keyframes().empty(); }
+  /// Enough stereo points to start a map?
+  [[nodiscard]] bool can_start(const FrameFeatures& features) const;
+
   /// Brings the replica up to date; between two frames.
   void apply(const ChangeSet& changes) { replica_.apply(changes); }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
   /// T_c_w of a frame tracked earlier, as the replica has its keyframe now.
   [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const;
+  /// Sub-map of a keyframe as the replica knows it.
+  [[nodiscard]] KeyFrameId submap(KeyFrameId keyframe) const;
 
  private:
   struct Frame {
@@ -93,7 +114,10 @@ class Tracker {
     FramePose pose;
   };
 
+  Frame make_frame(std::int64_t index, double timestamp,
+                   std::shared_ptr<const FrameFeatures> features) const;
   void start_map(Frame& frame, TrackResult& result);
+  void settle(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
@@ -122,6 +146,7 @@ class Tracker {
   std::optional<Rigid3> velocity_;  // T_c_last of the last two tracked frames
   KeyFrameId reference_;            // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
+  KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
   std::uint32_t next_landmark_ = 0;  // the tracker's ids are even, the back end's odd

@@ -57,7 +57,8 @@ void declare(CLI::App& app, Arguments& a) {
   }
   // CLI11's own check spells out the largest double, three hundred digits long.
   const CLI::Range not_negative(std::int64_t{0}, std::numeric_limits<std::int64_t>::max());
-  app.add_option("SEQUENCE", a.sequence, "folder of the sequence");
+  app.add_option("SEQUENCE", a.sequence,
+                 "folder of the sequence, or a feature file (simulate_features)");
   app.add_option("--priors", a.priors, "folder of this sequence's prior files");
   app.add_option(
       "--mode", a.mode,
@@ -138,19 +139,20 @@ int run(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
   if (a.frames > 0) options.frames = a.frames;
-  std::unique_ptr<Sequence> sequence = program.open(a.sequence, options);
+  const FrameInput input = open_frame_input(a.sequence, options, program.open);
+  check_octaves(input, settings);
 
   RunInfo info;
-  info.sequence = sequence->name();
+  info.sequence = input.name;
   info.mode = settings.get("kys.mode");
-  info.ground_truth = sequence->ground_truth();
+  info.ground_truth = input.ground_truth;
   const std::filesystem::path output =
       a.output.empty() ? std::filesystem::path("runs") / (info.sequence + "-" + info.mode)
                        : a.output;
   make_output_folder(output);
   std::unique_ptr<PriorFiles> priors;
   if (!a.priors.empty()) {
-    priors = std::make_unique<PriorFiles>(a.priors, sequence->camera(),
+    priors = std::make_unique<PriorFiles>(a.priors, input.frames->camera(),
                                           settings.get("control.label_space"), a.strict_priors);
   }
   const PriorFiles* prior_counts = priors.get();
@@ -158,9 +160,9 @@ int run(const RunProgram& program, const Arguments& a) {
   // Images are small: handing their rows out to threads costs more than it gains, and the cores
   // are taken.
   cv::setNumThreads(1);
-  System system(sequence->camera(), settings, schedule, std::move(priors));
-  const std::optional<std::int64_t> total = sequence->size();
-  ReadAhead source(*sequence);
+  System system(input.frames->camera(), settings, schedule, std::move(priors));
+  const std::optional<std::int64_t> total = input.frames->size();
+  ReadAhead source(*input.frames);
   const InterruptGuard guard([&] { system.interrupt(); });
   const double cpu_before = process_figures().cpu_seconds();
   info.start_up_s = start_up.elapsed_ms() / 1000;

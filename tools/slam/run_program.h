@@ -2,13 +2,9 @@
 
 #include <kys_slam/settings.h>
 
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <memory>
 #include <string>
 
-#include "io/sequence.h"
+#include "frame_input.h"
 
 namespace kys_slam {
 
@@ -17,8 +13,7 @@ struct RunProgram {
   std::string name;
   std::string description;
   Settings settings;  ///< defaults for this kind of sequence
-  std::function<std::unique_ptr<Sequence>(const std::filesystem::path&, const SequenceOptions&)>
-      open;
+  OpenSequence open;  ///< folders; feature files are the same for all programs
 };
 
 /// The whole program: command line, run, output. Returns the exit status: 0, 2 for bad usage or

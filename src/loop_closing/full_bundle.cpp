@@ -1,0 +1,134 @@
+#include "loop_closing/full_bundle.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace kys_slam {
+
+namespace {
+
+bool same(const Rigid3& a, const Rigid3& b) {
+  return a.rotation.coeffs() == b.rotation.coeffs() && a.translation == b.translation;
+}
+
+}  // namespace
+
+FullBundle::FullBundle(const FullBundleOptions& options, bool threaded) : options_(options) {
+  if (threaded && options.enabled) worker_ = std::make_unique<Worker>();
+}
+
+FullBundle::~FullBundle() { cancel(); }
+
+void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
+  cancel();
+  if (!options_.enabled || interrupted_) return;
+  auto job = std::make_unique<Job>();
+  job->submap = submap;
+  job->disparity_offset = map.disparity_offset();
+  job->keyframes = map.submap_keyframes(submap);
+  job->problem.camera = map.camera();
+  for (const KeyFrameId id : job->keyframes) {
+    const KeyFrame& keyframe = map.keyframe(id);
+    job->problem.T_c_w.push_back(keyframe.T_c_w);
+    job->problem.pose_fixed.push_back(keyframe.parent.valid() ? 0 : 1);
+  }
+  map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
+    if (map.keyframe(landmark.reference).submap == submap) job->landmarks.push_back(id);
+  });
+  job->bonds = add_landmarks(map, job->keyframes, job->landmarks, job->problem);
+  job->T_c_w = job->problem.T_c_w;
+  job->points = job->problem.points;
+  const auto size = static_cast<int>(job->keyframes.size());
+  job->due = {current.value + static_cast<std::uint32_t>(
+                                  options_.min_delay + size / std::max(1, options_.keyframes_per_step))};
+  job_ = std::move(job);
+  const auto work = [this] {
+    BundleOptions bundle = options_.bundle;
+    bundle.stop = &stop_;
+    job_->summary = adjust_bundle(job_->problem, bundle);
+  };
+  if (worker_) {
+    worker_->start(work);
+  } else {
+    work();
+  }
+}
+
+void FullBundle::cancel() {
+  if (!job_) return;
+  stop_ = true;
+  if (worker_) worker_->wait();
+  job_.reset();
+  stop_ = interrupted_.load();
+}
+
+void FullBundle::interrupt() {
+  interrupted_ = true;
+  stop_ = true;
+}
+
+bool FullBundle::take_over_if_due(Map& map, KeyFrameId current) {
+  return job_ && !(current < job_->due) && finish(map);
+}
+
+bool FullBundle::finish(Map& map) {
+  if (!job_) return false;
+  if (worker_) worker_->wait();
+  const std::unique_ptr<Job> job = std::move(job_);
+  // A corrected disparity stretches the map: what was computed before does not fit it any more.
+  if (interrupted_ || job->summary.stopped || map.disparity_offset() != job->disparity_offset) {
+    return false;
+  }
+  take_over(map, *job);
+  return true;
+}
+
+void FullBundle::take_over(Map& map, const Job& job) const {
+  IdTable<KeyFrameId, Rigid3> corrected;
+  for (std::size_t k = 0; k < job.keyframes.size(); ++k) {
+    const KeyFrameId id = job.keyframes[k];
+    if (!map.has(id)) continue;
+    // What local mapping did meanwhile stays: the correction comes on top.
+    const Rigid3& now = map.keyframe(id).T_c_w;
+    corrected.put(id, same(now, job.T_c_w[k])
+                          ? job.problem.T_c_w[k]
+                          : now * job.T_c_w[k].inverse() * job.problem.T_c_w[k]);
+  }
+  // Keyframes made meanwhile follow their parents, oldest first along the spanning tree.
+  const std::vector<KeyFrameId> ids = map.submap_keyframes(job.submap);
+  for (const KeyFrameId id : ids) {
+    std::vector<KeyFrameId> path;
+    for (KeyFrameId k = id; k.valid() && !corrected.contains(k); k = map.keyframe(k).parent) {
+      path.push_back(k);
+    }
+    for (auto k = path.rbegin(); k != path.rend(); ++k) {
+      const KeyFrame& keyframe = map.keyframe(*k);
+      if (!keyframe.parent.valid()) {
+        corrected.put(*k, keyframe.T_c_w);
+        continue;
+      }
+      const Rigid3 T_c_parent = keyframe.T_c_w * map.keyframe(keyframe.parent).T_c_w.inverse();
+      corrected.put(*k, T_c_parent * corrected.at(keyframe.parent));
+    }
+  }
+  std::vector<std::pair<LandmarkId, Eigen::Vector3d>> positions;
+  for (std::size_t k = 0; k < job.landmarks.size(); ++k) {
+    if (!map.has(job.landmarks[k])) continue;
+    const Eigen::Vector3d since = map.landmark(job.landmarks[k]).p_w - job.points[k];
+    positions.emplace_back(job.landmarks[k], job.problem.points[k] + since);
+  }
+  std::vector<Rigid3> T_c_w;
+  T_c_w.reserve(ids.size());
+  for (const KeyFrameId id : ids) T_c_w.push_back(corrected.at(id));
+  map.move_keyframes(ids, T_c_w);
+  for (const auto& [id, p_w] : positions) map.set_position(id, p_w);
+  for (std::size_t k = 0; k < job.bonds.size(); ++k) {
+    if (job.summary.outlier[k] == 0 || !map.has(job.bonds[k].landmark)) continue;
+    map.remove_observation(job.bonds[k].landmark, job.bonds[k].keyframe);
+  }
+  for (const auto& entry : positions) {
+    if (map.has(entry.first)) map.refresh_geometry(entry.first);
+  }
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <kys/distance_model.h>
+
+#include <atomic>
+#include <optional>
+
+#include "loop_closing/place_verification.h"
+#include "map/map.h"
+#include "mapping/fusion.h"
+#include "mapping/local_bundle.h"
+#include "optimization/pose_graph.h"
+#include "retrieval/place_index.h"
+
+namespace kys_slam {
+
+struct LoopOptions {
+  bool enabled = true;
+  int min_gap = 10;                   ///< keyframes between two loops
+  std::size_t candidates = 3;         ///< of the place index, verified in this order
+  int min_votes = 15;                 ///< features that vote for a candidate; fewer: not verified
+  std::size_t neighbours = 5;         ///< covisible keyframes that are asked to confirm
+  int min_confirming = 2;             ///< of these have to
+  int min_neighbour_inliers = 25;     ///< landmarks of the place each has to see
+  double max_neighbour_shift = 0.1;   ///< m, and as a share of its distance from the keyframe
+  double max_neighbour_turn = 2;      ///< deg, between where it is found and where it should be
+  int essential_weight = 100;         ///< shared landmarks that make an edge of the pose graph
+  int graph_iterations = 20;
+  PlaceVerificationOptions verification;
+  FusionOptions fusion{10, 0, 4, 50};
+};
+
+/// ms of the steps, and what came of one keyframe.
+struct LoopReport {
+  double query = 0;
+  double verify = 0;
+  double correct = 0;
+  int candidates = 0;                ///< places verified
+  std::optional<KeyFrameId> closed;  ///< keyframe the loop was closed with
+  std::int64_t closed_frame = 0;     ///< its frame
+  bool merged = false;               ///< ... which belonged to another sub-map
+  double gap = 0;                    ///< m, translation the loop took away
+  double gap_deg = 0;
+  int fused = 0;                     ///< landmarks
+  kys::Statistics statistics;
+  [[nodiscard]] double total() const { return query + verify + correct; }
+};
+
+/// Recognises that a new keyframe is at a known place and corrects the map: drift within a sub-map
+/// is spread over the essential graph; two sub-maps that meet become one (ORB-SLAM, Sec. VII;
+/// ORB-SLAM3, Sec. VI). All over SE(3), as stereo fixes scale. Owns no thread.
+class LoopCloser {
+ public:
+  /// \param model has to outlive the closer
+  LoopCloser(const LoopOptions& options, const LocalBundleOptions& bundle,
+             const kys::DistanceModel& model)
+      : options_(options), bundle_(bundle), model_(&model) {}
+
+  /// After local mapping of the keyframe. \param index holds the map's landmarks
+  LoopReport process(Map& map, KeyFrameId current, const PlaceIndex& index,
+                     const std::atomic<bool>* stop = nullptr);
+
+ private:
+  struct Confirmed {
+    VerifiedPlace place;                 // of the current keyframe
+    std::vector<KeyFrameId> neighbours;  // that confirmed it
+  };
+  [[nodiscard]] std::optional<Confirmed> detect(const Map& map, KeyFrameId current,
+                                                const PlaceIndex& index, LoopReport& report) const;
+  [[nodiscard]] std::optional<Confirmed> confirm(const Map& map, KeyFrameId current,
+                                                 VerifiedPlace place,
+                                                 kys::Statistics& statistics) const;
+  void close(Map& map, KeyFrameId current, const Confirmed& loop,
+             const std::atomic<bool>* stop) const;
+  void merge(Map& map, KeyFrameId current, const Confirmed& loop) const;
+  int fuse(Map& map, KeyFrameId current, const Confirmed& loop, LoopReport& report) const;
+
+  LoopOptions options_;
+  LocalBundleOptions bundle_;
+  const kys::DistanceModel* model_;
+  std::optional<KeyFrameId> last_closed_;  // keyframe that closed the last loop
+};
+
+}  // namespace kys_slam

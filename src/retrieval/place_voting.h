@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "map/id_table.h"
+#include "map/ids.h"
+
+namespace kys_slam {
+
+struct PlaceCandidate;
+
+/// The ballot box of one query: which keyframes may be voted for, and how many votes they have.
+class PlaceVotes {
+ public:
+  using Neighbours = IdTable<KeyFrameId, std::vector<KeyFrameId>>;
+
+  /// \param landmark_count landmarks observed, by keyframe id; has to outlive this
+  explicit PlaceVotes(const std::vector<std::uint32_t>& landmark_count)
+      : landmark_count_(landmark_count),
+        allowed_(landmark_count.size(), 0),
+        votes_(landmark_count.size(), 0),
+        weight_(landmark_count.size(), 0),
+        voted_(landmark_count.size(), 0) {}
+
+  /// Only these may be voted for, except those excluded.
+  void allow(std::span<const KeyFrameId> keyframes, std::span<const KeyFrameId> excluded);
+
+  [[nodiscard]] bool is_allowed(std::uint32_t keyframe) const {
+    return keyframe < allowed_.size() && allowed_[keyframe] != 0;
+  }
+  [[nodiscard]] bool any_allowed(std::span<const std::uint32_t> keyframes) const {
+    for (const std::uint32_t keyframe : keyframes) {
+      if (is_allowed(keyframe)) return true;
+    }
+    return false;
+  }
+
+  /// A feature votes for the keyframes given to `add` between these two, once for each.
+  void begin_feature();
+  void add(std::span<const std::uint32_t> keyframes);
+  void end_feature();
+
+  /// The result as PlaceIndex::query describes it.
+  [[nodiscard]] std::vector<PlaceCandidate> candidates(const Neighbours& neighbours,
+                                                       std::size_t max_candidates) const;
+
+ private:
+  [[nodiscard]] double density(double weight, double landmarks) const;
+
+  const std::vector<std::uint32_t>& landmark_count_;
+  // By keyframe id.
+  std::vector<std::uint8_t> allowed_;
+  std::vector<int> votes_;
+  std::vector<double> weight_;        // of the votes
+  std::vector<std::uint32_t> voted_;  // the last feature that voted for it
+  std::size_t allowed_count_ = 0;
+  double allowed_landmarks_ = 0;  // sum over the allowed keyframes
+  std::uint32_t feature_ = 0;
+  std::vector<std::uint32_t> voted_for_;  // by this feature
+};
+
+}  // namespace kys_slam

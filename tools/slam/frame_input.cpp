@@ -1,0 +1,61 @@
+#include "frame_input.h"
+
+#include <fmt/format.h>
+#include <kys_slam/error.h>
+#include <kys_slam/settings.h>
+
+#include <cmath>
+#include <fstream>
+#include <system_error>
+#include <utility>
+
+#include "io/feature_sequence.h"
+#include "system/settings_data.h"
+
+namespace kys_slam {
+
+namespace {
+
+FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOptions& options) {
+  auto features =
+      std::make_unique<FeatureSequence>(path, options.start, options.frames.value_or(-1));
+  FrameInput input;
+  input.name = path.stem().string();
+  input.ground_truth = features->ground_truth();
+  input.has_images = false;
+  input.scale_factor = features->info().scale_factor;
+  input.levels = features->info().levels;
+  input.frames = std::move(features);
+  return input;
+}
+
+}  // namespace
+
+FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
+                            const OpenSequence& open_folder) {
+  std::error_code error;
+  if (std::filesystem::is_regular_file(path, error)) {
+    if (!std::ifstream(path)) throw InputError("cannot read " + path.string());
+    if (!is_feature_file(path)) {
+      throw InputError(path.string() + ": neither the folder of a sequence nor a feature file");
+    }
+    return open_feature_file(path, options);
+  }
+  std::unique_ptr<Sequence> sequence = open_folder(path, options);
+  FrameInput input;
+  input.name = sequence->name();
+  input.ground_truth = sequence->ground_truth();
+  input.frames = std::move(sequence);
+  return input;
+}
+
+void check_octaves(const FrameInput& input, const Settings& settings) {
+  if (input.has_images) return;
+  const OrbOptions& orb = settings.data().orb;
+  if (orb.levels == input.levels && std::abs(orb.scale_factor - input.scale_factor) < 1e-9) return;
+  throw InputError(fmt::format(
+      "{}: its features have {} octaves at {:g}; orb.levels, orb.scale_factor say {} at {:g}",
+      input.name, input.levels, input.scale_factor, orb.levels, orb.scale_factor));
+}
+
+}  // namespace kys_slam

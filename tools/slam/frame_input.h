@@ -1,0 +1,41 @@
+#pragma once
+
+#include <kys_slam/frame_source.h>
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "io/sequence.h"
+
+namespace kys_slam {
+
+class Settings;
+
+/// Opens a sequence folder of one layout.
+using OpenSequence =
+    std::function<std::unique_ptr<Sequence>(const std::filesystem::path&, const SequenceOptions&)>;
+
+/// What a run is fed with: the images of a folder or the features of a file.
+struct FrameInput {
+  std::string name;  ///< for the output folder
+  std::unique_ptr<FrameSource> frames;
+  std::vector<TimedPose> ground_truth;  ///< left camera; empty: none
+  bool has_images = true;               ///< false: features, whose octaves are the file's
+  double scale_factor = 0;              ///< of a feature file, between two octaves
+  int levels = 0;                       ///< of a feature file
+};
+
+/// Opens a sequence folder with `open_folder`, or a feature file (io/feature_sequence.h), which is
+/// known by its first bytes, whatever its name.
+/// \throws InputError naming the path: neither, unreadable, damaged, nothing in the part asked for.
+FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
+                            const OpenSequence& open_folder);
+
+/// \throws InputError when the features have other octaves than `settings` say.
+void check_octaves(const FrameInput& input, const Settings& settings);
+
+}  // namespace kys_slam
