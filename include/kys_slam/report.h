@@ -54,6 +54,7 @@ struct FrameReport {
   bool keyframe = false;
   LoopEvent loop = LoopEvent::kNone;
   std::int64_t loop_frame = -1;  ///< the frame it was closed with
+  double loop_distance_m = 0;    ///< between the two frames as verified
   double loop_gap_m = 0;         ///< distance by which the loop was open
   double prior_coverage = 0;     ///< share of keypoints with a valid label
   int masked = 0;                ///< keypoints dropped by mode `mask`

@@ -39,6 +39,7 @@ struct LoopReport {
   std::optional<KeyFrameId> closed;  ///< keyframe the loop was closed with
   std::int64_t closed_frame = 0;     ///< its frame
   bool merged = false;               ///< ... which belonged to another sub-map
+  double distance = 0;               ///< m, between the two keyframes as verified
   double gap = 0;                    ///< m, translation the loop took away
   double gap_deg = 0;
   int fused = 0;  ///< landmarks

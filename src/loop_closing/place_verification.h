@@ -21,7 +21,7 @@ struct PlaceVerificationOptions {
   float narrow_radius = 4;          ///< px, search after the first refinement
   float search_distance = 64;       ///< bits
   int min_inliers = 40;             ///< landmarks that fit the refined pose
-  double min_share = 0.2;           ///< of the landmarks that should be in view
+  double min_share = 0.1;           ///< of the landmarks that should be in view
   int min_observers = 2;            ///< keyframes of the place that ...
   int min_observed = 10;            ///< ... each see this many of the landmarks that fit
   std::uint64_t seed = 1;           ///< of the samples of the alignment

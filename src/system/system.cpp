@@ -186,6 +186,7 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
     if (step.loop.closed) {
       report.loop = step.loop.merged ? LoopEvent::kMerged : LoopEvent::kClosed;
       report.loop_gap_m = step.loop.gap;
+      report.loop_distance_m = step.loop.distance;
       if (!(*step.loop.closed < first_keyframe)) {
         report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
       }

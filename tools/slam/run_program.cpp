@@ -147,7 +147,7 @@ int run(const RunProgram& program, const Arguments& a) {
   options.start = a.start;
   if (a.frames > 0) options.frames = a.frames;
   const FrameInput input = open_frame_input(a.sequence, options, program.open);
-  check_octaves(input, settings);
+  check_octaves(input, settings, a.sequence);
 
   RunInfo info;
   info.sequence = input.name;
