@@ -82,7 +82,8 @@ std::string frames_csv(const System& system) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_gap_m,keypoints,stereo_matches,matches,inliers,"
+      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,loop_gap_m,keypoints,"
+      "stereo_matches,matches,inliers,"
       "prior_coverage,masked";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
@@ -90,9 +91,10 @@ std::string frames_csv(const System& system) {
   const std::vector<FrameEstimate> estimates = system.trajectory();
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = system.reports()[k];
-    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f}", r.index, r.name, r.timestamp,
+    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, r.name, r.timestamp,
                         to_string(r.status), estimates[k].submap, r.reason, r.keyframe ? 1 : 0,
-                        to_string(r.loop), r.loop_frame, r.loop_gap_m);
+                        to_string(r.loop), r.loop_frame, r.loop_distance_m,
+                        r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
@@ -232,8 +234,7 @@ std::string describe_run(const System& system, const RunInfo& info) {
       fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
   if (counts.loops + counts.merges + counts.relocalised > 0) {
     row("loops closed", std::to_string(counts.loops));
-    row("sub-maps left, merged",
-        fmt::format("{}, {}", submap_count(system.map()), counts.merges));
+    row("sub-maps left, merged", fmt::format("{}, {}", submap_count(system.map()), counts.merges));
     row("frames relocalised", std::to_string(counts.relocalised));
   }
   row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
