@@ -62,6 +62,10 @@ class System {
   [[nodiscard]] std::vector<TimedPose> keyframes() const;
   /// Reports of all frames, those of the back end filled in.
   [[nodiscard]] const std::vector<FrameReport>& reports() const;
+  /// p_w (m) of the landmarks of the sub-map the trajectory is told in, in its frame.
+  [[nodiscard]] std::vector<Eigen::Vector3d> landmarks() const;
+  /// Sub-maps that were never connected, each with a frame of its own.
+  [[nodiscard]] std::size_t submaps() const;
   /// The map itself (src/map/map.h); valid after `finish`.
   [[nodiscard]] const Map& map() const;
 

@@ -102,7 +102,7 @@ struct System::Impl {
                options.control.pipeline_delay) {}
 
   void check_input(const StereoFrame& frame) const;
-  void apply(std::vector<BackEndStep> steps);
+  void apply(const std::vector<BackEndStep>& steps);
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
@@ -173,7 +173,7 @@ void System::Impl::check_input(const StereoFrame& frame) const {
 }
 
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
-void System::Impl::apply(std::vector<BackEndStep> steps) {
+void System::Impl::apply(const std::vector<BackEndStep>& steps) {
   for (const BackEndStep& step : steps) {
     tracker.apply(step.changes);
     front_end.set_disparity_offset(step.changes.disparity_offset);
@@ -338,6 +338,22 @@ std::vector<TimedPose> System::keyframes() const {
     poses.push_back({keyframe.timestamp, keyframe.T_c_w.inverse()});
   });
   return poses;
+}
+
+std::vector<Eigen::Vector3d> System::landmarks() const {
+  const KeyFrameId main = impl_->main_submap();
+  std::vector<Eigen::Vector3d> points;
+  map().landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
+    if (map().keyframe(landmark.reference).submap == main) points.push_back(landmark.p_w);
+  });
+  return points;
+}
+
+std::size_t System::submaps() const {
+  std::size_t roots = 0;
+  map().keyframes().for_each(
+      [&](KeyFrameId, const KeyFrame& k) { roots += k.parent.valid() ? 0 : 1; });
+  return roots;
 }
 
 const std::vector<FrameReport>& System::reports() const {

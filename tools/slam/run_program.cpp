@@ -181,22 +181,20 @@ int run(const RunProgram& program, const Arguments& a) {
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
 
-  write_run(output, system, settings, schedule, info);
+  const RunOutcome outcome = judge_run(system, info);
+  write_run(output, system, settings, schedule, info, outcome);
   if (!a.save_map.empty()) system.save_map(a.save_map);
   if (!a.quiet) {
-    fmt::print("{}\nresults in {}\n", describe_run(system, info), output.string());
+    fmt::print("{}\nresults in {}\n", describe_run(system, info, outcome), output.string());
   }
   if (!info.complete && info.end_reason != "interrupted") {
     fmt::print(stderr, "{}: {}\n", program.name, info.end_reason);
     return kBadInput;
   }
-  const auto& reports = system.reports();
-  const auto tracked = std::count_if(reports.begin(), reports.end(), [](const FrameReport& r) {
-    return r.status != FrameStatus::kLost;
-  });
-  if (!reports.empty() && 2 * tracked < static_cast<std::ptrdiff_t>(reports.size())) {
-    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name, tracked,
-               reports.size());
+  const std::size_t frames = outcome.trajectory.size();
+  if (2 * outcome.tracked < static_cast<std::int64_t>(frames)) {
+    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name,
+               outcome.tracked, frames);
     return kTrackingFailed;
   }
   return 0;
