@@ -2,6 +2,7 @@
 # Installs what the project needs on Debian 12 or Ubuntu 24.04 (as root or with sudo), once.
 #   tools/setup.sh            compiler, libraries, tests
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
+#   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -26,8 +27,22 @@ if [ "${#missing[@]}" -gt 0 ]; then
     apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
 
-if [ "${1:-}" = --plots ] && ! .venv/bin/python -c 'import matplotlib' 2>/dev/null; then
+make_environment() {  # a Python environment in .venv
+  [ -x .venv/bin/pip ] && return
   echo "making a Python environment in .venv"
   /usr/bin/python3 -m venv .venv
-  .venv/bin/pip install --quiet --disable-pip-version-check numpy matplotlib
-fi
+}
+install_python() { .venv/bin/pip install --quiet --disable-pip-version-check "$@"; }
+
+case "${1:-}" in
+  --plots)
+    if ! .venv/bin/python -c 'import matplotlib' 2>/dev/null; then
+      make_environment
+      install_python numpy matplotlib
+    fi
+    ;;
+  --perception)
+    make_environment
+    install_python -r tools/perception/requirements.txt matplotlib
+    ;;
+esac

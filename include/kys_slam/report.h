@@ -54,10 +54,11 @@ struct FrameReport {
   bool keyframe = false;
   LoopEvent loop = LoopEvent::kNone;
   std::int64_t loop_frame = -1;  ///< the frame it was closed with
+  double loop_distance_m = 0;    ///< between the two frames as verified
   double loop_gap_m = 0;         ///< distance by which the loop was open
-  double prior_coverage = 0;   ///< share of keypoints with a valid label
-  int masked = 0;              ///< keypoints dropped by mode `mask`
-  kys::Statistics statistics;  ///< descriptor comparisons of this frame, back end included
+  double prior_coverage = 0;     ///< share of keypoints with a valid label
+  int masked = 0;                ///< keypoints dropped by mode `mask`
+  kys::Statistics statistics;    ///< descriptor comparisons of this frame, back end included
   StageTimes times;
   double resident_mb = 0;
 };
@@ -65,7 +66,7 @@ struct FrameReport {
 /// Final estimate of one frame, after all optimisation.
 struct FrameEstimate {
   std::int64_t index = 0;
-  double timestamp = 0;    ///< s
+  double timestamp = 0;  ///< s
   /// False: the frame was lost, or belongs to a sub-map that was never connected to the one with
   /// most frames.
   bool connected = false;

@@ -5,6 +5,7 @@
 #include <kys_slam/report.h>
 #include <kys_slam/settings.h>
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string_view>
@@ -37,6 +38,15 @@ class System {
   System(const System&) = delete;
   System& operator=(const System&) = delete;
 
+  /// Before the first frame: goes on with a map saved earlier, in which the frames are looked for.
+  /// With `localize_only` it stays as it is; otherwise frames that are not recognised start a
+  /// sub-map, which is merged when a known place is seen.
+  /// \throws InputError when the file is not such a map, or one of another camera, pyramid or label
+  ///   space
+  void load_map(const std::filesystem::path& file, bool localize_only = false);
+  /// After `finish`: the whole map, for `load_map`. \throws InputError when it cannot be written.
+  void save_map(const std::filesystem::path& file) const;
+
   /// Tracks the next frame. Images have to be of the camera's size.
   /// \throws InputError when they are not, or when time stamps do not increase.
   FrameReport feed(const StereoFrame& frame);
@@ -48,10 +58,14 @@ class System {
 
   /// One entry per frame fed.
   [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
-  /// Keyframes of the map, by time.
+  /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is told in.
   [[nodiscard]] std::vector<TimedPose> keyframes() const;
   /// Reports of all frames, those of the back end filled in.
   [[nodiscard]] const std::vector<FrameReport>& reports() const;
+  /// p_w (m) of the landmarks of the sub-map the trajectory is told in, in its frame.
+  [[nodiscard]] std::vector<Eigen::Vector3d> landmarks() const;
+  /// Sub-maps that were never connected, each with a frame of its own.
+  [[nodiscard]] std::size_t submaps() const;
   /// The map itself (src/map/map.h); valid after `finish`.
   [[nodiscard]] const Map& map() const;
 

@@ -36,7 +36,7 @@ Similarity align(const TrajectoryPair& pair, Alignment alignment) {
   const Moments m = moments(pair);
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m.covariance,
                                               Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d d = svd.singularValues();
+  const Eigen::Vector3d& d = svd.singularValues();
   Eigen::Matrix3d R;
   if (pair.size() < 3 || !(d(1) > 1e-12 * d(0)) || !(d(0) > 0)) {
     result.degenerate = true;

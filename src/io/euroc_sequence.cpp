@@ -68,7 +68,7 @@ void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right,
 /// The folder that holds cam0 and cam1, given it or its parent.
 fs::path find_mav(const fs::path& folder) {
   const bool inside = folder.filename() == "mav0" && !fs::is_directory(folder / "mav0");
-  const fs::path mav = inside ? folder : folder / "mav0";
+  fs::path mav = inside ? folder : folder / "mav0";
   if (!fs::is_directory(mav / "cam0") || !fs::is_directory(mav / "cam1")) {
     throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)");
   }

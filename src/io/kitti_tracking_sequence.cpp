@@ -10,8 +10,6 @@ namespace kys_slam {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr double kFrameRate = 10.0;  // Hz
-
 Rigid3 rigid_from_rows(const std::vector<double>& v) {
   const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> M(v.data());
   return {Eigen::Matrix3d(M.leftCols<3>()), Eigen::Vector3d(M.col(3))};

@@ -10,7 +10,7 @@
 namespace kys_slam {
 namespace {
 
-struct SpngDelete {
+struct EncoderDelete {
   void operator()(spng_ctx* context) const { spng_ctx_free(context); }
 };
 struct Free {
@@ -21,7 +21,7 @@ struct Free {
 
 std::vector<std::uint8_t> encode_png(const void* pixels, int width, int height, int channels,
                                      int bits) {
-  const std::unique_ptr<spng_ctx, SpngDelete> context(spng_ctx_new(SPNG_CTX_ENCODER));
+  const std::unique_ptr<spng_ctx, EncoderDelete> context(spng_ctx_new(SPNG_CTX_ENCODER));
   if (!context) throw std::bad_alloc();
   spng_ihdr header{};
   header.width = static_cast<std::uint32_t>(width);

@@ -71,7 +71,7 @@ std::vector<double> kitti_calibration_row(const fs::path& file, const std::strin
   const TextTable table(file);
   for (const TextRow& row : table.rows()) {
     if (row.fields[0] != name && row.fields[0] != name + ":") continue;
-    const std::vector<double> values = table.numbers(row, 1);
+    std::vector<double> values = table.numbers(row, 1);
     if (values.size() != count) {
       table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
                           std::to_string(count));

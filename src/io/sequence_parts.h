@@ -10,6 +10,9 @@
 /// Pieces shared by the readers of the sequence layouts. All throw InputError naming the file.
 namespace kys_slam {
 
+/// Of KITTI Tracking and Virtual KITTI, which come without time stamps.
+inline constexpr double kFrameRate = 10.0;  // Hz
+
 /// The folder as given, without a trailing slash, made absolute.
 /// \throws InputError when it is no folder.
 std::filesystem::path sequence_folder(const std::filesystem::path& folder);

@@ -15,8 +15,6 @@ namespace kys_slam {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr double kFrameRate = 10.0;  // Hz
-
 /// Rows "frame cameraID ..."; a header line of words comes first.
 template <typename Function>
 void for_each_row(const TextTable& table, std::size_t columns, Function&& use) {

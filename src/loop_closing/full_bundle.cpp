@@ -17,7 +17,9 @@ FullBundle::FullBundle(const FullBundleOptions& options, bool threaded) : option
   if (threaded && options.enabled) worker_ = std::make_unique<Worker>();
 }
 
-FullBundle::~FullBundle() { cancel(); }
+FullBundle::~FullBundle() {
+  cancel();
+}
 
 void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
   cancel();
@@ -39,8 +41,9 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
   job->T_c_w = job->problem.T_c_w;
   job->points = job->problem.points;
   const auto size = static_cast<int>(job->keyframes.size());
-  job->due = {current.value + static_cast<std::uint32_t>(
-                                  options_.min_delay + size / std::max(1, options_.keyframes_per_step))};
+  job->due = {current.value +
+              static_cast<std::uint32_t>(options_.min_delay +
+                                         size / std::max(1, options_.keyframes_per_step))};
   job_ = std::move(job);
   const auto work = [this] {
     BundleOptions bundle = options_.bundle;

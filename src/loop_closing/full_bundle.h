@@ -13,15 +13,15 @@ namespace kys_slam {
 
 struct FullBundleOptions {
   bool enabled = true;
-  int min_delay = 5;          ///< keyframes after its start that the result is taken over ...
+  int min_delay = 5;            ///< keyframes after its start that the result is taken over ...
   int keyframes_per_step = 20;  ///< ... and one more for so many keyframes of the map
   BundleOptions bundle;
 };
 
-/// Bundle adjustment of a whole sub-map beside the running system. It works on a copy; the result is
-/// taken over a number of keyframes later that depends on the map alone, so that the answer does not
-/// depend on how fast it was. What was made or moved meanwhile keeps its place relative to what it
-/// hangs on (ORB-SLAM2, Sec. III-D).
+/// Bundle adjustment of a whole sub-map beside the running system. It works on a copy; the result
+/// is taken over a number of keyframes later that depends on the map alone, so that the answer does
+/// not depend on how fast it was. What was made or moved meanwhile keeps its place relative to what
+/// it hangs on (ORB-SLAM2, Sec. III-D).
 class FullBundle {
  public:
   /// \param threaded false: `start` does the work itself

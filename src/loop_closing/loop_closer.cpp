@@ -36,7 +36,8 @@ LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& i
                                const std::atomic<bool>* stop) {
   LoopReport report;
   if (!options_.enabled || !map.has(current)) return report;
-  if (last_closed_ && current.value < last_closed_->value + static_cast<unsigned>(options_.min_gap)) {
+  if (last_closed_ &&
+      current.value < last_closed_->value + static_cast<unsigned>(options_.min_gap)) {
     return report;
   }
   const std::optional<Confirmed> loop = detect(map, current, index, report);
@@ -44,6 +45,8 @@ LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& i
   Stopwatch watch;
   const Rigid3 gap = loop->place.T_c_w * map.keyframe(current).T_c_w.inverse();
   report.closed = loop->place.keyframe;
+  report.distance = (map.keyframe(loop->place.keyframe).T_c_w * loop->place.T_c_w.inverse())
+                        .translation.norm();
   report.closed_frame = map.keyframe(loop->place.keyframe).frame_index;
   report.merged = map.keyframe(current).submap != map.keyframe(loop->place.keyframe).submap;
   if (report.merged) {
@@ -65,8 +68,8 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrame
                                                         LoopReport& report) const {
   Stopwatch watch;
   const FrameFeatures& features = *map.keyframe(current).features;
-  const std::vector<PlaceCandidate> candidates =
-      index.query(features, *model_, report.statistics, vicinity(map, current), options_.candidates);
+  const std::vector<PlaceCandidate> candidates = index.query(
+      features, *model_, report.statistics, vicinity(map, current), options_.candidates);
   report.query = watch.lap_ms();
   std::optional<Confirmed> best;
   for (const PlaceCandidate& candidate : candidates) {
@@ -124,8 +127,8 @@ void LoopCloser::close(Map& map, KeyFrameId current, const Confirmed& loop,
   std::vector<std::uint8_t> fixed;
   std::vector<PoseGraphEdge> edges;
   const auto add_edge = [&](KeyFrameId a, KeyFrameId b) {
-    edges.push_back({index_of(a), index_of(b),
-                     map.keyframe(a).T_c_w * map.keyframe(b).T_c_w.inverse()});
+    edges.push_back(
+        {index_of(a), index_of(b), map.keyframe(a).T_c_w * map.keyframe(b).T_c_w.inverse()});
   };
   for (const KeyFrameId id : ids) {
     const KeyFrame& keyframe = map.keyframe(id);
@@ -198,8 +201,7 @@ int LoopCloser::fuse(Map& map, KeyFrameId current, const Confirmed& loop,
   std::vector<KeyFrameId> here = map.best_covisible(current, options_.fusion.neighbours);
   here.push_back(current);
   std::sort(here.begin(), here.end());
-  const std::vector<LandmarkId> there =
-      landmarks_around(map, place, options_.verification.window);
+  const std::vector<LandmarkId> there = landmarks_around(map, place, options_.verification.window);
   for (const KeyFrameId id : here) {
     fused += fuse_into(map, id, there, options_.fusion, *model_, report.statistics);
   }

@@ -16,15 +16,15 @@ namespace kys_slam {
 
 struct LoopOptions {
   bool enabled = true;
-  int min_gap = 10;                   ///< keyframes between two loops
-  std::size_t candidates = 3;         ///< of the place index, verified in this order
-  int min_votes = 15;                 ///< features that vote for a candidate; fewer: not verified
-  std::size_t neighbours = 5;         ///< covisible keyframes that are asked to confirm
-  int min_confirming = 2;             ///< of these have to
-  int min_neighbour_inliers = 25;     ///< landmarks of the place each has to see
-  double max_neighbour_shift = 0.1;   ///< m, and as a share of its distance from the keyframe
-  double max_neighbour_turn = 2;      ///< deg, between where it is found and where it should be
-  int essential_weight = 100;         ///< shared landmarks that make an edge of the pose graph
+  int min_gap = 10;                  ///< keyframes between two loops
+  std::size_t candidates = 3;        ///< of the place index, verified in this order
+  int min_votes = 15;                ///< features that vote for a candidate; fewer: not verified
+  std::size_t neighbours = 5;        ///< covisible keyframes that are asked to confirm
+  int min_confirming = 2;            ///< of these have to
+  int min_neighbour_inliers = 25;    ///< landmarks of the place each has to see
+  double max_neighbour_shift = 0.1;  ///< m, and as a share of its distance from the keyframe
+  double max_neighbour_turn = 2;     ///< deg, between where it is found and where it should be
+  int essential_weight = 100;        ///< shared landmarks that make an edge of the pose graph
   int graph_iterations = 20;
   PlaceVerificationOptions verification;
   FusionOptions fusion{10, 0, 4, 50};
@@ -39,9 +39,10 @@ struct LoopReport {
   std::optional<KeyFrameId> closed;  ///< keyframe the loop was closed with
   std::int64_t closed_frame = 0;     ///< its frame
   bool merged = false;               ///< ... which belonged to another sub-map
+  double distance = 0;               ///< m, between the two keyframes as verified
   double gap = 0;                    ///< m, translation the loop took away
   double gap_deg = 0;
-  int fused = 0;                     ///< landmarks
+  int fused = 0;  ///< landmarks
   kys::Statistics statistics;
   [[nodiscard]] double total() const { return query + verify + correct; }
 };

@@ -11,20 +11,20 @@
 namespace kys_slam {
 
 struct PlaceVerificationOptions {
-  float descriptor_distance = 60;     ///< bits, matching without prediction
-  float descriptor_ratio = 0.8f;      ///< best / second best
-  int min_descriptor_matches = 20;    ///< fewer: another place
-  int min_aligned = 12;               ///< inliers of the alignment
-  std::size_t first_window = 2;       ///< neighbours whose landmarks are matched by descriptor
-  std::size_t window = 10;            ///< neighbours whose landmarks are projected
-  float wide_radius = 10;             ///< px at octave 0, search after the alignment
-  float narrow_radius = 4;            ///< px, search after the first refinement
-  float search_distance = 64;         ///< bits
-  int min_inliers = 40;               ///< landmarks that fit the refined pose
-  double min_share = 0.2;             ///< of the landmarks that should be in view
-  int min_observers = 2;              ///< keyframes of the place that ...
-  int min_observed = 10;              ///< ... each see this many of the landmarks that fit
-  std::uint64_t seed = 1;             ///< of the samples of the alignment
+  float descriptor_distance = 60;   ///< bits, matching without prediction
+  float descriptor_ratio = 0.8f;    ///< best / second best
+  int min_descriptor_matches = 20;  ///< fewer: another place
+  int min_aligned = 12;             ///< inliers of the alignment
+  std::size_t first_window = 2;     ///< neighbours whose landmarks are matched by descriptor
+  std::size_t window = 10;          ///< neighbours whose landmarks are projected
+  float wide_radius = 10;           ///< px at octave 0, search after the alignment
+  float narrow_radius = 4;          ///< px, search after the first refinement
+  float search_distance = 64;       ///< bits
+  int min_inliers = 40;             ///< landmarks that fit the refined pose
+  double min_share = 0.1;           ///< of the landmarks that should be in view
+  int min_observers = 2;            ///< keyframes of the place that ...
+  int min_observed = 10;            ///< ... each see this many of the landmarks that fit
+  std::uint64_t seed = 1;           ///< of the samples of the alignment
 };
 
 /// A frame recognised at a place of the map.
@@ -41,10 +41,10 @@ std::vector<LandmarkId> landmarks_around(const Map& map, KeyFrameId keyframe,
                                          std::size_t neighbours);
 
 /// Is the frame at this place of the map? Its features are matched to the place's landmarks by
-/// descriptor, aligned over SE(3) by its stereo points, then the landmarks around are searched where
-/// the alignment puts them and the pose is refined (ORB-SLAM, Sec. VII-B, ORB-SLAM3, Sec. VI-B).
-/// Accepted when enough landmarks fit, in number and as a share of what should be in view, and when
-/// several keyframes of the place see them.
+/// descriptor, aligned over SE(3) by its stereo points, then the landmarks around are searched
+/// where the alignment puts them and the pose is refined (ORB-SLAM, Sec. VII-B, ORB-SLAM3, Sec.
+/// VI-B). Accepted when enough landmarks fit, in number and as a share of what should be in view,
+/// and when several keyframes of the place see them.
 std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& features,
                                           KeyFrameId place, const PlaceVerificationOptions& options,
                                           const kys::DistanceModel& model,

@@ -14,8 +14,8 @@ std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
   for (const PlaceCandidate& candidate :
        index.query(features, model, statistics, {}, options.candidates)) {
     if (!map.has(candidate.keyframe)) continue;
-    std::optional<VerifiedPlace> place = verify_place(map, features, candidate.keyframe,
-                                                      options.verification, model, statistics);
+    std::optional<VerifiedPlace> place =
+        verify_place(map, features, candidate.keyframe, options.verification, model, statistics);
     if (place && (!best || place->inliers > best->inliers)) best = std::move(place);
   }
   return best;

@@ -64,6 +64,14 @@ void FrameFeatures::measure_depths(const StereoCamera& camera) {
   }
 }
 
+FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left,
+                                     std::vector<float> u_right, std::vector<kys::Prior> priors,
+                                     float disparity_offset) {
+  FrameFeatures features(camera, std::move(left), std::move(u_right), std::move(priors));
+  features.disparity_offset_ = disparity_offset;
+  return features;
+}
+
 FrameFeatures FrameFeatures::with_disparity_offset(const StereoCamera& camera, float offset) const {
   FrameFeatures changed = *this;
   for (float& u : changed.u_right_) u -= offset - disparity_offset_;

@@ -44,6 +44,12 @@ class FrameFeatures {
   FrameFeatures(const StereoCamera& camera, FeatureSet left, std::vector<float> u_right,
                 std::vector<kys::Prior> priors, float disparity_offset = 0);
 
+  /// Features as they were kept on disk: `u_right` contains the offset already.
+  [[nodiscard]] static FrameFeatures restore(const StereoCamera& camera, FeatureSet left,
+                                             std::vector<float> u_right,
+                                             std::vector<kys::Prior> priors,
+                                             float disparity_offset);
+
   /// The same features with another disparity offset.
   [[nodiscard]] FrameFeatures with_disparity_offset(const StereoCamera& camera, float offset) const;
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }

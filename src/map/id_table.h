@@ -67,6 +67,11 @@ class IdTable {
 
   void clear() { *this = IdTable{}; }
 
+  /// Counts ids below `end` as having been in the table.
+  void skip_ids(std::uint32_t end) {
+    if (end > slot_.size()) slot_.resize(end, -1);
+  }
+
   /// Calls f(id, object) in id order.
   template <typename F>
   void for_each(F&& f) const {

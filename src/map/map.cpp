@@ -55,6 +55,10 @@ std::size_t representative(const std::vector<const kys::Descriptor*>& descriptor
 Map::Map(const StereoCamera& camera, const ScaleLevels& scales)
     : camera_(camera), scales_(scales) {}
 
+std::uint32_t Map::keyframe_id_end() const {
+  return std::max(keyframes_.id_end(), culled_.id_end());
+}
+
 std::vector<KeyFrameId> Map::best_covisible(KeyFrameId id, std::size_t count,
                                             int min_weight) const {
   std::vector<Covisible> all = keyframe(id).covisible;

@@ -10,6 +10,7 @@
 #include "map/id_table.h"
 #include "map/keyframe.h"
 #include "map/landmark.h"
+#include "map/map_contents.h"
 
 namespace kys_slam {
 
@@ -20,6 +21,14 @@ namespace kys_slam {
 class Map {
  public:
   Map(const StereoCamera& camera, const ScaleLevels& scales);
+  /// A map with these contents: who sees whom in both directions, covisibility and children made
+  /// anew, check_consistency() passed. Everything in it counts as changed, so that the next change
+  /// set makes a full replica.
+  /// \throws std::invalid_argument or std::logic_error with the first thing wrong in them.
+  explicit Map(MapContents contents);
+
+  /// What Map(contents) makes this map of again. Features are shared, not copied.
+  [[nodiscard]] MapContents contents() const;
 
   [[nodiscard]] const StereoCamera& camera() const { return camera_; }
   [[nodiscard]] const ScaleLevels& scales() const { return scales_; }
@@ -27,6 +36,9 @@ class Map {
   [[nodiscard]] const IdTable<LandmarkId, Landmark>& landmarks() const { return landmarks_; }
   [[nodiscard]] const KeyFrame& keyframe(KeyFrameId id) const { return keyframes_.at(id); }
   [[nodiscard]] const Landmark& landmark(LandmarkId id) const { return landmarks_.at(id); }
+  /// One past the largest id any keyframe (landmark) here ever had; new ones begin there.
+  [[nodiscard]] std::uint32_t keyframe_id_end() const;
+  [[nodiscard]] std::uint32_t landmark_id_end() const { return landmarks_.id_end(); }
   [[nodiscard]] bool has(KeyFrameId id) const { return keyframes_.contains(id); }
   [[nodiscard]] bool has(LandmarkId id) const { return landmarks_.contains(id); }
 
@@ -99,14 +111,20 @@ class Map {
   [[nodiscard]] LandmarkView view(LandmarkId id) const;
   [[nodiscard]] KeyFrameView view(KeyFrameId id) const;
 
-  /// Checks every invariant: bonds in both directions, weights recounted, tree connected, finite
-  /// numbers. \throws std::logic_error with the first violation.
+  /// Checks every invariant, in time linear in observations and covisible pairs: bonds in both
+  /// directions, weights recounted, tree connected, finite numbers. \throws std::logic_error with
+  /// the first violation.
   void check_consistency() const;
 
   static constexpr int kCovisibilityMin = 15;  ///< landmarks shared by covisible keyframes
   static constexpr std::size_t kViewNeighbours = 10;
 
  private:
+  void restore_keyframes(std::vector<KeyFrame> keyframes);
+  void restore_tree();
+  void restore_culled(const std::vector<CulledKeyFrame>& culled);
+  void restore_landmarks(std::vector<Landmark> landmarks);
+  void restore_covisibility();
   void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
   void touch(KeyFrameId id) { dirty_keyframes_.insert(id); }
   void touch(LandmarkId id) { dirty_landmarks_.push_back(id); }

@@ -1,8 +1,6 @@
 #include <algorithm>
-#include <map>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
 #include "map/map.h"
 
@@ -10,99 +8,119 @@ namespace kys_slam {
 
 namespace {
 
-void require(bool condition, const std::string& what) {
-  if (!condition) throw std::logic_error("map is inconsistent: " + what);
+/// What is wrong is put together from its parts only when it is.
+template <typename... Parts>
+void require(bool condition, const Parts&... parts) {
+  if (condition) return;
+  const auto text = [](const auto& part) {
+    if constexpr (requires { part.value; }) {
+      using Part = std::decay_t<decltype(part)>;
+      const char* kind = std::is_same_v<Part, KeyFrameId> ? "keyframe " : "landmark ";
+      return kind + std::to_string(part.value);
+    } else {
+      return std::string(part);
+    }
+  };
+  throw std::logic_error("map is inconsistent: " + (text(parts) + ...));
 }
 
-std::string name(KeyFrameId id) {
-  return "keyframe " + std::to_string(id.value);
+void check_observations(const Map& map, LandmarkId id, const Landmark& landmark) {
+  require(landmark.id == id, id, " is stored under another id");
+  require(landmark.p_w.allFinite(), id, " is not finite");
+  require(!landmark.observations.empty(), id, " is seen by nothing");
+  bool sees_reference = false;
+  for (std::size_t i = 0; i < landmark.observations.size(); ++i) {
+    const Observation& o = landmark.observations[i];
+    require(map.has(o.keyframe), id, " is seen by an absent ", o.keyframe);
+    require(map.keyframe(o.keyframe).landmarks.at(o.feature) == id, o.keyframe,
+            " does not know that it sees ", id);
+    sees_reference |= o.keyframe == landmark.reference;
+    require(i == 0 || landmark.observations[i - 1].keyframe < o.keyframe, id,
+            " has observations out of order");
+  }
+  require(sees_reference, id, " is not seen by its reference");
 }
-std::string name(LandmarkId id) {
-  return "landmark " + std::to_string(id.value);
+
+/// Both directions of every bond, and the covisibility recounted from them. `shared` has a zero
+/// for every keyframe id, before and after.
+void check_bonds(const Map& map, KeyFrameId id, const KeyFrame& k, std::vector<int>& shared) {
+  require(k.id == id, id, " is stored under another id");
+  require(k.T_c_w.is_finite(), id, " has a pose that is not finite");
+  require(k.landmarks.size() == k.features->size(), id, " has a list of wrong length");
+  std::size_t neighbours = 0;
+  for (std::size_t f = 0; f < k.landmarks.size(); ++f) {
+    const LandmarkId l = k.landmarks[f];
+    if (!l.valid()) continue;
+    require(map.has(l), id, " sees an absent ", l);
+    bool known = false;
+    for (const Observation& o : map.landmark(l).observations) {
+      known |= o.keyframe == id && o.feature == f;
+      if (o.keyframe != id && shared[o.keyframe.value]++ == 0) ++neighbours;
+    }
+    require(known, l, " does not know that ", id, " sees it");
+  }
+  require(neighbours == k.covisible.size(), "covisibility edges of ", id, " are missing");
+  for (std::size_t i = 0; i < k.covisible.size(); ++i) {
+    const Covisible& c = k.covisible[i];
+    require(i == 0 || k.covisible[i - 1].keyframe < c.keyframe, id,
+            " has covisible keyframes out of order");
+    require(c.weight > 0 && map.has(c.keyframe) && shared[c.keyframe.value] == c.weight,
+            "wrong covisibility of ", id, " and ", c.keyframe);
+    require(map.keyframe(c.keyframe).submap == k.submap, id,
+            " shares landmarks with another sub-map");
+    shared[c.keyframe.value] = 0;
+  }
+}
+
+void check_relatives(const Map& map, KeyFrameId id, const KeyFrame& k) {
+  if (k.parent.valid()) {
+    require(map.has(k.parent), id, " has an absent parent");
+    const auto& siblings = map.keyframe(k.parent).children;
+    require(std::binary_search(siblings.begin(), siblings.end(), id), "the parent of ", id,
+            " does not know it");
+    require(map.keyframe(k.parent).submap == k.submap, id, " has a parent in another sub-map");
+  }
+  for (const KeyFrameId child : k.children) {
+    require(map.has(child) && map.keyframe(child).parent == id, id, " has a wrong child ", child);
+  }
+  for (const KeyFrameId other : k.loop_edges) {
+    require(map.has(other), id, " has a loop edge to an absent keyframe");
+  }
+}
+
+/// Every keyframe hangs on the one root of its sub-map. Those found to do so are marked, so each is
+/// passed once.
+void check_ancestors(const Map& map) {
+  std::vector<std::uint8_t> rooted(map.keyframes().id_end(), 0);
+  std::vector<KeyFrameId> path;
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame&) {
+    path.clear();
+    for (KeyFrameId k = id; k.valid() && rooted[k.value] == 0; k = map.keyframe(k).parent) {
+      require(path.size() < map.keyframes().size(), "the spanning tree has a cycle at ", id);
+      path.push_back(k);
+    }
+    for (const KeyFrameId k : path) rooted[k.value] = 1;
+  });
+  std::vector<std::uint8_t> has_root(map.keyframe_id_end(), 0);  // by sub-map
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& k) {
+    require(k.submap.value < has_root.size(), id, " belongs to no sub-map");
+    if (k.parent.valid()) return;
+    require(has_root[k.submap.value] == 0, "two roots in the sub-map of ", id);
+    has_root[k.submap.value] = 1;
+  });
 }
 
 }  // namespace
 
 void Map::check_consistency() const {
-  std::map<std::pair<KeyFrameId, KeyFrameId>, int> shared;
-  landmarks_.for_each([&](LandmarkId id, const Landmark& landmark) {
-    require(landmark.id == id, name(id) + " is stored under another id");
-    require(landmark.p_w.allFinite(), name(id) + " is not finite");
-    require(!landmark.observations.empty(), name(id) + " is seen by nothing");
-    bool sees_reference = false;
-    for (std::size_t i = 0; i < landmark.observations.size(); ++i) {
-      const Observation& o = landmark.observations[i];
-      require(has(o.keyframe), name(id) + " is seen by an absent " + name(o.keyframe));
-      require(keyframe(o.keyframe).landmarks.at(o.feature) == id,
-              name(o.keyframe) + " does not know that it sees " + name(id));
-      sees_reference |= o.keyframe == landmark.reference;
-      for (std::size_t j = 0; j < i; ++j) {
-        require(landmark.observations[j].keyframe < o.keyframe,
-                name(id) + " has observations out of order");
-        ++shared[{landmark.observations[j].keyframe, o.keyframe}];
-      }
-    }
-    require(sees_reference, name(id) + " is not seen by its reference");
-  });
-
-  std::vector<bool> has_root(keyframes_.id_end(), false);  // by sub-map
-  std::size_t weights = 0;
+  landmarks_.for_each(
+      [&](LandmarkId id, const Landmark& landmark) { check_observations(*this, id, landmark); });
+  std::vector<int> shared(keyframes_.id_end(), 0);
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
-    require(k.id == id, name(id) + " is stored under another id");
-    require(k.T_c_w.is_finite(), name(id) + " has a pose that is not finite");
-    require(k.landmarks.size() == k.features->size(), name(id) + " has a list of wrong length");
-    for (std::size_t f = 0; f < k.landmarks.size(); ++f) {
-      const LandmarkId l = k.landmarks[f];
-      if (!l.valid()) continue;
-      require(has(l), name(id) + " sees an absent " + name(l));
-      bool known = false;
-      for (const Observation& o : landmark(l).observations) {
-        known |= o.keyframe == id && o.feature == f;
-      }
-      require(known, name(l) + " does not know that " + name(id) + " sees it");
-    }
-    for (const Covisible& c : k.covisible) {
-      require(keyframe(c.keyframe).submap == k.submap,
-              name(id) + " shares landmarks with another sub-map");
-      const auto pair = std::minmax(id, c.keyframe);
-      const auto found = shared.find({pair.first, pair.second});
-      require(found != shared.end() && found->second == c.weight,
-              "wrong covisibility of " + name(id) + " and " + name(c.keyframe));
-      ++weights;
-    }
-    require(k.submap.valid() && k.submap.value < keyframes_.id_end(),
-            name(id) + " belongs to no sub-map");
-    if (!k.parent.valid()) {
-      require(!has_root[k.submap.value], "two roots in the sub-map of " + name(id));
-      has_root[k.submap.value] = true;
-    }
-    if (k.parent.valid()) {
-      require(has(k.parent), name(id) + " has an absent parent");
-      require(keyframe(k.parent).submap == k.submap,
-              name(id) + " has a parent in another sub-map");
-      const auto& siblings = keyframe(k.parent).children;
-      require(std::binary_search(siblings.begin(), siblings.end(), id),
-              "the parent of " + name(id) + " does not know it");
-      // Every keyframe is younger than the root it reaches, in fewer steps than there are
-      // keyframes.
-      KeyFrameId ancestor = id;
-      for (std::size_t steps = 0; keyframe(ancestor).parent.valid(); ++steps) {
-        require(steps <= keyframes_.size(), "the spanning tree has a cycle at " + name(id));
-        ancestor = keyframe(ancestor).parent;
-      }
-    }
-    for (const KeyFrameId child : k.children) {
-      require(has(child) && keyframe(child).parent == id,
-              name(id) + " has a wrong child " + name(child));
-    }
-    for (const KeyFrameId other : k.loop_edges) {
-      require(has(other), name(id) + " has a loop edge to an absent keyframe");
-    }
+    check_bonds(*this, id, k, shared);
+    check_relatives(*this, id, k);
   });
-  require(weights == 2 * shared.size(), "covisibility edges are missing");
-  keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
-    require(has_root[k.submap.value], "the sub-map of " + name(id) + " has no root");
-  });
+  check_ancestors(*this);
 }
 
 }  // namespace kys_slam

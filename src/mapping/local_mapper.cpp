@@ -7,6 +7,12 @@ namespace kys_slam {
 LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)
     : options_(options), model_(&model), calibration_(options.calibration) {}
 
+void LocalMapper::continue_map(std::uint32_t landmark_id_end) {
+  next_landmark_ = (landmark_id_end + 1) / 2;
+  options_.calibration.enabled = false;
+  calibration_ = StereoCalibration(options_.calibration);
+}
+
 LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
                                        const std::atomic<bool>* stop) {
   LocalMapperReport report;

@@ -50,6 +50,10 @@ class LocalMapper {
   /// \param model has to outlive the mapper
   LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model);
 
+  /// Before the first keyframe of a map that has been worked on before: landmarks made here get ids
+  /// from there on, and the disparity offset is left as it was found then.
+  void continue_map(std::uint32_t landmark_id_end);
+
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
                             const std::atomic<bool>* stop = nullptr);
 

@@ -99,16 +99,16 @@ std::vector<std::uint8_t> hold_gauge(const BundleProblem& problem,
 BundleSolver choose_solver(const BundleOptions& options, const std::vector<std::uint8_t>& fixed) {
   if (options.solver != BundleSolver::kAuto) return options.solver;
   const auto free_poses = std::count(fixed.begin(), fixed.end(), 0);
-  return free_poses <= kSchurMaxPoses ? BundleSolver::kSchur : BundleSolver::kCeres;
+  return free_poses <= kDenseMaxPoses ? BundleSolver::kSchur : BundleSolver::kSparseSchur;
 }
 
 BundleRoundSummary run_round(BundleProblem& problem, const BundleOptions& options,
                              const std::vector<std::uint8_t>& active, bool robust, int iterations) {
   const std::vector<std::uint8_t> fixed = hold_gauge(problem, active);
-  const BundleRound round{active, fixed, robust, iterations};
-  return choose_solver(options, fixed) == BundleSolver::kSchur
-             ? solve_bundle_schur(problem, options, round)
-             : solve_bundle_ceres(problem, options, round);
+  const BundleSolver solver = choose_solver(options, fixed);
+  const BundleRound round{active, fixed, robust, iterations, solver == BundleSolver::kSparseSchur};
+  return solver == BundleSolver::kCeres ? solve_bundle_ceres(problem, options, round)
+                                        : solve_bundle_schur(problem, options, round);
 }
 
 }  // namespace

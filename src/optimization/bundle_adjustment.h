@@ -29,11 +29,12 @@ struct BundleProblem {
 
 /// What solves the normal equations. All minimise the same cost.
 enum class BundleSolver : std::uint8_t {
-  kAuto,   ///< kSchur up to kSchurMaxPoses free poses, kCeres above
-  kSchur,  ///< own Levenberg-Marquardt, points eliminated, dense reduced system: local windows
-  kCeres,  ///< Ceres: DENSE_SCHUR for few free poses, SPARSE_SCHUR for many
+  kAuto,         ///< kSchur up to kDenseMaxPoses free poses, kSparseSchur above
+  kSchur,        ///< own Levenberg-Marquardt, points eliminated, dense reduced system: windows
+  kSparseSchur,  ///< the same with a sparse reduced system: whole maps
+  kCeres,        ///< Ceres, the reference: DENSE_SCHUR for few free poses, SPARSE_SCHUR for many
 };
-inline constexpr int kSchurMaxPoses = 150;
+inline constexpr int kDenseMaxPoses = 150;
 
 struct BundleOptions {
   BundleSolver solver = BundleSolver::kAuto;
@@ -43,8 +44,8 @@ struct BundleOptions {
   double chi2_stereo = 7.815;               ///< 95 %, 3 degrees of freedom
   bool robust = true;                       ///< Huber loss in the first round
   double function_tolerance = 1e-4;         ///< stop when the cost falls by less than this share
-  int threads = 1;                          ///< more than one gives no reproducible sums
-  const std::atomic<bool>* stop = nullptr;  ///< asked between iterations
+  int threads = 1;                          ///< kCeres only; more give no reproducible sums
+  const std::atomic<bool>* stop = nullptr;  ///< asked every few ms to 100 ms
 };
 
 struct BundleSummary {

@@ -52,6 +52,8 @@ class CeresBundle {
     solver.linear_solver_ordering = points_first();
     solver.max_num_iterations = iterations;
     solver.function_tolerance = options.function_tolerance;
+    solver.parameter_tolerance = 1e-13;  // of the norm of all points: the default ends too early
+    solver.gradient_tolerance = 1e-13;
     solver.callbacks.push_back(&stop);
     ceres::Solver::Summary report;
     ceres::Solve(solver, &problem_, &report);

@@ -2,13 +2,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "geometry/reprojection.h"
+#include "optimization/block_cholesky.h"
 #include "optimization/bundle_solver.h"
 #include "optimization/lanes.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
-// (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1), for windows of few poses.
+// (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1). The reduced system is dense
+// for windows of few poses and sparse, by blocks, for whole maps; what comes before it is the same.
 // The increment of a pose is that of the camera frame, p_c -> exp(w) p_c + v, which has the
 // sparsest Jacobian. A point's blocks never leave the cache: its observations are linearised and
 // eliminated in one go, and only what back-substitution needs is kept.
@@ -23,6 +26,9 @@ using Matrix63 = Eigen::Matrix<double, 6, 3>;
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDiagonal = 1e-6;  // as Ceres: damping where a direction is not observed at all
 constexpr double kMaxDamping = 1e16;
+constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
+constexpr int kPointRounds = 2;
+constexpr double kPointDamping = 1e-3;
 
 struct SchurObservation {
   std::int32_t pose;     // index of the pose
@@ -53,11 +59,33 @@ struct PoseMatrix {
   Eigen::Vector3d t;
 };
 
-/// Place of a block of the lower triangle among the blocks stored row by row.
-inline std::size_t block_index(std::int32_t row, std::int32_t col) {
-  return static_cast<std::size_t>(row) * (static_cast<std::size_t>(row) + 1) / 2 +
-         static_cast<std::size_t>(col);
-}
+/// Where the blocks of the lower triangle of the reduced system are, row by row: all of them, or
+/// those of poses that share a point.
+class BlockPlaces {
+ public:
+  BlockPlaces() = default;
+  explicit BlockPlaces(const BlockPattern& pattern)
+      : first_(pattern.rows()), begin_(pattern.rows()) {
+    for (std::int32_t r = 0; r < pattern.rows(); ++r) {
+      // From the row's first block to the diagonal, gaps included.
+      const std::int32_t* column = pattern.column.data();
+      first_[r] = column[pattern.row_begin[r]];
+      begin_[r] = place_.size();
+      place_.resize(place_.size() + static_cast<std::size_t>(r - first_[r]) + 1, -1);
+      for (std::int32_t k = pattern.row_begin[r]; k < pattern.row_begin[r + 1]; ++k) {
+        place_[begin_[r] + static_cast<std::size_t>(column[k] - first_[r])] = k;
+      }
+    }
+  }
+  [[nodiscard]] std::int32_t operator()(std::int32_t row, std::int32_t col) const {
+    return place_[begin_[row] + static_cast<std::size_t>(col - first_[row])];
+  }
+
+ private:
+  std::vector<std::int32_t> first_;
+  std::vector<std::size_t> begin_;
+  std::vector<std::int32_t> place_;
+};
 
 // Columns of six as four and two, wherever they lie in memory.
 using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
@@ -81,12 +109,13 @@ KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* 
 
 /// Takes the products Z_row Z_col^T of one point's observations off the reduced system.
 KYS_AVX2_CLONES void subtract_products(const SchurObservation* observations, const Matrix63* Z,
-                                       std::int32_t count, Matrix6d* reduced) {
+                                       std::int32_t count, const BlockPlaces& places,
+                                       Matrix6d* reduced) {
   for (std::int32_t row = 0; row < count; ++row) {
     const std::int32_t r = observations[row].free;
     for (std::int32_t col = 0; col <= row; ++col) {
       const std::int32_t c = observations[col].free;
-      double* S = reduced[block_index(r, c)].data();
+      double* S = reduced[places(r, c)].data();
       subtract_outer(Z[row].data(), Z[col].data(), S);
       // A point seen twice from one pose gives that pose's block both triangles.
       if (c == r && col != row) subtract_outer(Z[col].data(), Z[row].data(), S);
@@ -100,17 +129,19 @@ class SchurBundle {
       : problem_(problem), options_(options), robust_(round.robust) {
     number_free_poses(round);
     sort_observations(round);
-    const std::size_t blocks = free_pose_.size() * (free_pose_.size() + 1) / 2;
-    reduced_.resize(blocks);
+    const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
+    places_ = BlockPlaces(pattern);
+    if (round.sparse) sparse_.emplace(pattern);
+    reduced_.resize(pattern.column.size());
     gradient_.resize(free_pose_.size());
     pose_damping_.resize(free_pose_.size());
     pose_step_.resize(free_pose_.size());
     eliminated_.resize(points_.size());
     point_step_.resize(points_.size());
     Z_.resize(observations_.size());
-    dense_.resize(static_cast<Eigen::Index>(6 * free_pose_.size()),
-                  static_cast<Eigen::Index>(6 * free_pose_.size()));
-    dense_gradient_.resize(dense_.rows());
+    const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
+    if (!round.sparse) dense_.resize(size, size);
+    flat_gradient_.resize(size);
   }
 
   BundleRoundSummary solve(int iterations) {
@@ -122,18 +153,23 @@ class SchurBundle {
     double damping = kInitialDamping;
     double growth = 2;
     while (summary.iterations < iterations && damping < kMaxDamping) {
-      if (options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed)) {
+      if (should_stop()) {
         summary.stopped = true;
         break;
       }
       ++summary.iterations;
       const double predicted = step(damping);
+      if (stopped_) {  // nothing has moved
+        summary.stopped = true;
+        break;
+      }
       if (!(predicted >= 0)) {  // no factorisation, or NaN
         damping *= growth;
         growth *= 2;
         continue;
       }
       if (predicted <= 1e-3 * options_.function_tolerance * cost) break;
+      if (sparse_) settle_points();
       const double candidate = evaluate();
       const double decrease = cost - candidate;
       const double gain = decrease / predicted;
@@ -156,6 +192,10 @@ class SchurBundle {
   }
 
  private:
+  [[nodiscard]] bool should_stop() const {
+    return options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed);
+  }
+
   void number_free_poses(const BundleRound& round) {
     std::vector<std::uint8_t> used(problem_.T_c_w.size(), 0);
     for (std::size_t i = 0; i < problem_.observations.size(); ++i) {
@@ -188,9 +228,55 @@ class SchurBundle {
       if (round.active[i] != 0) observations_[next[all[i].point]++] = convert(all[i]);
     }
     for (const SchurPoint& p : points_) {
-      std::stable_sort(observations_.begin() + p.begin, observations_.begin() + p.end,
-                       [](const auto& a, const auto& b) { return a.free < b.free; });
+      const auto begin = observations_.begin() + p.begin;
+      const auto end = observations_.begin() + p.end;
+      const auto earlier = [](const auto& a, const auto& b) { return a.free < b.free; };
+      if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
     }
+  }
+
+  [[nodiscard]] BlockPattern all_blocks() const {
+    BlockPattern pattern;
+    for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
+      for (std::int32_t c = 0; c <= r; ++c) pattern.column.push_back(c);
+      pattern.row_begin.push_back(static_cast<std::int32_t>(pattern.column.size()));
+    }
+    return pattern;
+  }
+
+  /// Blocks of poses that see a point together.
+  [[nodiscard]] BlockPattern shared_points() const {
+    // Observations by free pose, so that a row is finished before the next.
+    std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
+    for (const SchurObservation& o : observations_) {
+      if (o.free >= 0) ++begin[o.free + 1];
+    }
+    for (std::size_t r = 1; r < begin.size(); ++r) begin[r] += begin[r - 1];
+    std::vector<std::int32_t> point_of(static_cast<std::size_t>(begin.back()));
+    std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
+        const std::int32_t r = observations_[i].free;
+        if (r >= 0) point_of[next[r]++] = static_cast<std::int32_t>(k);
+      }
+    }
+    BlockPattern pattern;
+    std::vector<std::int32_t> seen_by(free_pose_.size(), -1);
+    for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
+      for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
+        const SchurPoint& point = points_[point_of[k]];
+        for (std::int32_t i = point.begin; i < point.end; ++i) {
+          const std::int32_t c = observations_[i].free;
+          if (c > r) break;
+          if (c < 0 || seen_by[c] == r) continue;
+          seen_by[c] = r;
+          pattern.column.push_back(c);
+        }
+      }
+      std::sort(pattern.column.begin() + pattern.row_begin.back(), pattern.column.end());
+      pattern.row_begin.push_back(static_cast<std::int32_t>(pattern.column.size()));
+    }
+    return pattern;
   }
 
   [[nodiscard]] SchurObservation convert(const BundleProblem::Observation& o) const {
@@ -213,25 +299,79 @@ class SchurBundle {
     }
   }
 
+  /// rho of an observation's chi2, the point being at p_w.
+  [[nodiscard]] double loss(const SchurObservation& o, const Eigen::Vector3d& p_w) const {
+    const PoseMatrix& T = matrices_[o.pose];
+    const Eigen::Vector3d p_c = T.R * p_w + T.t;
+    const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
+    const double chi2 = o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
+    return robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
+  }
+
+  [[nodiscard]] double loss(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
+    double sum = 0;
+    for (std::int32_t i = point.begin; i < point.end; ++i) sum += loss(observations_[i], p_w);
+    return sum;
+  }
+
   /// 1/2 sum of rho at the present poses and points.
   [[nodiscard]] double evaluate() const {
     double cost = 0;
     for (const SchurPoint& point : points_) {
       const Eigen::Vector3d& p_w = problem_.points[point.point];
-      for (std::int32_t i = point.begin; i < point.end; ++i) {
-        const SchurObservation& o = observations_[i];
-        const PoseMatrix& T = matrices_[o.pose];
-        const Eigen::Vector3d p_c = T.R * p_w + T.t;
-        const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-        const double chi2 =
-            o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
-        cost += robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
-      }
+      for (std::int32_t i = point.begin; i < point.end; ++i) cost += loss(observations_[i], p_w);
     }
     return 0.5 * cost;
   }
 
-  Matrix6d& block(std::int32_t row, std::int32_t col) { return reduced_[block_index(row, col)]; }
+  /// After a step, every point by itself goes where the moved poses see it best (Jeong et al.,
+  /// "Pushing the envelope of modern methods for bundle adjustment", 2012, Sec. 4: embedded point
+  /// iterations). The linear model is poor for the few points of little parallax; without this they
+  /// get steps refused that were good for all others.
+  void settle_points() {
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      if (k % kPointsBetweenStops == 0 && should_stop()) return;
+      Eigen::Vector3d& p_w = problem_.points[points_[k].point];
+      double cost = loss(points_[k], p_w);
+      if (const double before = loss(points_[k], old_points_[k]); before < cost) {
+        p_w = old_points_[k];
+        cost = before;
+      }
+      for (int round = 0; round < kPointRounds; ++round) {
+        const Eigen::Vector3d moved = p_w + point_newton_step(points_[k], p_w);
+        const double after = loss(points_[k], moved);
+        if (!(after < cost)) break;
+        p_w = moved;
+        cost = after;
+      }
+    }
+  }
+
+  /// Gauss-Newton step of one point, the poses held.
+  [[nodiscard]] Eigen::Vector3d point_newton_step(const SchurPoint& point,
+                                                  const Eigen::Vector3d& p_w) const {
+    Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    for (std::int32_t i = point.begin; i < point.end; ++i) {
+      const SchurObservation& o = observations_[i];
+      const PoseMatrix& T = matrices_[o.pose];
+      const Eigen::Vector3d p = T.R * p_w + T.t;
+      const Eigen::Vector3d e = reprojection_error(problem_.camera, p, o.u, o.v, o.u_right);
+      const double chi2 =
+          o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
+      const double w = robust_ && chi2 > o.bound ? std::sqrt(o.bound / chi2) : 1.0;
+      const Eigen::Matrix3d J = reprojection_jacobian(problem_.camera, p) * T.R;
+      const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_right);
+      const Eigen::Matrix3d JtW = J.transpose() * W.asDiagonal();
+      V.noalias() += JtW * J;
+      b.noalias() += JtW * e;
+    }
+    V.diagonal() += kPointDamping * V.diagonal().cwiseMax(kMinDiagonal);
+    const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
+    return -(L_inverse.transpose() * (L_inverse * b));
+  }
+
+  Matrix6d& block(std::int32_t row, std::int32_t col) { return reduced_[places_(row, col)]; }
 
   /// Linearises and eliminates every point, solves, and moves poses and points. Returns the
   /// decrease of the cost that the linear model predicts, or a negative number or NaN if there is
@@ -240,7 +380,13 @@ class SchurBundle {
     for (Matrix6d& m : reduced_) m.setZero();
     for (Vector6d& g : gradient_) g.setZero();
     for (Vector6d& d : pose_damping_) d.setZero();
-    for (std::size_t i = 0; i < points_.size(); ++i) eliminate(i, damping);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (i % kPointsBetweenStops == 0 && should_stop()) {
+        stopped_ = true;
+        return -1;
+      }
+      eliminate(i, damping);
+    }
     if (!solve_reduced(damping)) return -1;
     const double predicted = back_substitute();
     if (std::isfinite(predicted) && predicted >= 0) apply();
@@ -267,7 +413,8 @@ class SchurBundle {
       Z_[row] = (Z_[row] * e.L_inverse.transpose()).eval();
       gradient_[observations_[row].free].noalias() -= Z_[row] * e.y;
     }
-    subtract_products(observations_.data() + i, Z_.data() + i, point.end - i, reduced_.data());
+    subtract_products(observations_.data() + i, Z_.data() + i, point.end - i, places_,
+                      reduced_.data());
   }
 
   /// Inverse of the lower Cholesky factor of a positive definite 3x3 matrix.
@@ -331,14 +478,30 @@ class SchurBundle {
       // The point terms have been taken off already; the damping is that of the full diagonal.
       pose_damping_[r] = damping * pose_damping_[r].cwiseMax(kMinDiagonal);
       block(r, r).diagonal() += pose_damping_[r];
+      flat_gradient_.segment<6>(6 * r) = -gradient_[r];
+    }
+    if (!(sparse_ ? solve_sparse() : solve_dense())) return false;
+    for (std::int32_t r = 0; r < poses; ++r) pose_step_[r] = flat_gradient_.segment<6>(6 * r);
+    return flat_gradient_.allFinite();
+  }
+
+  bool solve_dense() {
+    const auto poses = static_cast<std::int32_t>(free_pose_.size());
+    for (std::int32_t r = 0; r < poses; ++r) {
       for (std::int32_t c = 0; c <= r; ++c) dense_.block<6, 6>(6 * r, 6 * c) = block(r, c);
-      dense_gradient_.segment<6>(6 * r) = -gradient_[r];
     }
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(dense_);
     if (factor.info() != Eigen::Success) return false;
-    factor.solveInPlace(dense_gradient_);
-    for (std::int32_t r = 0; r < poses; ++r) pose_step_[r] = dense_gradient_.segment<6>(6 * r);
-    return dense_gradient_.allFinite();
+    factor.solveInPlace(flat_gradient_);
+    return true;
+  }
+
+  bool solve_sparse() {
+    const BlockCholesky::Result result = sparse_->factorise(reduced_, options_.stop);
+    stopped_ = result == BlockCholesky::Result::kStopped;
+    if (result != BlockCholesky::Result::kDone) return false;
+    sparse_->solve(flat_gradient_);
+    return true;
   }
 
   /// Increments of the points, and the decrease predicted for the whole step:
@@ -396,18 +559,21 @@ class SchurBundle {
   BundleProblem& problem_;
   const BundleOptions& options_;
   const bool robust_;
+  bool stopped_ = false;                  // in the middle of a step
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
   std::vector<SchurObservation> observations_;
   std::vector<PoseMatrix> matrices_;
 
+  BlockPlaces places_;
   AlignedVector<Matrix6d> reduced_;  // blocks of the lower triangle, row by row
   AlignedVector<Vector6d> gradient_;
   AlignedVector<Vector6d> pose_damping_;
   AlignedVector<Vector6d> pose_step_;
+  std::optional<BlockCholesky> sparse_;
   Eigen::MatrixXd dense_;
-  Eigen::VectorXd dense_gradient_;
+  Eigen::VectorXd flat_gradient_;
   AlignedVector<Matrix63> Z_;
   std::vector<EliminatedPoint> eliminated_;
   std::vector<Eigen::Vector3d> point_step_;

@@ -12,6 +12,7 @@ struct BundleRound {
   std::span<const std::uint8_t> pose_fixed;  ///< per pose, gauge taken care of
   bool robust = true;
   int iterations = 10;
+  bool sparse = false;  ///< reduced system of solve_bundle_schur
 };
 
 struct BundleRoundSummary {

@@ -1,20 +1,24 @@
 #include "optimization/pose_graph.h"
 
-#include <ceres/problem.h>
-#include <ceres/solver.h>
-
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <stdexcept>
 
-#include "optimization/ceres_support.h"
-#include "optimization/cost_functions.h"
+#include "geometry/so3.h"
+#include "optimization/block_cholesky.h"
 
 namespace kys_slam {
 namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+// Small, as a bend of the whole way costs next to nothing in any single edge: more damping than
+// this holds a long loop open.
+constexpr double kInitialDamping = 1e-8;
+constexpr double kMinDiagonal = 1e-6;
+constexpr double kMaxDamping = 1e16;
+constexpr double kTolerance = 1e-9;  // of the cost
 
 void check(const std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
            const std::vector<PoseGraphEdge>& edges) {
@@ -39,43 +43,198 @@ bool is_usable(const PoseGraphEdge& edge, const std::vector<Rigid3>& T_w_c) {
          T_w_c[edge.a].is_finite() && T_w_c[edge.b].is_finite();
 }
 
+/// Residual of an edge, and its derivatives by the increments (plus()) of T_w_a and T_w_b.
+struct EdgeTerms {
+  Vector6d residual;
+  Matrix6d J_a;
+  Matrix6d J_b;
+};
+
+Vector6d edge_residual(const PoseGraphEdge& edge, const Rigid3& T_w_a, const Rigid3& T_w_b) {
+  const Rigid3 error = edge.T_a_b.inverse() * (T_w_a.inverse() * T_w_b);
+  Vector6d residual;
+  residual << edge.weight * so3_log(error.rotation), edge.weight * error.translation;
+  return residual;
+}
+
+EdgeTerms linearise(const PoseGraphEdge& edge, const Rigid3& T_w_a, const Rigid3& T_w_b) {
+  EdgeTerms terms;
+  terms.residual = edge_residual(edge, T_w_a, T_w_b);
+  // A turn of b by exp(d) on the left is a turn of the error by exp(R_w_b^T d) on its right.
+  const Eigen::Vector3d turned = terms.residual.head<3>() / edge.weight;
+  const Eigen::Matrix3d J_turn =
+      edge.weight * so3_left_jacobian_inverse(turned).transpose() * T_w_b.R().transpose();
+  const Eigen::Matrix3d R_b_w =
+      edge.weight * (T_w_a.rotation * edge.T_a_b.rotation).conjugate().toRotationMatrix();
+  terms.J_a << -J_turn, Eigen::Matrix3d::Zero(), R_b_w * hat(T_w_b.t() - T_w_a.t()), -R_b_w;
+  terms.J_b << J_turn, Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero(), R_b_w;
+  return terms;
+}
+
+/// Levenberg-Marquardt over the free poses that have edges.
+class PoseGraph {
+ public:
+  PoseGraph(std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
+            const std::vector<PoseGraphEdge>& edges)
+      : T_w_c_(T_w_c), free_index_(T_w_c.size(), -1) {
+    for (const PoseGraphEdge& edge : edges) {
+      if (!is_usable(edge, T_w_c) || (fixed[edge.a] != 0 && fixed[edge.b] != 0)) continue;
+      edges_.push_back(edge);
+      for (const std::int32_t pose : {edge.a, edge.b}) {
+        if (fixed[pose] == 0) free_index_[pose] = 0;
+      }
+    }
+    for (std::size_t i = 0; i < free_index_.size(); ++i) {
+      if (free_index_[i] < 0) continue;
+      free_index_[i] = static_cast<std::int32_t>(free_pose_.size());
+      free_pose_.push_back(static_cast<std::int32_t>(i));
+    }
+    find_blocks();
+  }
+
+  void solve(const PoseGraphOptions& options) {
+    if (edges_.empty()) return;
+    BlockCholesky cholesky(pattern_);
+    double cost = evaluate();
+    double damping = kInitialDamping;
+    double growth = 2;
+    for (int k = 0; k < options.iterations && damping < kMaxDamping; ++k) {
+      if (options.stop != nullptr && options.stop->load(std::memory_order_relaxed)) return;
+      build(damping);
+      const auto result = cholesky.factorise(blocks_, options.stop);
+      if (result == BlockCholesky::Result::kStopped) return;
+      double candidate = cost;
+      double predicted = -1;
+      if (result == BlockCholesky::Result::kDone) {
+        step_ = -gradient_;
+        cholesky.solve(step_);
+        predicted = 0.5 * (step_.dot(damping_.cwiseProduct(step_)) - step_.dot(gradient_));
+      }
+      if (std::isfinite(predicted) && predicted >= 0) {
+        if (predicted <= 1e-3 * kTolerance * cost) return;
+        apply();
+        candidate = evaluate();
+      }
+      const double gain = (cost - candidate) / predicted;
+      if (predicted > 0 && gain > 1e-3) {
+        const bool converged = cost - candidate <= kTolerance * cost;
+        cost = candidate;
+        if (converged) return;
+        damping *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));  // Nielsen's rule
+        growth = 2;
+        before_.clear();
+      } else {
+        restore();
+        damping *= growth;
+        growth *= 2;
+      }
+    }
+  }
+
+ private:
+  /// Blocks of the lower triangle, and of every edge its block off the diagonal.
+  void find_blocks() {
+    std::vector<std::vector<std::int32_t>> columns(free_pose_.size());
+    for (std::size_t r = 0; r < columns.size(); ++r) {
+      columns[r].push_back(static_cast<std::int32_t>(r));
+    }
+    for (const PoseGraphEdge& edge : edges_) {
+      const auto [c, r] = std::minmax(free_index_[edge.a], free_index_[edge.b]);
+      if (c >= 0) columns[r].push_back(c);
+    }
+    for (auto& row : columns) {
+      std::sort(row.begin(), row.end());
+      row.erase(std::unique(row.begin(), row.end()), row.end());
+      pattern_.column.insert(pattern_.column.end(), row.begin(), row.end());
+      pattern_.row_begin.push_back(static_cast<std::int32_t>(pattern_.column.size()));
+    }
+    for (const PoseGraphEdge& edge : edges_) {
+      const auto [c, r] = std::minmax(free_index_[edge.a], free_index_[edge.b]);
+      const auto row = pattern_.column.begin() + pattern_.row_begin[r];
+      const auto end = pattern_.column.begin() + pattern_.row_begin[r + 1];
+      edge_block_.push_back(c < 0 ? -1
+                                  : static_cast<std::int32_t>(std::lower_bound(row, end, c) -
+                                                              pattern_.column.begin()));
+    }
+    blocks_.resize(pattern_.column.size());
+    const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
+    gradient_.resize(size);
+    damping_.resize(size);
+    step_.resize(size);
+  }
+
+  /// 1/2 sum of the squared residuals.
+  [[nodiscard]] double evaluate() const {
+    double cost = 0;
+    for (const PoseGraphEdge& edge : edges_) {
+      cost += edge_residual(edge, T_w_c_[edge.a], T_w_c_[edge.b]).squaredNorm();
+    }
+    return 0.5 * cost;
+  }
+
+  /// The normal equations at the present poses.
+  void build(double damping) {
+    for (Matrix6d& m : blocks_) m.setZero();
+    gradient_.setZero();
+    for (std::size_t k = 0; k < edges_.size(); ++k) {
+      const PoseGraphEdge& edge = edges_[k];
+      const EdgeTerms terms = linearise(edge, T_w_c_[edge.a], T_w_c_[edge.b]);
+      const std::int32_t a = free_index_[edge.a];
+      const std::int32_t b = free_index_[edge.b];
+      if (a >= 0) add_own(a, terms.J_a, terms.residual);
+      if (b >= 0) add_own(b, terms.J_b, terms.residual);
+      if (a < 0 || b < 0) continue;
+      Matrix6d& shared = blocks_[edge_block_[k]];
+      if (a > b) {
+        shared.noalias() += terms.J_a.transpose() * terms.J_b;
+      } else {
+        shared.noalias() += terms.J_b.transpose() * terms.J_a;
+      }
+    }
+    for (std::int32_t r = 0; r < pattern_.rows(); ++r) {
+      Matrix6d& own = blocks_[pattern_.row_begin[r + 1] - 1];
+      damping_.segment<6>(6 * r) = damping * own.diagonal().cwiseMax(kMinDiagonal);
+      own.diagonal() += damping_.segment<6>(6 * r);
+    }
+  }
+
+  void add_own(std::int32_t free, const Matrix6d& J, const Vector6d& residual) {
+    blocks_[pattern_.row_begin[free + 1] - 1].noalias() += J.transpose() * J;
+    gradient_.segment<6>(6 * free).noalias() += J.transpose() * residual;
+  }
+
+  void apply() {
+    for (std::size_t r = 0; r < free_pose_.size(); ++r) {
+      Rigid3& T = T_w_c_[free_pose_[r]];
+      before_.push_back(T);
+      T = plus(T, step_.segment<6>(static_cast<Eigen::Index>(6 * r)));
+    }
+  }
+
+  void restore() {
+    for (std::size_t r = 0; r < before_.size(); ++r) T_w_c_[free_pose_[r]] = before_[r];
+    before_.clear();
+  }
+
+  std::vector<Rigid3>& T_w_c_;
+  std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
+  std::vector<std::int32_t> free_pose_;   // the other way
+  std::vector<PoseGraphEdge> edges_;      // usable ones
+  std::vector<std::int32_t> edge_block_;  // -1: one end is fixed
+  BlockPattern pattern_;
+  BlockCholesky::Blocks blocks_;
+  Eigen::VectorXd gradient_;
+  Eigen::VectorXd damping_;  // what was added to the diagonal
+  Eigen::VectorXd step_;
+  std::vector<Rigid3> before_;
+};
+
 }  // namespace
 
 void optimize_pose_graph(std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
                          const std::vector<PoseGraphEdge>& edges, const PoseGraphOptions& options) {
   check(T_w_c, fixed, edges);
-  std::vector<Vector6d> increments(T_w_c.size(), Vector6d::Zero());
-  std::deque<RelativePoseCost> costs;  // Ceres keeps pointers to them
-
-  ceres::Problem::Options problem_options;
-  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.disable_all_safety_checks = true;
-  ceres::Problem problem(problem_options);
-  for (const PoseGraphEdge& edge : edges) {
-    if (!is_usable(edge, T_w_c) || (fixed[edge.a] != 0 && fixed[edge.b] != 0)) continue;
-    costs.emplace_back(&T_w_c[edge.a], &T_w_c[edge.b], edge.T_a_b, edge.weight);
-    problem.AddResidualBlock(&costs.back(), nullptr, increments[edge.a].data(),
-                             increments[edge.b].data());
-  }
-  if (costs.empty()) return;
-  for (std::size_t i = 0; i < fixed.size(); ++i) {
-    if (fixed[i] != 0 && problem.HasParameterBlock(increments[i].data())) {
-      problem.SetParameterBlockConstant(increments[i].data());
-    }
-  }
-
-  StopCallback stop(options.stop);
-  ceres::Solver::Options solver = quiet_solver_options(1);
-  solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  solver.function_tolerance = 1e-9;
-  solver.max_num_iterations = options.iterations;
-  solver.callbacks.push_back(&stop);
-  ceres::Solver::Summary report;
-  ceres::Solve(solver, &problem, &report);
-  if (!report.IsSolutionUsable()) return;
-  for (std::size_t i = 0; i < T_w_c.size(); ++i) {
-    if (fixed[i] == 0) T_w_c[i] = plus(T_w_c[i], increments[i]);
-  }
+  PoseGraph(T_w_c, fixed, edges).solve(options);
 }
 
 }  // namespace kys_slam

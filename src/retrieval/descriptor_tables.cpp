@@ -51,11 +51,6 @@ void DescriptorTables::erase(const kys::Descriptor& descriptor, std::uint32_t nu
   }
 }
 
-std::span<const std::uint32_t> DescriptorTables::bucket(const kys::Descriptor& descriptor,
-                                                        int table) const {
-  return pool_.view(buckets_[key(descriptor, table)]);
-}
-
 std::size_t DescriptorTables::bytes() const {
   return pool_.bytes() + buckets_.size() * sizeof(ListPool::List);
 }

@@ -32,15 +32,19 @@ class DescriptorTables {
   /// Takes it out again; the descriptor has to be the one it was filed under.
   void erase(const kys::Descriptor& descriptor, std::uint32_t number);
 
-  /// The numbers filed under the bits of this descriptor in one table, in any order.
-  [[nodiscard]] std::span<const std::uint32_t> bucket(const kys::Descriptor& descriptor,
-                                                      int table) const;
+  /// Where a table files a descriptor.
+  [[nodiscard]] std::size_t key(const kys::Descriptor& descriptor, int table) const;
+  /// The numbers filed under a key, in any order.
+  [[nodiscard]] std::span<const std::uint32_t> bucket(std::size_t key) const {
+    return pool_.view(buckets_[key]);
+  }
+  /// Has the bucket's handle, or its numbers, brought near: a look-up waits for memory twice.
+  void prefetch_handle(std::size_t key) const { __builtin_prefetch(&buckets_[key]); }
+  void prefetch_numbers(std::size_t key) const { pool_.prefetch(buckets_[key]); }
   [[nodiscard]] int tables() const { return tables_; }
   [[nodiscard]] std::size_t bytes() const;
 
  private:
-  [[nodiscard]] std::size_t key(const kys::Descriptor& descriptor, int table) const;
-
   int tables_;
   std::array<std::uint8_t, 256> bits_{};  // table t looks at bits_[16 t] to bits_[16 t + 15]
   std::vector<ListPool::List> buckets_;   // by table, then key

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -11,16 +10,16 @@
 
 namespace kys_slam {
 
-/// Very many short lists of 32-bit numbers. A list costs its 8-byte handle and a block of a power
-/// of two of cells; blocks of emptied lists are used again. Nothing ever moves but the list that
-/// grows, so no call takes longer than its own list is long.
+/// Very many short lists of 32-bit numbers. A list costs its 8-byte handle and a block of 1, 2, 3,
+/// 4, 6, 8, 12, 16, ... cells; blocks of emptied lists are used again. Nothing ever moves but the
+/// list that grows, so no call takes longer than its own list is long.
 class ListPool {
  public:
   /// Handle of a list; a default-constructed one is empty. Meaningful to its pool alone.
   struct List {
     std::uint32_t begin = 0;
-    std::uint32_t size : 27 = 0;
-    std::uint32_t order : 5 = kNoBlock;  ///< the block has 2^order cells
+    std::uint32_t size : 26 = 0;
+    std::uint32_t order : 6 = kNoBlock;  ///< of the block, which has capacity(order) cells
   };
 
   [[nodiscard]] std::span<const std::uint32_t> view(const List& list) const {
@@ -28,12 +27,17 @@ class ListPool {
     return {cells(list.begin), list.size};
   }
 
+  /// Has a list's numbers brought near.
+  void prefetch(const List& list) const {
+    if (list.size > 0) __builtin_prefetch(cells(list.begin));
+  }
+
   /// \throws std::length_error for a list of more than 2^20 numbers.
   void push(List& list, std::uint32_t value) {
     if (list.order == kNoBlock) {
       list.begin = allocate(0);
       list.order = 0;
-    } else if (list.size == 1u << list.order) {
+    } else if (list.size == capacity(list.order)) {
       grow(list);
     }
     cells(list.begin)[list.size] = value;
@@ -65,22 +69,29 @@ class ListPool {
   }
 
  private:
-  static constexpr unsigned kNoBlock = 31;
-  static constexpr unsigned kChunkOrder = 20;
-  static constexpr std::uint32_t kChunk = 1u << kChunkOrder;  // cells
+  static constexpr unsigned kNoBlock = 63;
+  static constexpr unsigned kChunkBits = 20;
+  static constexpr std::uint32_t kChunk = 1u << kChunkBits;      // cells
+  static constexpr unsigned kLargestOrder = 2 * kChunkBits - 1;  // one whole chunk
+
+  /// 1, 2, 3, 4, 6, 8, 12, 16, ...
+  static constexpr std::uint32_t capacity(unsigned order) {
+    if (order == 0) return 1;
+    return order % 2 == 1 ? 2u << (order / 2) : 3u << (order / 2 - 1);
+  }
 
   [[nodiscard]] std::uint32_t* cells(std::uint32_t at) const {
-    return chunks_[at >> kChunkOrder].get() + (at & (kChunk - 1));
+    return chunks_[at >> kChunkBits].get() + (at & (kChunk - 1));
   }
 
   std::uint32_t allocate(unsigned order) {
-    if (order > kChunkOrder) throw std::length_error("list of more than 2^20 numbers");
+    if (order > kLargestOrder) throw std::length_error("list of more than 2^20 numbers");
     if (!free_[order].empty()) {
       const std::uint32_t at = free_[order].back();
       free_[order].pop_back();
       return at;
     }
-    const std::uint32_t count = 1u << order;
+    const std::uint32_t count = capacity(order);
     if (chunks_.empty() || kChunk - used_in_last_ < count) {
       // Not initialised: pages that no list uses are never touched. The rest of the chunk before
       // becomes blocks of its own.
@@ -89,17 +100,18 @@ class ListPool {
       used_in_last_ = 0;
     }
     const auto at =
-        static_cast<std::uint32_t>(((chunks_.size() - 1) << kChunkOrder) + used_in_last_);
+        static_cast<std::uint32_t>(((chunks_.size() - 1) << kChunkBits) + used_in_last_);
     used_in_last_ += count;
     return at;
   }
 
   void give_away_rest() {
+    unsigned order = kLargestOrder;
     while (used_in_last_ < kChunk) {
-      const auto order = static_cast<unsigned>(std::bit_width(kChunk - used_in_last_) - 1);
+      while (capacity(order) > kChunk - used_in_last_) --order;
       free_[order].push_back(
-          static_cast<std::uint32_t>(((chunks_.size() - 1) << kChunkOrder) + used_in_last_));
-      used_in_last_ += 1u << order;
+          static_cast<std::uint32_t>(((chunks_.size() - 1) << kChunkBits) + used_in_last_));
+      used_in_last_ += capacity(order);
     }
   }
 
@@ -110,12 +122,12 @@ class ListPool {
     for (std::uint32_t i = 0; i < list.size; ++i) to[i] = from[i];
     free_[list.order].push_back(list.begin);
     list.begin = at;
-    list.order = (list.order + 1u) & 31u;
+    list.order = (list.order + 1u) & 63u;
   }
 
   std::vector<std::unique_ptr<std::uint32_t[]>> chunks_;
   std::uint32_t used_in_last_ = 0;
-  std::array<std::vector<std::uint32_t>, kChunkOrder + 1> free_;
+  std::array<std::vector<std::uint32_t>, kLargestOrder + 1> free_;  // blocks, by order
 };
 
 }  // namespace kys_slam

@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <string>
+#include <utility>
 
 #include "retrieval/place_voting.h"
 
@@ -16,8 +19,8 @@ void PlaceOptions::check() const {
   require(tables >= 1 && tables <= DescriptorTables::kMaxTables, "tables: from 1 to 16 expected");
   require(max_bucket >= 1, "max_bucket: at least 1 expected");
   require(max_features >= 1, "max_features: at least 1 expected");
-  require(std::isfinite(max_distance) && max_distance >= 0,
-          "max_distance: a number of bits expected");
+  require(std::isfinite(max_distance) && max_distance > 0,
+          "max_distance: a positive number of bits expected");
   require(std::isfinite(margin) && margin >= 0, "margin: a number of bits expected");
 }
 
@@ -26,6 +29,22 @@ namespace {
 const PlaceOptions& checked(const PlaceOptions& options) {
   options.check();
   return options;
+}
+
+/// The features of the strongest response, at most `count`, by index.
+std::vector<std::uint32_t> strongest(const FrameFeatures& features, std::size_t count) {
+  std::vector<std::uint32_t> chosen(features.size());
+  std::iota(chosen.begin(), chosen.end(), 0u);
+  if (count >= chosen.size()) return chosen;
+  std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(count),
+                   chosen.end(), [&](std::uint32_t a, std::uint32_t b) {
+                     const float response_a = features.keypoint(a).response;
+                     const float response_b = features.keypoint(b).response;
+                     return response_a != response_b ? response_a > response_b : a < b;
+                   });
+  chosen.resize(count);
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
 }
 
 }  // namespace
@@ -117,113 +136,151 @@ std::size_t PlaceIndex::bytes() const {
          priors_.capacity() * sizeof(kys::Prior);
 }
 
-/// Votes of one query. Scratch as large as the map, made anew for each query.
-class PlaceIndex::Voting {
+/// One query at work. Scratch as large as the map, made anew for each query.
+class PlaceIndex::Search {
  public:
-  Voting(const PlaceIndex& index, std::span<const KeyFrameId> excluded)
-      : index_(index), seen_(index.descriptors_.size(), 0), votes_(index.landmark_count_) {
+  Search(const PlaceIndex& index, const FrameFeatures& features, const kys::DistanceModel& model,
+         std::span<const KeyFrameId> excluded)
+      : index_(index),
+        features_(features),
+        model_(model),
+        chosen_(strongest(features, index.options_.max_features)),
+        met_(index.descriptors_.size(), 0),
+        votes_(index.landmark_count_) {
     votes_.allow(index.keyframes_.ids(), excluded);
   }
 
-  /// Feature number `turn` (from 1) of the query votes.
-  void vote(const kys::Descriptor& descriptor, const kys::Prior& prior, std::uint32_t turn,
-            const kys::DistanceModel& model, kys::Statistics& statistics) {
-    collect(descriptor, turn);
-    compare(descriptor, prior, model, statistics);
-    if (matches_.empty()) return;
-    // Nearest first: a keyframe's vote is for the nearest of its landmarks.
-    std::sort(matches_.begin(), matches_.end(), [&](const Match& a, const Match& b) {
-      return a.distance.value != b.distance.value ? a.distance.value < b.distance.value
-                                                  : index_.ids_[a.slot] < index_.ids_[b.slot];
-    });
-    votes_.begin_feature();
-    const float limit = matches_.front().distance.value + index_.options_.margin;
-    for (const Match& match : matches_) {
-      if (match.distance.value > limit) break;
-      votes_.add(observers(match.slot));
-    }
-    votes_.end_feature();
-    statistics.accept(matches_.front().distance.tier);
+  PlaceVotes run(kys::Statistics& statistics) {
+    look_up_keys();
+    for (std::size_t n = 0; n < chosen_.size(); ++n) find(n, statistics);
+    keep_nearest_feature();
+    vote();
+    return std::move(votes_);
   }
-
-  [[nodiscard]] const PlaceVotes& votes() const { return votes_; }
 
  private:
   struct Match {
-    kys::Distance distance;
+    float distance;
     std::uint32_t slot;
+    std::uint32_t feature;  // number among the chosen ones
+    kys::Tier tier;
   };
 
   [[nodiscard]] std::span<const std::uint32_t> observers(std::uint32_t slot) const {
     return index_.observer_pool_.view(index_.observers_[slot]);
   }
+  /// Nearer, or as near and of the lower id.
+  [[nodiscard]] bool precedes(const Match& a, const Match& b) const {
+    return a.distance != b.distance ? a.distance < b.distance
+                                    : index_.ids_[a.slot] < index_.ids_[b.slot];
+  }
 
-  /// Landmarks that share a bucket with the descriptor, each once.
-  void collect(const kys::Descriptor& descriptor, std::uint32_t turn) {
-    slots_.clear();
-    for (int t = 0; t < index_.tables_.tables(); ++t) {
-      const std::span<const std::uint32_t> bucket = index_.tables_.bucket(descriptor, t);
-      if (bucket.size() > index_.options_.max_bucket) continue;
-      for (const std::uint32_t slot : bucket) {
-        if (seen_[slot] == turn) continue;
-        seen_[slot] = static_cast<std::uint16_t>(turn);
-        slots_.push_back(slot);
+  void look_up_keys() {
+    const int tables = index_.tables_.tables();
+    keys_.reserve(chosen_.size() * static_cast<std::size_t>(tables));
+    for (const std::uint32_t i : chosen_) {
+      for (int t = 0; t < tables; ++t) {
+        keys_.push_back(static_cast<std::uint32_t>(index_.tables_.key(features_.descriptor(i), t)));
       }
     }
   }
 
-  void compare(const kys::Descriptor& descriptor, const kys::Prior& prior,
-               const kys::DistanceModel& model, kys::Statistics& statistics) {
-    matches_.clear();
-    const float limit = index_.options_.max_distance;
-    // A distance equal to the limit is a match, so the bound lies behind it.
-    const float bound = std::nextafter(limit, kys::kRejected);
+  /// Landmarks that share a bucket with chosen feature number n, each once, and their memory on
+  /// its way. Buckets of the features to come are fetched ahead.
+  void collect(std::size_t n) {
+    constexpr std::size_t kAhead = 2;  // features
+    const auto tables = static_cast<std::size_t>(index_.tables_.tables());
+    const std::size_t first = n * tables;
+    for (std::size_t k = first; k < first + tables; ++k) {
+      if (k + 2 * kAhead * tables < keys_.size()) {
+        index_.tables_.prefetch_handle(keys_[k + 2 * kAhead * tables]);
+      }
+      if (k + kAhead * tables < keys_.size()) {
+        index_.tables_.prefetch_numbers(keys_[k + kAhead * tables]);
+      }
+    }
+    slots_.clear();
+    const auto turn = static_cast<std::uint16_t>(n + 1);
+    for (std::size_t k = first; k < first + tables; ++k) {
+      const std::span<const std::uint32_t> bucket = index_.tables_.bucket(keys_[k]);
+      if (bucket.size() > index_.options_.max_bucket) continue;
+      for (const std::uint32_t slot : bucket) {
+        if (met_[slot] == turn) continue;
+        met_[slot] = turn;
+        slots_.push_back(slot);
+        __builtin_prefetch(&index_.descriptors_[slot]);
+      }
+    }
+  }
+
+  /// The nearest landmark of chosen feature number n, and those nearly as near.
+  void find(std::size_t n, kys::Statistics& statistics) {
+    collect(n);
+    const std::size_t first = matches_.size();
+    const std::uint32_t i = chosen_[n];
     for (const std::uint32_t slot : slots_) {
-      const kys::Distance d =
-          model.evaluate(descriptor, prior, index_.descriptors_[slot], index_.prior(slot),
-                         kys::Context::kTemporal, bound, statistics);
-      if (d.value <= limit && votes_.any_allowed(observers(slot))) matches_.push_back({d, slot});
+      const kys::Distance d = model_.evaluate(
+          features_.descriptor(i), features_.prior(i), index_.descriptors_[slot],
+          index_.prior(slot), kys::Context::kTemporal, index_.options_.max_distance, statistics);
+      if (d.value < index_.options_.max_distance && votes_.any_allowed(observers(slot))) {
+        matches_.push_back({d.value, slot, static_cast<std::uint32_t>(n), d.tier});
+      }
+    }
+    if (first == matches_.size()) return;
+    const auto begin = matches_.begin() + static_cast<std::ptrdiff_t>(first);
+    std::sort(begin, matches_.end(),
+              [&](const Match& a, const Match& b) { return precedes(a, b); });
+    statistics.accept(begin->tier);
+    const float limit = begin->distance + index_.options_.margin;
+    while (matches_.back().distance > limit) matches_.pop_back();
+  }
+
+  /// A thing of the frame is one landmark's: without this a repeated pattern in the query gives a
+  /// keyframe that shows it once a vote for every repetition.
+  void keep_nearest_feature() {
+    std::sort(matches_.begin(), matches_.end(), [](const Match& a, const Match& b) {
+      if (a.slot != b.slot) return a.slot < b.slot;
+      return a.distance != b.distance ? a.distance < b.distance : a.feature < b.feature;
+    });
+    matches_.erase(std::unique(matches_.begin(), matches_.end(),
+                               [](const Match& a, const Match& b) { return a.slot == b.slot; }),
+                   matches_.end());
+    std::sort(matches_.begin(), matches_.end(), [&](const Match& a, const Match& b) {
+      return a.feature != b.feature ? a.feature < b.feature : precedes(a, b);
+    });
+  }
+
+  void vote() {
+    for (std::size_t m = 0; m < matches_.size();) {
+      const std::uint32_t feature = matches_[m].feature;
+      votes_.begin_feature();
+      for (; m < matches_.size() && matches_[m].feature == feature; ++m) {
+        const double closeness = 1 - matches_[m].distance / index_.options_.max_distance;
+        votes_.add(observers(matches_[m].slot), closeness);
+      }
+      votes_.end_feature();
     }
   }
 
   const PlaceIndex& index_;
-  std::vector<std::uint16_t> seen_;  // by slot: the last feature that met it
-  std::vector<std::uint32_t> slots_;
-  std::vector<Match> matches_;
+  const FrameFeatures& features_;
+  const kys::DistanceModel& model_;
+  std::vector<std::uint32_t> chosen_;  // features that vote
+  std::vector<std::uint32_t> keys_;    // by chosen feature, then table
+  std::vector<std::uint16_t> met_;     // by slot: the last chosen feature (from 1) that met it
+  std::vector<std::uint32_t> slots_;   // candidates of one feature
+  std::vector<Match> matches_;         // of all
   PlaceVotes votes_;
 };
-
-namespace {
-
-/// The features of the strongest response, at most `count`, by index.
-std::vector<std::uint32_t> strongest(const FrameFeatures& features, std::size_t count) {
-  std::vector<std::uint32_t> chosen(features.size());
-  for (std::size_t i = 0; i < chosen.size(); ++i) chosen[i] = static_cast<std::uint32_t>(i);
-  if (count >= chosen.size()) return chosen;
-  std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(count),
-                   chosen.end(), [&](std::uint32_t a, std::uint32_t b) {
-                     const float response_a = features.keypoint(a).response;
-                     const float response_b = features.keypoint(b).response;
-                     return response_a != response_b ? response_a > response_b : a < b;
-                   });
-  chosen.resize(count);
-  std::sort(chosen.begin(), chosen.end());
-  return chosen;
-}
-
-}  // namespace
 
 std::vector<PlaceCandidate> PlaceIndex::query(const FrameFeatures& features,
                                               const kys::DistanceModel& model,
                                               kys::Statistics& statistics,
                                               std::span<const KeyFrameId> excluded,
                                               std::size_t max_candidates) const {
-  Voting voting(*this, excluded);
-  std::uint32_t turn = 0;
-  for (const std::uint32_t i : strongest(features, options_.max_features)) {
-    voting.vote(features.descriptor(i), features.prior(i), ++turn, model, statistics);
-  }
-  return voting.votes().candidates(keyframes_, max_candidates);
+  return Search(*this, features, model, excluded)
+      .run(statistics)
+      .candidates(keyframes_, max_candidates);
 }
 
 }  // namespace kys_slam

@@ -10,27 +10,20 @@
 #include "map/change_set.h"
 #include "map/id_table.h"
 #include "retrieval/descriptor_tables.h"
+#include "retrieval/place_candidate.h"
 
 namespace kys_slam {
 
 struct PlaceOptions {
-  std::uint64_t seed = 0;           ///< chooses the bits the hash tables look at
-  int tables = 12;                  ///< 1 to 16; more find more and take longer
-  std::size_t max_bucket = 128;     ///< landmarks; fuller buckets say nothing and are skipped
-  std::size_t max_features = 1500;  ///< of a query: those of the strongest response
-  float max_distance = 50;          ///< bits, modulated, of a landmark that votes
-  float margin = 8;                 ///< bits, behind the nearest landmark, of others that vote too
+  std::uint64_t seed = 0;          ///< chooses the bits the hash tables look at
+  int tables = 8;                  ///< 1 to 16; more find more and take longer
+  std::size_t max_bucket = 64;     ///< landmarks; fuller buckets say nothing and are skipped
+  std::size_t max_features = 800;  ///< of a query: those of the strongest response
+  float max_distance = 50;         ///< bits, modulated: only nearer landmarks vote
+  float margin = 4;  ///< bits, behind a feature's nearest landmark, of others it takes
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
-};
-
-/// A keyframe that may show the same place as the query.
-struct PlaceCandidate {
-  KeyFrameId keyframe;
-  double score = 0;  ///< see PlaceIndex::query
-  int votes = 0;     ///< features of the query that found a landmark of this very keyframe
-  friend bool operator==(const PlaceCandidate&, const PlaceCandidate&) = default;
 };
 
 /// Which keyframes show the place a frame shows? Place recognition without a vocabulary: hash
@@ -50,11 +43,14 @@ class PlaceIndex {
   /// keyframes.
   ///
   /// Every feature finds its nearest landmark (modulated distance, temporal context) and those
-  /// nearly as near, among those some allowed keyframe observes, and votes once for every allowed
-  /// keyframe that observes one of them, the less the more keyframes there are to vote for. The
-  /// score of a keyframe is that of the best group (a keyframe and its covisible neighbours) that
-  /// it is the best member of: votes over the number of landmarks the group observes.
-  /// \param excluded keyframes that get no votes, by id
+  /// nearly as near, among the landmarks that some allowed keyframe observes; a landmark found by
+  /// several features belongs to the nearest one. Then every feature votes, once, for each allowed
+  /// keyframe that observes a landmark of its own: the more the nearer that landmark is, the less
+  /// the more keyframes there are to vote for. The score of a keyframe is that of the best group (a
+  /// keyframe and its covisible neighbours) that it is the best member of: votes over the number of
+  /// landmarks that the members observe, which are taken to be a typical keyframe's number more
+  /// than they are, so that few votes for a small group are no high share.
+  /// \param excluded keyframes that get no votes, in any order
   [[nodiscard]] std::vector<PlaceCandidate> query(const FrameFeatures& features,
                                                   const kys::DistanceModel& model,
                                                   kys::Statistics& statistics,
@@ -67,7 +63,7 @@ class PlaceIndex {
   [[nodiscard]] std::size_t bytes() const;
 
  private:
-  class Voting;
+  class Search;
 
   void put(LandmarkId id, const LandmarkView& view);
   void erase(LandmarkId id);

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "retrieval/place_index.h"
-
 namespace kys_slam {
 
 void PlaceVotes::allow(std::span<const KeyFrameId> keyframes,
@@ -27,22 +25,22 @@ void PlaceVotes::begin_feature() {
   voted_for_.clear();
 }
 
-void PlaceVotes::add(std::span<const std::uint32_t> keyframes) {
+void PlaceVotes::add(std::span<const std::uint32_t> keyframes, double closeness) {
   for (const std::uint32_t keyframe : keyframes) {
     if (!is_allowed(keyframe) || voted_[keyframe] == feature_) continue;
     voted_[keyframe] = feature_;
-    voted_for_.push_back(keyframe);
+    voted_for_.emplace_back(keyframe, closeness);
   }
 }
 
 void PlaceVotes::end_feature() {
   if (voted_for_.empty()) return;
   // What is seen everywhere tells nothing about where one is (inverse document frequency).
-  const double weight =
+  const double rarity =
       std::log1p(static_cast<double>(allowed_count_) / static_cast<double>(voted_for_.size()));
-  for (const std::uint32_t keyframe : voted_for_) {
+  for (const auto& [keyframe, closeness] : voted_for_) {
     ++votes_[keyframe];
-    weight_[keyframe] += weight;
+    weight_[keyframe] += closeness * rarity;
   }
 }
 

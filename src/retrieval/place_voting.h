@@ -3,14 +3,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "map/id_table.h"
 #include "map/ids.h"
+#include "retrieval/place_candidate.h"
 
 namespace kys_slam {
-
-struct PlaceCandidate;
 
 /// The ballot box of one query: which keyframes may be voted for, and how many votes they have.
 class PlaceVotes {
@@ -38,9 +38,10 @@ class PlaceVotes {
     return false;
   }
 
-  /// A feature votes for the keyframes given to `add` between these two, once for each.
+  /// A feature votes for the keyframes given to `add` between these two, once for each: with the
+  /// closeness given first.
   void begin_feature();
-  void add(std::span<const std::uint32_t> keyframes);
+  void add(std::span<const std::uint32_t> keyframes, double closeness);
   void end_feature();
 
   /// The result as PlaceIndex::query describes it.
@@ -59,7 +60,7 @@ class PlaceVotes {
   std::size_t allowed_count_ = 0;
   double allowed_landmarks_ = 0;  // sum over the allowed keyframes
   std::uint32_t feature_ = 0;
-  std::vector<std::uint32_t> voted_for_;  // by this feature
+  std::vector<std::pair<std::uint32_t, double>> voted_for_;  // by this feature, and how closely
 };
 
 }  // namespace kys_slam

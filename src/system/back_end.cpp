@@ -13,6 +13,12 @@ BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
       closer_(options.loop, options.mapping.bundle, model),
       full_bundle_(options.full_bundle, threaded) {}
 
+ChangeSet BackEnd::continue_map(Map map) {
+  map_ = std::move(map);
+  mapper_.continue_map(map_.landmark_id_end());
+  return publish();
+}
+
 BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<bool>* stop) {
   BackEndStep step;
   step.frame_index = message.frame_index;

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "loop_closing/full_bundle.h"
@@ -38,13 +39,16 @@ struct BackEndOptions {
 };
 
 /// Owner and only writer of the map: one step per keyframe message, local mapping and loop closing.
-/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when `threaded`.
+/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when
+/// `threaded`.
 class BackEnd {
  public:
   /// \param model has to outlive the back end
   BackEnd(const StereoCamera& camera, const ScaleLevels& scales, const BackEndOptions& options,
           const kys::DistanceModel& model, bool threaded);
 
+  /// Before the first keyframe: goes on with a map made earlier. Returns all of it.
+  ChangeSet continue_map(Map map);
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
   /// Takes over what full bundle adjustment still has under way.
   ChangeSet finish();
@@ -81,6 +85,8 @@ class BackEndRunner {
   BackEndRunner& operator=(const BackEndRunner&) = delete;
   ~BackEndRunner();
 
+  /// Before the first message.
+  ChangeSet continue_map(Map map) { return back_end_.continue_map(std::move(map)); }
   void submit(KeyFrameMessage message);
   /// Steps that are due before frame `frame_index` is tracked, in order.
   std::vector<BackEndStep> collect(std::int64_t frame_index);

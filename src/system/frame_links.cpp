@@ -22,7 +22,7 @@ std::optional<Rigid3> FrameLinks::pose(const Map& map, std::size_t frame) const 
     if (!T_k_w) return std::nullopt;
     return (pose.T_c_reference * *T_k_w).inverse();
   };
-  const std::optional<Rigid3> before = from(link.before);
+  std::optional<Rigid3> before = from(link.before);
   const std::optional<Rigid3> after = from(link.after);
   if (!before || !after) return before;
   return Rigid3(before->rotation.slerp(link.share, after->rotation),

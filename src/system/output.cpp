@@ -57,18 +57,10 @@ Spread spread(const std::vector<FrameReport>& reports, const Stage& stage) {
   return s;
 }
 
-std::vector<TimedPose> connected_poses(const System& system) {
-  std::vector<TimedPose> poses;
-  for (const FrameEstimate& estimate : system.trajectory()) {
-    if (estimate.connected) poses.push_back({estimate.timestamp, estimate.T_w_c});
-  }
-  return poses;
-}
-
 /// One row per frame; a frame without a pose repeats the one before (frames.csv tells which).
-std::vector<Rigid3> all_poses(const System& system) {
+std::vector<Rigid3> all_poses(const std::vector<FrameEstimate>& trajectory) {
   std::vector<Rigid3> poses;
-  for (const FrameEstimate& estimate : system.trajectory()) {
+  for (const FrameEstimate& estimate : trajectory) {
     if (estimate.connected) {
       poses.push_back(estimate.T_w_c);
     } else {
@@ -78,21 +70,21 @@ std::vector<Rigid3> all_poses(const System& system) {
   return poses;
 }
 
-std::string frames_csv(const System& system) {
+std::string frames_csv(const System& system, const std::vector<FrameEstimate>& estimates) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_gap_m,keypoints,stereo_matches,matches,inliers,"
-      "prior_coverage,masked";
+      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,"
+      "loop_gap_m,keypoints,stereo_matches,matches,inliers,prior_coverage,masked";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
-  const std::vector<FrameEstimate> estimates = system.trajectory();
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = system.reports()[k];
-    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f}", r.index, r.name, r.timestamp,
-                        to_string(r.status), estimates[k].submap, r.reason, r.keyframe ? 1 : 0,
-                        to_string(r.loop), r.loop_frame, r.loop_gap_m);
+    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, r.name,
+                        r.timestamp, to_string(r.status), estimates[k].submap, r.reason,
+                        r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame, r.loop_distance_m,
+                        r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
@@ -104,85 +96,38 @@ std::string frames_csv(const System& system) {
   return text;
 }
 
-/// Landmarks of the sub-map that the trajectory is told in.
-std::string map_ply(const System& system) {
-  const Map& map = system.map();
-  std::int64_t main = -1;
-  for (const FrameEstimate& estimate : system.trajectory()) {
-    if (estimate.connected) main = estimate.submap;
+std::string map_ply(const std::vector<Eigen::Vector3d>& landmarks) {
+  std::string text = fmt::format(
+      "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
+      "property float x\nproperty float y\nproperty float z\nend_header\n",
+      landmarks.size());
+  for (const Eigen::Vector3d& p_w : landmarks) {
+    text += fmt::format("{:.4f} {:.4f} {:.4f}\n", p_w.x(), p_w.y(), p_w.z());
   }
-  std::string vertices;
-  std::size_t count = 0;
-  map.landmarks().for_each([&](LandmarkId, const Landmark& l) {
-    if (static_cast<std::int64_t>(map.keyframe(l.reference).submap.value) != main) return;
-    vertices += fmt::format("{:.4f} {:.4f} {:.4f}\n", l.p_w.x(), l.p_w.y(), l.p_w.z());
-    ++count;
-  });
-  return fmt::format(
-             "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
-             "property float x\nproperty float y\nproperty float z\nend_header\n",
-             count) +
-         vertices;
+  return text;
 }
 
-/// Errors against the ground truth; nothing when too little of it belongs to frames with a pose.
-std::optional<Evaluation> accuracy(const System& system, const RunInfo& info) {
-  if (info.ground_truth.empty()) return std::nullopt;
-  const Evaluation evaluation = evaluate(info.ground_truth, connected_poses(system));
-  if (evaluation.pairs < 3) return std::nullopt;
-  return evaluation;
-}
-
-struct Counts {
-  std::int64_t frames = 0;
-  std::int64_t tracked = 0;
-  std::int64_t keyframes_made = 0;
-  std::int64_t loops = 0;
-  std::int64_t merges = 0;
-  std::int64_t relocalised = 0;
-};
-
-Counts count(const System& system) {
-  Counts c;
-  for (const FrameReport& report : system.reports()) {
-    ++c.frames;
-    c.tracked += report.status != FrameStatus::kLost ? 1 : 0;
-    c.keyframes_made += report.keyframe ? 1 : 0;
-    c.loops += report.loop == LoopEvent::kClosed ? 1 : 0;
-    c.merges += report.loop == LoopEvent::kMerged ? 1 : 0;
-    c.relocalised += report.reason == "relocalised" ? 1 : 0;
-  }
-  return c;
-}
-
-std::size_t submap_count(const Map& map) {
-  std::size_t roots = 0;
-  map.keyframes().for_each(
-      [&](KeyFrameId, const KeyFrame& k) { roots += k.parent.valid() ? 0 : 1; });
-  return roots;
-}
-
-nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info) {
+nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
+                               const RunOutcome& outcome) {
   nlohmann::ordered_json json;
-  const Counts counts = count(system);
   json["sequence"] = info.sequence;
   json["mode"] = info.mode;
   json["schedule"] = to_string(schedule);
   json["complete"] = info.complete;
   if (!info.complete) json["end_reason"] = info.end_reason;
-  json["frames"] = counts.frames;
-  json["frames_tracked"] = counts.tracked;
+  json["frames"] = outcome.trajectory.size();
+  json["frames_tracked"] = outcome.tracked;
   json["keyframes"] = system.map().keyframes().size();
-  json["keyframes_made"] = counts.keyframes_made;
+  json["keyframes_made"] = outcome.keyframes_made;
   json["landmarks"] = system.map().landmarks().size();
-  json["loops_closed"] = counts.loops;
-  json["submaps"] = submap_count(system.map());
-  json["submaps_merged"] = counts.merges;
-  json["relocalisations"] = counts.relocalised;
-  json["frames_connected"] = connected_poses(system).size();
-  json["path_length_m"] = path_length(connected_poses(system));
+  json["loops_closed"] = outcome.loops;
+  json["submaps"] = system.submaps();
+  json["submaps_merged"] = outcome.merges;
+  json["relocalisations"] = outcome.relocalised;
+  json["frames_connected"] = outcome.connected.size();
+  json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
-  if (const auto a = accuracy(system, info)) {
+  if (const auto& a = outcome.accuracy) {
     json["ate_se3_rmse_m"] = a->ate.rmse;
     json["ate_se3_max_m"] = a->ate.max;
     json["rpe_translation_rmse_m"] = a->rpe_translation.rmse;
@@ -195,7 +140,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
     const Spread s = spread(system.reports(), stage);
     json["timing_ms"][stage.name] = {{"median", s.median}, {"p95", s.p95}, {"mean", s.mean}};
   }
-  const double frames = std::max<double>(1, static_cast<double>(counts.frames));
+  const double frames = std::max<double>(1, static_cast<double>(outcome.trajectory.size()));
   json["process"] = {{"start_up_s", info.start_up_s},
                      {"wall_s", info.wall_s},
                      {"cpu_ms_per_frame", 1000 * info.cpu_s / frames}};
@@ -206,38 +151,57 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
 
 }  // namespace
 
+RunOutcome judge_run(const System& system, const RunInfo& info) {
+  RunOutcome outcome;
+  outcome.trajectory = system.trajectory();
+  for (const FrameEstimate& estimate : outcome.trajectory) {
+    if (estimate.connected) outcome.connected.push_back({estimate.timestamp, estimate.T_w_c});
+  }
+  if (!info.ground_truth.empty()) {
+    outcome.accuracy = evaluate(info.ground_truth, outcome.connected);
+    if (outcome.accuracy->pairs < 3) outcome.accuracy.reset();
+  }
+  for (const FrameReport& report : system.reports()) {
+    outcome.tracked += report.status != FrameStatus::kLost ? 1 : 0;
+    outcome.keyframes_made += report.keyframe ? 1 : 0;
+    outcome.loops += report.loop == LoopEvent::kClosed ? 1 : 0;
+    outcome.merges += report.loop == LoopEvent::kMerged ? 1 : 0;
+    outcome.relocalised += report.reason == "relocalised" ? 1 : 0;
+  }
+  return outcome;
+}
+
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
-               Schedule schedule, const RunInfo& info) {
+               Schedule schedule, const RunInfo& info, const RunOutcome& outcome) {
   make_output_folder(folder);
-  write_tum_poses(folder / "trajectory.tum", connected_poses(system));
-  write_kitti_poses(folder / "trajectory.kitti", all_poses(system));
+  write_tum_poses(folder / "trajectory.tum", outcome.connected);
+  write_kitti_poses(folder / "trajectory.kitti", all_poses(outcome.trajectory));
   write_tum_poses(folder / "keyframes.tum", system.keyframes());
   if (!info.ground_truth.empty()) {
     write_tum_poses(folder / "ground_truth.tum", info.ground_truth);
   }
-  write_file_atomic(folder / "frames.csv", frames_csv(system));
+  write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory));
   write_file_atomic(folder / "config.yaml", settings.to_yaml());
-  write_file_atomic(folder / "map.ply", map_ply(system));
-  write_file_atomic(folder / "summary.json", summary(system, schedule, info).dump(2) + "\n");
+  write_file_atomic(folder / "map.ply", map_ply(system.landmarks()));
+  write_file_atomic(folder / "summary.json",
+                    summary(system, schedule, info, outcome).dump(2) + "\n");
 }
 
-std::string describe_run(const System& system, const RunInfo& info) {
-  const Counts counts = count(system);
+std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome) {
   std::string text;
   const auto row = [&](const char* name, const std::string& value) {
     text += fmt::format("  {:<28} {}\n", name, value);
   };
-  row("frames tracked", fmt::format("{} of {}", counts.tracked, counts.frames));
+  row("frames tracked", fmt::format("{} of {}", outcome.tracked, outcome.trajectory.size()));
   row("keyframes, landmarks",
       fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
-  if (counts.loops + counts.merges + counts.relocalised > 0) {
-    row("loops closed", std::to_string(counts.loops));
-    row("sub-maps left, merged",
-        fmt::format("{}, {}", submap_count(system.map()), counts.merges));
-    row("frames relocalised", std::to_string(counts.relocalised));
+  if (outcome.loops + outcome.merges + outcome.relocalised > 0) {
+    row("loops closed", std::to_string(outcome.loops));
+    row("sub-maps left, merged", fmt::format("{}, {}", system.submaps(), outcome.merges));
+    row("frames relocalised", std::to_string(outcome.relocalised));
   }
-  row("path length", fmt::format("{:.2f} m", path_length(connected_poses(system))));
-  if (const auto a = accuracy(system, info)) {
+  row("path length", fmt::format("{:.2f} m", path_length(outcome.connected)));
+  if (const auto& a = outcome.accuracy) {
     row("ATE (SE(3)), rmse", fmt::format("{:.4f} m", a->ate.rmse));
     row("RPE per frame, rmse",
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
@@ -248,7 +212,7 @@ std::string describe_run(const System& system, const RunInfo& info) {
     row(fmt::format("{} [ms]", stage.name).c_str(),
         fmt::format("median {:6.2f}   p95 {:6.2f}   mean {:6.2f}", s.median, s.p95, s.mean));
   }
-  const double frames = std::max<double>(1, static_cast<double>(counts.frames));
+  const double frames = std::max<double>(1, static_cast<double>(outcome.trajectory.size()));
   row("processor time per frame", fmt::format("{:.1f} ms", 1000 * info.cpu_s / frames));
   row("start-up", fmt::format("{:.3f} s", info.start_up_s));
   row("peak memory", fmt::format("{:.0f} MB", process_figures().peak_resident_mb));

@@ -3,9 +3,13 @@
 #include <kys_slam/settings.h>
 #include <kys_slam/system.h>
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "evaluation/evaluation.h"
 
 namespace kys_slam {
 
@@ -22,15 +26,29 @@ struct RunInfo {
   std::int64_t missing_priors = 0;      ///< frames without a prior file
 };
 
+/// What came of a run, worked out once.
+struct RunOutcome {
+  std::vector<FrameEstimate> trajectory;
+  std::vector<TimedPose> connected;  ///< frames with a pose in the common frame
+  std::optional<Evaluation>
+      accuracy;              ///< nothing when too little of the ground truth belongs to them
+  std::int64_t tracked = 0;  ///< frames
+  std::int64_t keyframes_made = 0;
+  std::int64_t loops = 0;
+  std::int64_t merges = 0;
+  std::int64_t relocalised = 0;
+};
+RunOutcome judge_run(const System& system, const RunInfo& info);
+
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
 /// ground_truth.tum (when there is any), frames.csv, summary.json, config.yaml, map.ply. All but
 /// summary.json's `timing_ms`, `process`, `peak_memory_mb` and frames.csv's columns `ms_*` and
 /// `resident_mb` depend on input and settings alone.
 /// \throws InputError when the folder cannot be written.
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
-               Schedule schedule, const RunInfo& info);
+               Schedule schedule, const RunInfo& info, const RunOutcome& outcome);
 
 /// The table a run ends with: frames, accuracy, time per stage, memory.
-std::string describe_run(const System& system, const RunInfo& info);
+std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome);
 
 }  // namespace kys_slam

@@ -136,7 +136,8 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("loop.min_neighbour_inliers", l.min_neighbour_inliers, "",
         "landmarks of the place each of them has to see");
   visit("loop.max_neighbour_shift", l.max_neighbour_shift, "m, and m/m",
-        "between where one is found and where it should be: this much and this share of its distance");
+        "between where one is found and where it should be: this much and this share of its "
+        "distance");
   visit("loop.max_neighbour_turn", l.max_neighbour_turn, "deg",
         "between where one is found and where it should be");
   visit("loop.essential_weight", l.essential_weight, "",

@@ -6,9 +6,11 @@
 #include <array>
 #include <chrono>
 #include <map>
+#include <stdexcept>
 #include <thread>
 #include <utility>
 
+#include "map_file/map_file.h"
 #include "system/back_end.h"
 #include "system/frame_links.h"
 #include "system/settings_data.h"
@@ -54,9 +56,12 @@ const char* to_string(FrameStatus status) {
 
 const char* to_string(LoopEvent event) {
   switch (event) {
-    case LoopEvent::kClosed: return "closed";
-    case LoopEvent::kMerged: return "merged";
-    case LoopEvent::kNone: break;
+    case LoopEvent::kClosed:
+      return "closed";
+    case LoopEvent::kMerged:
+      return "merged";
+    case LoopEvent::kNone:
+      break;
   }
   return "";
 }
@@ -97,7 +102,7 @@ struct System::Impl {
                options.control.pipeline_delay) {}
 
   void check_input(const StereoFrame& frame) const;
-  void apply(std::vector<BackEndStep> steps);
+  void apply(const std::vector<BackEndStep>& steps);
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
@@ -111,9 +116,10 @@ struct System::Impl {
   Tracker tracker;
   BackEndRunner runner;
   std::vector<FrameReport> reports;
-  FrameLinks links;        // of every frame fed
-  std::int64_t count = 0;  // frames fed: the index everything inside goes by
-  int unrecognised = 0;    // lost frames since the last tracked one that were looked for in vain
+  FrameLinks links;              // of every frame fed
+  std::int64_t count = 0;        // frames fed: the index everything inside goes by
+  KeyFrameId first_keyframe{0};  // older ones come from a loaded map
+  int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
 };
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
@@ -124,6 +130,28 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
 }
 
 System::~System() = default;
+
+void System::load_map(const std::filesystem::path& file, bool localize_only) {
+  Impl& s = *impl_;
+  if (s.count > 0) throw std::logic_error("a map can be loaded before the first frame only");
+  Map map = kys_slam::load_map(file, s.options.control.label_space);
+  if (!(map.camera() == s.camera)) {
+    throw InputError(file.string() + ": the map was made with another camera");
+  }
+  if (map.scales().scale != s.scales.scale) {
+    throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
+                     "orb.scale_factor)");
+  }
+  s.first_keyframe = {map.keyframe_id_end()};
+  s.tracker.continue_map(map.keyframe_id_end(), map.landmark_id_end(), localize_only);
+  const ChangeSet changes = s.runner.continue_map(std::move(map));
+  s.tracker.apply(changes);
+  s.front_end.set_disparity_offset(changes.disparity_offset);
+}
+
+void System::save_map(const std::filesystem::path& file) const {
+  kys_slam::save_map(map(), file, impl_->options.control.label_space);
+}
 
 void System::Impl::check_input(const StereoFrame& frame) const {
   const std::string name = frame.name.empty() ? std::to_string(frame.index) : frame.name;
@@ -145,7 +173,7 @@ void System::Impl::check_input(const StereoFrame& frame) const {
 }
 
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
-void System::Impl::apply(std::vector<BackEndStep> steps) {
+void System::Impl::apply(const std::vector<BackEndStep>& steps) {
   for (const BackEndStep& step : steps) {
     tracker.apply(step.changes);
     front_end.set_disparity_offset(step.changes.disparity_offset);
@@ -158,7 +186,10 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
     if (step.loop.closed) {
       report.loop = step.loop.merged ? LoopEvent::kMerged : LoopEvent::kClosed;
       report.loop_gap_m = step.loop.gap;
-      report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
+      report.loop_distance_m = step.loop.distance;
+      if (!(*step.loop.closed < first_keyframe)) {
+        report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
+      }
     }
   }
 }
@@ -302,11 +333,27 @@ std::vector<FrameEstimate> System::trajectory() const {
 std::vector<TimedPose> System::keyframes() const {
   const KeyFrameId main = impl_->main_submap();
   std::vector<TimedPose> poses;
-  map().keyframes().for_each([&](KeyFrameId, const KeyFrame& keyframe) {
-    if (keyframe.submap != main) return;
+  map().keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    if (keyframe.submap != main || id < impl_->first_keyframe) return;
     poses.push_back({keyframe.timestamp, keyframe.T_c_w.inverse()});
   });
   return poses;
+}
+
+std::vector<Eigen::Vector3d> System::landmarks() const {
+  const KeyFrameId main = impl_->main_submap();
+  std::vector<Eigen::Vector3d> points;
+  map().landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
+    if (map().keyframe(landmark.reference).submap == main) points.push_back(landmark.p_w);
+  });
+  return points;
+}
+
+std::size_t System::submaps() const {
+  std::size_t roots = 0;
+  map().keyframes().for_each(
+      [&](KeyFrameId, const KeyFrame& k) { roots += k.parent.valid() ? 0 : 1; });
+  return roots;
 }
 
 const std::vector<FrameReport>& System::reports() const {

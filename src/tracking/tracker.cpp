@@ -72,6 +72,13 @@ Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
   return frame;
 }
 
+void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,
+                           bool frozen) {
+  next_keyframe_ = keyframe_id_end;
+  next_landmark_ = (landmark_id_end + 1) / 2;
+  frozen_ = frozen;
+}
+
 TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
                            std::shared_ptr<const FrameFeatures> features, int waiting) {
   TrackResult result;
@@ -102,7 +109,7 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
 void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   result.status = TrackingStatus::kTracked;
-  if (wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
+  if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
   result.times.keyframe = watch.lap_ms();
@@ -134,7 +141,7 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
 }
 
 bool Tracker::can_start(const FrameFeatures& features) const {
-  return count_stereo(features) >= options_.min_start_points;
+  return !frozen_ && count_stereo(features) >= options_.min_start_points;
 }
 
 TrackResult Tracker::start_submap(std::int64_t frame_index, double timestamp,

@@ -95,6 +95,10 @@ class Tracker {
   /// Enough stereo points to start a map?
   [[nodiscard]] bool can_start(const FrameFeatures& features) const;
 
+  /// Before the first frame: the ids of what it makes begin here, and it makes nothing at all when
+  /// the map is `frozen`.
+  void continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end, bool frozen);
+
   /// Brings the replica up to date; between two frames.
   void apply(const ChangeSet& changes) { replica_.apply(changes); }
 
@@ -150,6 +154,7 @@ class Tracker {
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
   std::uint32_t next_landmark_ = 0;  // the tracker's ids are even, the back end's odd
+  bool frozen_ = false;              // no keyframes, no landmarks
   IdTable<LandmarkId, VisibilityCount> counts_;
 };
 

@@ -3,7 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <stdexcept>
+#include <thread>
 
 #include "synthetic_scene.h"
 
@@ -215,9 +218,11 @@ TEST_P(AdjustBundle, PointSeenTwiceFromOnePose) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Solvers, AdjustBundle,
-                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kCeres),
+                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kSparseSchur,
+                                           BundleSolver::kCeres),
                          [](const auto& parameter) {
-                           return parameter.param == BundleSolver::kSchur ? "schur" : "ceres";
+                           if (parameter.param == BundleSolver::kCeres) return "ceres";
+                           return parameter.param == BundleSolver::kSchur ? "schur" : "sparse";
                          });
 
 TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
@@ -245,6 +250,105 @@ TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
     for (std::size_t i = 0; i < schur.T_c_w.size(); ++i) {
       EXPECT_LT(minus(schur.problem.T_c_w[i], ceres.problem.T_c_w[i]).norm(), 2e-5) << i;
     }
+  }
+}
+
+/// Where a whole map ends up: own solver and reference.
+void expect_same_minimum(const Scene& scene, bool robust) {
+  BundleOptions bundle;
+  bundle.robust = robust;
+  bundle.iterations = 200;
+  bundle.refine_iterations = 0;
+  bundle.function_tolerance = 1e-16;
+  BundleProblem own = scene.problem;
+  bundle.solver = BundleSolver::kSparseSchur;
+  const auto a = adjust_bundle(own, bundle);
+  BundleProblem reference = scene.problem;
+  bundle.solver = BundleSolver::kCeres;
+  const auto b = adjust_bundle(reference, bundle);
+  EXPECT_NEAR(a.initial_cost, b.initial_cost, 1e-9 * b.initial_cost);
+  EXPECT_NEAR(a.final_cost, b.final_cost, 1e-6 * b.final_cost);
+  EXPECT_LT(a.final_cost, 0.9 * a.initial_cost);
+  EXPECT_EQ(a.outlier, b.outlier);
+  double worst = 0;
+  for (std::size_t i = 0; i < own.T_c_w.size(); ++i) {
+    worst = std::max(worst, minus(own.T_c_w[i], reference.T_c_w[i]).norm());
+  }
+  EXPECT_LT(worst, 1e-6);
+}
+
+TEST(FullBundle, ReachesTheMinimumOfTheReferenceOnAStreetWithALoop) {
+  Scene scene = make_loop_scene(60, 2500, 0.7);
+  perturb(scene, 0.0005, 0.02, 0.02);
+  expect_same_minimum(scene, false);
+}
+
+TEST(FullBundle, ReachesTheMinimumOfTheReferenceInAHall) {
+  Scene scene = make_hall_scene(40, 600, 0.7);
+  perturb(scene, 0.0005, 0.02, 0.02);
+  for (std::size_t i = 0; i < scene.problem.observations.size(); i += 50) {
+    scene.problem.observations[i].v += 12;
+  }
+  expect_same_minimum(scene, true);
+}
+
+TEST(FullBundle, SparseAndDenseSystemsTakeTheSameSteps) {
+  Scene scene = make_loop_scene(60, 1500, 0);  // exact: no point needs a step of its own
+  perturb(scene, 1e-4, 1e-3, 1e-3);
+  BundleOptions bundle;
+  bundle.refine_iterations = 0;
+  BundleProblem sparse = scene.problem;
+  bundle.solver = BundleSolver::kSparseSchur;
+  bundle.iterations = 20;
+  bundle.function_tolerance = 1e-12;
+  adjust_bundle(sparse, bundle);
+  BundleProblem dense = scene.problem;
+  bundle.solver = BundleSolver::kSchur;
+  adjust_bundle(dense, bundle);
+  for (std::size_t i = 0; i < dense.T_c_w.size(); ++i) {
+    EXPECT_LT(minus(sparse.T_c_w[i], dense.T_c_w[i]).norm(), 1e-5) << i;
+    EXPECT_LT(minus(sparse.T_c_w[i], scene.T_c_w[i]).norm(), 1e-4) << i;
+  }
+}
+
+TEST(FullBundle, ManyPosesAreSolvedSparselyAndAlwaysAlike) {
+  Scene scene = make_loop_scene(kDenseMaxPoses + 2, 3000, 0.7);
+  perturb(scene, 0.0005, 0.02, 0.02);
+  BundleOptions bundle;
+  BundleProblem first = scene.problem;
+  adjust_bundle(first, bundle);
+  BundleProblem second = scene.problem;
+  bundle.solver = BundleSolver::kSparseSchur;
+  adjust_bundle(second, bundle);
+  for (std::size_t i = 0; i < first.points.size(); ++i) {
+    ASSERT_EQ(first.points[i], second.points[i]);
+  }
+}
+
+TEST(FullBundle, StopsInTheMiddleOfAnIteration) {
+  Scene scene = make_loop_scene(300, 30000, 0.7);
+  perturb(scene, 0.0005, 0.02, 0.02);
+  for (const int ms : {1, 20, 50}) {
+    BundleProblem problem = scene.problem;
+    std::atomic<bool> stop{false};
+    BundleOptions bundle;
+    bundle.stop = &stop;
+    bundle.iterations = 100000;
+    bundle.function_tolerance = 0;
+    std::thread other([&] {
+      std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+      stop = true;
+    });
+    const BundleSummary summary = adjust_bundle(problem, bundle);
+    other.join();
+    EXPECT_TRUE(summary.stopped);
+    EXPECT_LE(summary.final_cost, summary.initial_cost);
+    for (const Rigid3& T : problem.T_c_w) EXPECT_TRUE(T.is_finite());
+    bundle.stop = nullptr;  // what it stopped at is what it says
+    bundle.iterations = 0;
+    bundle.refine_iterations = 0;
+    EXPECT_NEAR(adjust_bundle(problem, bundle).initial_cost, summary.final_cost,
+                1e-9 * summary.final_cost);
   }
 }
 

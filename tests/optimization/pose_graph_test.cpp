@@ -1,9 +1,12 @@
 #include "optimization/pose_graph.h"
 
+#include <ceres/problem.h>
+#include <ceres/solver.h>
 #include <gtest/gtest.h>
 
 #include <stdexcept>
 
+#include "optimization/cost_functions.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam::test {
@@ -103,6 +106,61 @@ TEST(PoseGraph, UnusableEdgesAreLeftOut) {
   std::vector<Rigid3> poses = loop.drifted;
   optimize_pose_graph(poses, loop.fixed, loop.edges);
   for (std::size_t i = 0; i < poses.size(); ++i) EXPECT_EQ(poses[i].t(), expected[i].t());
+}
+
+/// The same problem by Ceres.
+std::vector<Rigid3> solve_by_ceres(std::vector<Rigid3> poses, const Loop& loop) {
+  std::vector<Eigen::Matrix<double, 6, 1>> increments(poses.size());
+  for (auto& increment : increments) increment.setZero();
+  ceres::Problem problem;
+  for (const PoseGraphEdge& e : loop.edges) {
+    const auto a = static_cast<std::size_t>(e.a);
+    const auto b = static_cast<std::size_t>(e.b);
+    problem.AddResidualBlock(new RelativePoseCost(&poses[a], &poses[b], e.T_a_b, e.weight), nullptr,
+                             increments[a].data(), increments[b].data());
+  }
+  problem.SetParameterBlockConstant(increments[0].data());
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.max_num_iterations = 300;
+  options.function_tolerance = options.parameter_tolerance = options.gradient_tolerance = 1e-15;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  for (std::size_t i = 0; i < poses.size(); ++i) poses[i] = plus(poses[i], increments[i]);
+  return poses;
+}
+
+TEST(PoseGraph, ReachesTheMinimumOfTheReference) {
+  Loop loop = make_loop(150, 0.001);
+  Random random(4);
+  for (auto& edge : loop.edges) edge.T_a_b = plus(edge.T_a_b, random.increment(0.002, 0.02));
+  for (int i = 0; i + 7 < 150; ++i) {  // covisible ones, of all weights, also against the order
+    const auto a = static_cast<std::size_t>(i);
+    const Rigid3 T_b_a = loop.truth[a + 7].inverse() * loop.truth[a];
+    loop.edges.push_back(
+        {i + 7, i, plus(T_b_a, random.increment(0.002, 0.02)), random.uniform(0.5, 2)});
+  }
+  std::vector<Rigid3> poses = loop.drifted;
+  PoseGraphOptions options;
+  options.iterations = 100;
+  optimize_pose_graph(poses, loop.fixed, loop.edges, options);
+  const std::vector<Rigid3> reference = solve_by_ceres(loop.drifted, loop);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    EXPECT_LT(minus(poses[i], reference[i]).norm(), 1e-5) << i;
+  }
+}
+
+TEST(PoseGraph, SameInputSameBytes) {
+  const Loop loop = make_loop(200, 0.001);
+  std::vector<Rigid3> first = loop.drifted;
+  std::vector<Rigid3> second = loop.drifted;
+  optimize_pose_graph(first, loop.fixed, loop.edges);
+  optimize_pose_graph(second, loop.fixed, loop.edges);
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    EXPECT_EQ(first[i].t(), second[i].t());
+    EXPECT_EQ(first[i].rotation.coeffs(), second[i].rotation.coeffs());
+  }
 }
 
 TEST(PoseGraph, EmptyAndUnconnected) {

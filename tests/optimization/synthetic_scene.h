@@ -116,6 +116,109 @@ inline Scene make_scene(const SceneOptions& options) {
   return scene;
 }
 
+/// What pose `k` sees of point `p_w`, if it does: appended to the scene.
+inline bool observe(Scene& scene, Random& random, std::size_t k, const Eigen::Vector3d& p_w,
+                    double farthest, double mono_share, double noise) {
+  const StereoCamera& camera = scene.problem.camera;
+  const Eigen::Vector3d q = scene.T_c_w[k] * p_w;
+  if (q.z() < 0.5 || q.z() > farthest) return false;
+  const Eigen::Vector3d uvr = camera.project_stereo(q);
+  if (!camera.in_image(uvr.x(), uvr.y())) return false;
+  const double sigma = std::pow(1.2, static_cast<double>(random.below(6)));
+  const bool mono = random.uniform(0, 1) < mono_share;
+  BundleProblem::Observation o;
+  o.pose = static_cast<std::int32_t>(k);
+  o.point = static_cast<std::int32_t>(scene.points.size());
+  o.u = static_cast<float>(uvr.x() + random.normal(noise * sigma));
+  o.v = static_cast<float>(uvr.y() + random.normal(noise * sigma));
+  const auto right = static_cast<float>(uvr.z() + random.normal(noise * sigma));
+  o.u_right = mono ? kNoRight : right;
+  o.inv_sigma = static_cast<float>(1.0 / sigma);
+  scene.problem.observations.push_back(o);
+  return true;
+}
+
+/// Two laps of a town block, as a whole KITTI sequence: a landmark is seen by a handful of
+/// keyframes on end, on two fifths of the way by those of the second lap too. About `points`
+/// landmarks with 4.7 observations each.
+inline Scene make_loop_scene(int poses, int points, double noise, std::uint64_t seed = 1) {
+  Random random(seed);
+  Scene scene;
+  scene.problem.camera = kitti_camera();
+  const StereoCamera& camera = scene.problem.camera;
+  const int lap = poses / 2;
+  const double radius = 1.3 * lap / (2 * M_PI);
+  for (int i = 0; i < poses; ++i) {
+    const double angle = 2 * M_PI * (i % lap) / lap;
+    const Rigid3 T_w_c(so3_exp({0.003 * std::sin(1.3 * i), angle, 0.002 * std::cos(0.7 * i)}),
+                       Eigen::Vector3d(-radius * std::cos(angle) + 0.3 * (i / lap),
+                                       0.02 * std::sin(0.9 * i), radius * std::sin(angle)));
+    scene.T_c_w.push_back(T_w_c.inverse());
+    scene.problem.pose_fixed.push_back(i == 0 ? 1 : 0);
+  }
+  scene.problem.T_c_w = scene.T_c_w;
+  auto& all = scene.problem.observations;
+  while (static_cast<int>(scene.points.size()) < points) {
+    const std::size_t first = random.below(scene.T_c_w.size());
+    const Eigen::Vector3d p_c = camera.back_project(
+        random.uniform(10, camera.width - 10), random.uniform(10, camera.height - 10),
+        std::exp(random.uniform(std::log(6.0), std::log(50.0))));
+    const Eigen::Vector3d p_w = scene.T_c_w[first].inverse() * p_c;
+    const std::size_t begin = all.size();
+    const std::size_t length = 3 + random.below(4) + (random.below(8) == 0 ? 8 : 0);
+    const std::size_t again = first + static_cast<std::size_t>(lap);
+    for (std::size_t k = first; k < scene.T_c_w.size() && k < first + length; ++k) {
+      if (!observe(scene, random, k, p_w, 80, 0.3, noise)) break;
+    }
+    if (static_cast<int>(first) % lap < 2 * lap / 5 && random.below(2) == 0) {
+      for (std::size_t k = again; k < scene.T_c_w.size() && k < again + length; ++k) {
+        if (!observe(scene, random, k, p_w, 80, 0.3, noise)) break;
+      }
+    }
+    if (all.size() < begin + 2) {
+      all.resize(begin);
+    } else {
+      scene.points.push_back(p_w);
+    }
+  }
+  scene.problem.points = scene.points;
+  return scene;
+}
+
+/// A flight through a hall, as a EuRoC sequence: keyframes turn about and see the same walls again
+/// and again, every one some 250 landmarks of `points` on the walls.
+inline Scene make_hall_scene(int poses, int points, double noise, std::uint64_t seed = 1) {
+  Random random(seed);
+  Scene scene;
+  scene.problem.camera = kitti_camera();
+  scene.problem.camera.height = 800;
+  scene.problem.camera.cy = 400;
+  for (int i = 0; i < poses; ++i) {
+    const double s = 0.11 * i;
+    const Rigid3 T_w_c(so3_exp({0.2 * std::sin(1.7 * s), 0.7 * s, 0.1 * std::cos(s)}),
+                       Eigen::Vector3d(2 * std::sin(s), 0.8 * std::sin(0.63 * s), 2 * std::cos(s)));
+    scene.T_c_w.push_back(T_w_c.inverse());
+    scene.problem.pose_fixed.push_back(i == 0 ? 1 : 0);
+  }
+  scene.problem.T_c_w = scene.T_c_w;
+  auto& all = scene.problem.observations;
+  while (static_cast<int>(scene.points.size()) < points) {
+    Eigen::Vector3d p_w = random.vector(1).normalized() * 6;
+    p_w.y() = random.uniform(-3, 3);
+    const std::size_t begin = all.size();
+    for (std::size_t k = 0; k < scene.T_c_w.size(); ++k) {
+      if (random.below(3) == 0) observe(scene, random, k, p_w, 20, 0.2, noise);
+    }
+    if (all.size() < begin + 3) {
+      all.resize(begin);
+    } else {
+      scene.points.push_back(p_w);
+    }
+  }
+  scene.problem.points = scene.points;
+  return scene;
+}
+
 /// Moves the free poses and all points off the truth.
 inline void perturb(Scene& scene, double sigma_rad, double sigma_m, double sigma_point,
                     std::uint64_t seed = 7) {

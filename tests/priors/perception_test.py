@@ -2,18 +2,23 @@
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
+import types
 import unittest
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools" / "perception"))
+sys.path.insert(0, str(ROOT / "tools" / "priors"))
 import common  # noqa: E402
 import disparity  # noqa: E402
 import flow  # noqa: E402
+import kysp  # noqa: E402
 import panoptic  # noqa: E402
 
 try:
@@ -91,34 +96,209 @@ class Raft(unittest.TestCase):
             self.assertTrue(Path(folder, "d", "000001.pfm").exists())
 
 
+def tiny_mask2former(names, image):
+    """A Mask2Former of a few thousand random weights that finds something in `image`, and its
+    processor."""
+    from transformers import (Mask2FormerConfig, Mask2FormerForUniversalSegmentation,
+                              Mask2FormerImageProcessor, SwinConfig)
+
+    backbone = SwinConfig(embed_dim=8, depths=[1, 1, 1, 1], num_heads=[1, 1, 1, 1],
+                          out_features=["stage1", "stage2", "stage3", "stage4"])
+    config = Mask2FormerConfig(backbone_config=backbone, hidden_dim=32, feature_size=32,
+                               mask_feature_size=32, num_attention_heads=2, encoder_layers=1,
+                               decoder_layers=2, num_queries=5, dim_feedforward=16,
+                               encoder_feedforward_dim=16, id2label=dict(enumerate(names)))
+    processor = Mask2FormerImageProcessor(size={"height": 64, "width": 64})
+    for seed in range(20):
+        torch.manual_seed(seed)
+        model = Mask2FormerForUniversalSegmentation(config).eval()
+        with torch.no_grad():  # decided scores and masks, hardly ever "no object"
+            model.class_predictor.weight.normal_(0, 3)
+            model.class_predictor.bias[-1] = -20
+            for name, weights in model.named_parameters():
+                if "mask_embedder" in name and weights.dim() == 2:
+                    weights.normal_(0, 1)
+            model.model.transformer_module.queries_features.weight.normal_(0, 3)
+        if panoptic.run_panoptic(image, model, processor, torch.device("cpu"), 0.0)[1]:
+            return model, processor
+    raise AssertionError("none of the networks finds anything")
+
+
+def run_main(module, *arguments):
+    """An adapter as from the command line; what it exits with, None when it ran to its end."""
+    with mock.patch.object(sys, "argv", [module.__name__, *map(str, arguments)]):
+        try:
+            module.main()
+        except SystemExit as end:
+            return end.code
+    return None
+
+
 @unittest.skipUnless(torch and transformers and Image, "torch or transformers is not installed")
 class Mask2Former(unittest.TestCase):
-    def test_panoptic_and_semantic(self):
-        from transformers import (Mask2FormerConfig, Mask2FormerForUniversalSegmentation,
-                                  Mask2FormerImageProcessor, SwinConfig)
+    @classmethod
+    def setUpClass(cls):
+        image = np.random.default_rng(1).integers(0, 255, (132, 140, 3), np.uint8)
+        cls.model, cls.processor = tiny_mask2former(["person", "road", "car"], image)
 
-        backbone = SwinConfig(embed_dim=8, depths=[1, 1, 1, 1], num_heads=[1, 1, 1, 1],
-                              out_features=["stage1", "stage2", "stage3", "stage4"])
-        config = Mask2FormerConfig(backbone_config=backbone, hidden_dim=16, feature_size=16,
-                                   mask_feature_size=16, num_attention_heads=2, encoder_layers=1,
-                                   decoder_layers=2, num_queries=5, dim_feedforward=16,
-                                   encoder_feedforward_dim=16,
-                                   id2label={0: "person", 1: "road", 2: "car"})
+    def setUp(self):
+        self.space = panoptic.read_label_space("coco_panoptic_133")
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = Path(folder.name)
+        self.files = make_images(self.folder / "images")
+
+    def process(self, name, **options):
+        panoptic.process(self.files, self.folder / name, self.model, self.processor, self.space,
+                         torch.device("cpu"), **options)
+
+    def test_panoptic_is_coco(self):
+        self.process("left", threshold=0.0)
+        document = json.loads((self.folder / "left.json").read_text())
+        self.assertEqual(len(document["categories"]), 133)
+        self.assertEqual(len(document["annotations"]), 2)
+        found = 0
+        for annotation in document["annotations"]:
+            rgb = np.asarray(Image.open(self.folder / "left" / annotation["file_name"]), np.uint32)
+            self.assertEqual(rgb.shape, (132, 140, 3))
+            ids = rgb[..., 0] + 256 * rgb[..., 1] + 65536 * rgb[..., 2]
+            segments = annotation["segments_info"]
+            self.assertEqual(set(np.unique(ids)) - {0}, {s["id"] for s in segments})
+            for segment in segments:
+                self.assertIn(segment["category_id"], (1, 3, 149))
+                self.assertEqual(segment["area"], int((ids == segment["id"]).sum()))
+            found += len(segments)
+        self.assertGreater(found, 0)
+
+    def test_nothing_is_found(self):
+        self.process("left", threshold=1.1)
+        document = json.loads((self.folder / "left.json").read_text())
+        self.assertEqual([a["segments_info"] for a in document["annotations"]], [[], []])
+
+    def test_what_is_there_is_kept(self):
+        self.process("left", threshold=0.0)
+        first = (self.folder / "left" / "000000.png").read_bytes()
+        (self.folder / "left" / "000001.png").unlink()
+        with mock.patch.object(panoptic, "run_panoptic", wraps=panoptic.run_panoptic) as run:
+            self.process("left", threshold=0.0)
+        self.assertEqual(run.call_count, 1)
+        self.assertEqual((self.folder / "left" / "000000.png").read_bytes(), first)
+        self.assertTrue((self.folder / "left" / "000001.png").exists())
+
+    def test_semantic(self):
+        self.process("semantic", task="semantic")
+        labels = np.asarray(Image.open(self.folder / "semantic" / "000000.png"))
+        self.assertEqual((labels.shape, labels.dtype), ((132, 140), np.uint8))
+        self.assertTrue(set(np.unique(labels)) <= {1, 3, 149})
+
+    def test_a_model_that_cannot_be_loaded(self):
+        with mock.patch.dict(os.environ, HF_HUB_OFFLINE="1"):
+            said = run_main(panoptic, self.folder / "images", "--output", self.folder / "out",
+                            "--model", self.folder / "nowhere")
+        self.assertIn("nowhere: cannot load: ", said)
+        self.assertEqual(len(said.splitlines()), 1)
+
+
+@unittest.skipUnless(torch and transformers and Image, "torch or transformers is not installed")
+@unittest.skipUnless("KYS_BUILD_PRIORS" in os.environ, "ctest says where build_priors is")
+class EndToEnd(unittest.TestCase):
+    """Networks saved to disk, the adapters' command lines, and build_priors on what they wrote."""
+
+    FRAMES = 3
+
+    def make_sequence(self, folder):
+        for camera in (2, 3):
+            make_images(folder / f"image_{camera}", self.FRAMES)
+        row = "100 0 70 {} 0 100 66 0 0 0 1 0\n"
+        (folder / "calib.txt").write_text("P2: " + row.format(0) + "P3: " + row.format(-50))
+        (folder / "times.txt").write_text("".join(f"{0.1 * i}\n" for i in range(self.FRAMES)))
+
+    def save_networks(self, folder):
+        image = common.read_rgb(folder / "sequence" / "image_2" / "000000.png")
+        for part in tiny_mask2former(panoptic.read_label_space("coco_panoptic_133"), image):
+            part.save_pretrained(folder / "mask2former")
         torch.manual_seed(0)
-        model = Mask2FormerForUniversalSegmentation(config)
-        processor = Mask2FormerImageProcessor(size={"height": 64, "width": 64})
-        space = panoptic.read_label_space("coco_panoptic_133")
+        torch.save(flow.load_raft("raft_small", "none", torch.device("cpu")).state_dict(),
+                   folder / "raft.pth")
+
+    def test_build_priors_reads_it(self):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            sequence, out = folder / "sequence", folder / "out"
+            self.make_sequence(sequence)
+            self.save_networks(folder)
+            raft = ["--model", "raft_small", "--weights", folder / "raft.pth", "--iterations", 2]
+            for side, camera in (("left", 2), ("right", 3)):
+                images = sequence / f"image_{camera}"
+                self.assertIsNone(run_main(panoptic, images, "--output", out / "panoptic" / side,
+                                           "--model", folder / "mask2former", "--threshold", 0))
+                self.assertIsNone(run_main(flow, images, "--output", out / "flow" / side,
+                                           "--backward", out / "back" / side, *raft))
+            self.assertIsNone(run_main(disparity, sequence / "image_2", sequence / "image_3",
+                                       "--output", out / "disparity", "--right",
+                                       out / "disparity_right", *raft))
+            done = subprocess.run(
+                [os.environ["KYS_BUILD_PRIORS"], sequence, "--quiet", "--output", out / "priors",
+                 "--panoptic-left", out / "panoptic" / "left",
+                 "--panoptic-right", out / "panoptic" / "right",
+                 "--disparity", out / "disparity", "--disparity-right", out / "disparity_right",
+                 "--flow-left", out / "flow" / "left", "--flow-right", out / "flow" / "right",
+                 "--flow-back-left", out / "back" / "left",
+                 "--flow-back-right", out / "back" / "right"], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            files = sorted(f.name for f in (out / "priors").glob("*.kysp"))
+            self.assertEqual(files, [f"{i:06d}.kysp" for i in range(self.FRAMES)])
+            first = kysp.read(out / "priors" / files[0])
+            self.assertEqual(first.cameras[0].segment_map.shape, (132, 140))
+            self.assertGreater(len(first.cameras[0].segments), 0)
+
+
+@unittest.skipUnless(torch and Image, "torch, torchvision or Pillow is not installed")
+class Refusals(unittest.TestCase):
+    def test_weights_that_are_none(self):
         with tempfile.TemporaryDirectory() as folder:
-            files = make_images(Path(folder, "images"))
-            panoptic.process(files, Path(folder, "left"), model, processor, space,
-                             torch.device("cpu"), threshold=0.0)
-            document = json.loads(Path(folder, "left.json").read_text())
-            self.assertEqual(len(document["annotations"]), 2)
-            panoptic.process(files, Path(folder, "semantic"), model, processor, space,
-                             torch.device("cpu"), task="semantic")
-            labels = np.asarray(Image.open(Path(folder, "semantic", "000000.png")))
-            self.assertEqual(labels.shape, (132, 140))
-            self.assertTrue(set(np.unique(labels)) <= {1, 3, 149})
+            make_images(Path(folder, "images"))
+            weights = Path(folder, "weights.pth")
+            weights.write_bytes(b"not a network")
+            said = run_main(flow, Path(folder, "images"), "--output", Path(folder, "flow"),
+                            "--model", "raft_small", "--weights", weights)
+            self.assertIn("weights.pth of raft_small: cannot load: ", said)
+
+    def test_device_that_is_none(self):
+        with self.assertRaises(SystemExit) as end:
+            common.choose_device("warp")
+        self.assertTrue(str(end.exception).startswith("--device warp: "))
+
+
+class ModelClasses(unittest.TestCase):
+    """How a model's class names find the label space's."""
+
+    @staticmethod
+    def categories(names, space):
+        config = types.SimpleNamespace(id2label={str(i): n for i, n in enumerate(names)})
+        return panoptic.categories_of(types.SimpleNamespace(config=config), space)
+
+    def test_by_name(self):
+        space = panoptic.read_label_space("coco_panoptic_133")
+        self.assertEqual(self.categories(["road", "car"], space), {0: (149, False), 1: (3, True)})
+
+    def test_synonyms_by_place(self):
+        space = panoptic.read_label_space("ade20k_150")
+        names = list(space)
+        # As the hub's ADE20K models spell them.
+        for name, other in (("bed", "bed "), ("window", "windowpane"), ("tub", "bathtub"),
+                            ("street lamp", "streetlight"), ("road", "road, route")):
+            names[names.index(name)] = other
+        found = self.categories(names, space)
+        self.assertEqual([found[i] for i in range(150)], list(space.values()))
+
+    def test_unknown_class(self):
+        space = panoptic.read_label_space("ade20k_150")
+        shuffled = list(space)[1:] + ["windowpane"]
+        for names in (["road", "starship"], shuffled):
+            with self.assertRaises(SystemExit) as end:
+                self.categories(names, space)
+            self.assertIn(names[-1], str(end.exception))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 
 #include <bit>
 #include <cmath>
+#include <cstdlib>
 #include <map>
 #include <set>
 
@@ -33,25 +34,26 @@ FeaturePath circle(int frames) {
   return path;
 }
 
+// Few features, nearly all of landmarks.
 FeatureOptions few() {
   FeatureOptions o;
   o.features = 600;
+  o.outliers = 0.05;
+  o.dropout = 0.05;
   return o;
 }
 
-TEST(FeatureWorld, FeaturesLieWhereTheirLandmarksAre) {
-  const FeaturePath path = circle(40);
-  const FeatureOptions options = few();
+// Mean square distance of the features from their landmarks' images, in units of the noise.
+double mean_square_error(const FeaturePath& path, const FeatureOptions& options) {
   const FeatureWorld world(path, options);
   double sum = 0;
   int count = 0;
-  for (std::size_t i = 0; i < 40; i += 5) {
+  for (std::size_t i = 0; i < path.poses.size(); i += 5) {
     const FeatureFrame f = world.frame(i);
-    EXPECT_NEAR(static_cast<double>(f.left.size()), 600, 90);
     for (const bool left : {true, false}) {
       const FeatureSet& set = left ? f.left : f.right;
       const auto& ids = left ? f.left_landmarks : f.right_landmarks;
-      ASSERT_EQ(ids.size(), set.size());
+      EXPECT_EQ(ids.size(), set.size());
       for (std::size_t k = 0; k < set.size(); ++k) {
         if (ids[k] < 0) continue;
         const Eigen::Vector3d uvr = path.camera.project_stereo(path.poses[i].T_w_c.inverse() *
@@ -59,13 +61,54 @@ TEST(FeatureWorld, FeaturesLieWhereTheirLandmarksAre) {
         const double sigma = options.pixel_noise * std::pow(1.2, set.keypoints[k].octave);
         const double du = (set.keypoints[k].x - (left ? uvr.x() : uvr.z())) / sigma;
         const double dv = (set.keypoints[k].y - uvr.y()) / sigma;
-        EXPECT_LT(std::hypot(du, dv), 6);
+        EXPECT_LT(std::hypot(du, dv), 8);
         sum += du * du + dv * dv;
         count += 2;
       }
     }
   }
-  EXPECT_NEAR(sum / count, 1, 0.05) << "in units of the noise asked for";
+  return sum / count;
+}
+
+TEST(FeatureWorld, FeaturesLieWhereTheirLandmarksAre) {
+  const FeaturePath path = circle(40);
+  FeatureOptions options = few();
+  EXPECT_NEAR(static_cast<double>(FeatureWorld(path, options).frame(3).left.size()), 600, 90);
+  options.wander = 0;
+  options.lens = 0;
+  EXPECT_NEAR(mean_square_error(path, options), 1, 0.05);
+  // A sine of amplitude a has a mean square of a^2 / 2, in the noise's units; at the right image's
+  // columns 0.045 a^2 more. The octave of a feature is not always that of its landmark.
+  options.wander = 0.7;
+  EXPECT_NEAR(mean_square_error(path, options), 1 + 2 + 0.045, 0.3);
+}
+
+TEST(FeatureWorld, ErrorsOfALensStayTheSame) {
+  // The mean error of a region of the image is the same in two frames far apart, and not zero.
+  const FeaturePath path = circle(60);
+  FeatureOptions options = few();
+  options.features = 2000;
+  options.lens = 1.5;
+  options.pixel_noise = 0.1;
+  options.wander = 0;
+  const FeatureWorld world(path, options);
+  const auto mean_error = [&](std::size_t frame) {
+    const FeatureFrame f = world.frame(frame);
+    Eigen::Vector2d sum(0, 0);
+    int count = 0;
+    for (std::size_t k = 0; k < f.left.size(); ++k) {
+      const Keypoint& p = f.left.keypoints[k];
+      if (f.left_landmarks[k] < 0 || p.x > 400) continue;
+      sum += Eigen::Vector2d(p.x, p.y) -
+             path.camera.project(path.poses[frame].T_w_c.inverse() *
+                                 world.landmark_position(f.left_landmarks[k]));
+      ++count;
+    }
+    return Eigen::Vector2d(sum / count);
+  };
+  const Eigen::Vector2d first = mean_error(5);
+  EXPECT_GT(first.norm(), 0.3);
+  EXPECT_LT((mean_error(50) - first).norm(), 0.25 * first.norm());
 }
 
 TEST(FeatureWorld, SameLandmarkLooksAlikeAndOthersDoNot) {
@@ -93,7 +136,7 @@ TEST(FeatureWorld, SameLandmarkLooksAlikeAndOthersDoNot) {
         hamming(a.left.descriptors[k], b.left.descriptors[(found->second + 7) % b.left.size()]),
         70);
   }
-  EXPECT_GT(pairs, 250);
+  EXPECT_GT(pairs, 200);
   EXPECT_NEAR(same / pairs, 2 * 0.05 * 256, 14);
   EXPECT_LT(far, pairs / 50);
 }
@@ -136,7 +179,7 @@ TEST(FeatureWorld, RevisitsSeeTheSameLandmarks) {
   seen.erase(-1);
   int again = 0;
   for (const std::int32_t id : b.left_landmarks) again += seen.contains(id) ? 1 : 0;
-  EXPECT_GT(again, 150);
+  EXPECT_GT(again, 150) << "of 300 features, 5 % outliers, 2 x 20 % missed";
   // Across the circle there is nothing in common.
   const FeatureFrame c = world.frame(static_cast<std::size_t>(round) / 2);
   int wrong = 0;
@@ -268,10 +311,44 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --start 7");
   expect_refused(good, " --camera pinhole");
   expect_refused(good, " --near 10 --far 5");
+  expect_refused(good, " --near 1e-300");
+  expect_refused(good, " --rate 1e-300");
+  expect_refused(good, " --seed -1");
+  expect_refused(good, " --features many");
+  expect_refused(good, " --bogus");
+  expect_refused("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1e15 0 1 0 0 0 0 1 0\n", "");
+  expect_refused(good, " --every 0");
+  expect_refused(good, " --wander nan");
+  expect_refused(good, " --lens -1");
+}
+
+TEST(SimulateFeatures, OutputThatCannotBeWrittenLeavesNothing) {
+  const ScratchFolder scratch("unwritable");
+  std::string rows;
+  for (int i = 0; i < 20; ++i) rows += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(0.5 * i) + "\n";
+  std::ofstream(scratch / "t.txt") << rows;
+  std::filesystem::create_directory(scratch / "folder");
+  const std::string command = std::string(KYS_BIN_DIR) + "/simulate_features " +
+                              (scratch / "t.txt").string() + " --quiet --output ";
+  const auto expect_refused = [&](const std::string& whole) {
+    const ProgramResult r = run_program(whole, scratch);
+    EXPECT_EQ(r.status, 2) << whole;
+    EXPECT_TRUE(is_one_line(r.error)) << r.error;
+    EXPECT_NE(r.error.find("cannot write"), std::string::npos) << r.error;
+  };
+  expect_refused(command + "/proc/kys/no");
+  expect_refused(command + (scratch / "missing" / "out").string());
+  expect_refused(command + (scratch / "folder").string());
+  // Files may not grow beyond a few kilobytes, as on a full disk.
+  expect_refused("bash -c \"trap '' XFSZ; ulimit -f 64; " + command +
+                 (scratch / "folder" / "out").string() + "\"");
+  EXPECT_TRUE(std::filesystem::is_empty(scratch / "folder")) << "no half-written file";
 }
 
 TEST(SimulateFeatures, RealTrajectoriesCanBeDriven) {
-  const std::filesystem::path folder = std::string(KYS_SHARED_DATA_DIR) + "/ground_truth";
+  const char* chosen = std::getenv("KYS_SHARED_DATA_DIR");
+  const std::filesystem::path folder =
+      std::filesystem::path(chosen != nullptr ? chosen : KYS_SHARED_DATA_DIR) / "ground_truth";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "real ground truth is not here";
   FeatureOptions options;
   options.frames = 40;

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <random>
+#include <utility>
 #include <vector>
 
 namespace kys_slam::testing {
@@ -47,6 +48,10 @@ class FeatureWorld {
       points_.push_back(point);
     }
   }
+
+  /// A world of given points.
+  FeatureWorld(const StereoCamera& camera, const Options& options, std::vector<Point> points)
+      : camera_(camera), options_(options), points_(std::move(points)) {}
 
   [[nodiscard]] const StereoCamera& camera() const { return camera_; }
   [[nodiscard]] const std::vector<Point>& points() const { return points_; }
@@ -114,6 +119,47 @@ inline Rigid3 weaving_pose(double metres) {
   const double s = metres / 10;
   return {so3_exp({0.01 * std::sin(s), 0.05 * std::sin(0.7 * s), 0}),
           Eigen::Vector3d(0.5 * std::sin(s), 0.1 * std::sin(2 * s), metres)};
+}
+
+/// A round road of radius `kRingRadius` (m) in the plane y = 0, with points on both sides of it,
+/// and the inner side too far across to be seen from the other half.
+inline constexpr double kRingRadius = 40;
+
+inline FeatureWorld ring_world(FeatureWorld::Options options) {
+  std::mt19937_64 random(options.seed);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  std::vector<FeatureWorld::Point> points;
+  options.max_distance = 30;
+  for (int i = 0; i < options.points; ++i) {
+    const double angle = 3.14159265358979 * (1 + unit(random));
+    double across = 12 * unit(random);
+    if (std::abs(across) < 2) across += across < 0 ? -2 : 2;
+    FeatureWorld::Point point;
+    point.p_w = {(kRingRadius + across) * std::cos(angle), 3 * unit(random),
+                 (kRingRadius + across) * std::sin(angle)};
+    for (auto& word : point.descriptor.words) word = random();
+    point.largest_distance = 15 * (1.5 + unit(random));
+    point.angle = static_cast<float>(3.1 * (1 + unit(random)));
+    points.push_back(point);
+  }
+  return {kitti_camera(), options, std::move(points)};
+}
+
+/// T_w_c on the round road, looking ahead, `metres` along it.
+inline Rigid3 ring_pose(double metres) {
+  const double angle = metres / kRingRadius;
+  // Forward (z of the camera) is the tangent, right (x) points outwards or inwards.
+  const Eigen::Vector3d z(-std::sin(angle), 0, std::cos(angle));
+  const Eigen::Vector3d y(0, 1, 0);
+  Eigen::Matrix3d R;
+  R.col(0) = y.cross(z);
+  R.col(1) = y;
+  R.col(2) = z;
+  return {Eigen::Quaterniond(R),
+          Eigen::Vector3d(kRingRadius * std::cos(angle), 0, kRingRadius * std::sin(angle))};
+}
+inline double ring_length() {
+  return 2 * 3.14159265358979 * kRingRadius;
 }
 
 }  // namespace kys_slam::testing

@@ -1,10 +1,10 @@
 """What the adapters share: lists of images, atomic files, progress, resuming."""
 
 import argparse
+import importlib
 import os
 import struct
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ def read_rgb(path):
 
     try:
         with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
+            return np.array(image.convert("RGB"))
     except OSError as error:
         sys.exit(f"{path}: cannot read: {error}")
 
@@ -37,13 +37,12 @@ def read_rgb(path):
 def write_atomic(path, data):
     """Writes bytes to a temporary file beside `path` and renames it."""
     path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
+        temporary.write_bytes(data)
         os.replace(temporary, path)
     except BaseException:
-        os.unlink(temporary)
+        temporary.unlink(missing_ok=True)
         raise
 
 
@@ -79,13 +78,32 @@ def _lines(items, label):
         yield item
 
 
+def need(*modules):
+    """Exits with one line when a network library is not installed."""
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            sys.exit(f"{error}; tools/setup.sh --perception installs what the adapters need")
+
+
 def choose_device(name):
     """torch device by name; "auto" is CUDA where there is one."""
     import torch
 
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
-    return torch.device(name)
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        sys.exit(f"--device {name}: {first_line(error)}")
+    return device
+
+
+def first_line(error):
+    """The first line of an exception's message, or its type."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def arguments(description, inputs):

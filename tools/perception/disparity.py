@@ -54,6 +54,7 @@ def main():
     parser.add_argument("--iterations", type=int, default=20)
     options = parser.parse_args()
     left, right = common.list_images(options.left), common.list_images(options.right)
+    common.need("torch", "torchvision", "PIL")
     device = common.choose_device(options.device)
     model = flow_module.load_raft(options.model, options.weights, device)
     process(left, right, options.output, options.output_right, model, device, options.iterations,

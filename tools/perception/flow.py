@@ -6,10 +6,9 @@ The last frame has no flow. --backward also writes the flow from the next frame 
 the same name, for the consistency check of build_priors.
 """
 
+import pickle
 import sys
 from pathlib import Path
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import common  # noqa: E402
@@ -21,9 +20,12 @@ def load_raft(name, weights, device):
     from torchvision.models import optical_flow
 
     builder = getattr(optical_flow, name)
-    model = builder(weights="DEFAULT" if weights == "default" else None)
-    if weights not in ("default", "none"):
-        model.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True))
+    try:
+        model = builder(weights="DEFAULT" if weights == "default" else None)
+        if weights not in ("default", "none"):
+            model.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True))
+    except (OSError, RuntimeError, pickle.UnpicklingError, EOFError) as error:
+        sys.exit(f"weights {weights} of {name}: cannot load: {common.first_line(error)}")
     return model.to(device).eval()
 
 
@@ -31,7 +33,7 @@ def to_tensor(image, device):
     """(1, 3, H, W) in [-1, 1]."""
     import torch
 
-    tensor = torch.from_numpy(np.array(image)).permute(2, 0, 1)[None].float().to(device)
+    tensor = torch.from_numpy(image).permute(2, 0, 1)[None].float().to(device)
     return tensor / 127.5 - 1
 
 
@@ -78,6 +80,7 @@ def main():
     parser.add_argument("--iterations", type=int, default=20)
     options = parser.parse_args()
     files = common.list_images(options.images)
+    common.need("torch", "torchvision", "PIL")
     device = common.choose_device(options.device)
     model = load_raft(options.model, options.weights, device)
     process(files, options.output, options.backward, model, device, options.iterations,

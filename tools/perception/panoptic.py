@@ -32,13 +32,21 @@ def read_label_space(name):
 
 
 def categories_of(model, space):
-    """{label of the model: (category id, thing)}; exits naming the first class that is missing."""
-    result = {}
-    for label, name in model.config.id2label.items():
-        if name not in space:
-            sys.exit(f"the model's class \"{name}\" is not in the label space")
-        result[int(label)] = space[name]
-    return result
+    """{label of the model: (category id, thing)}; exits naming the first class that is missing.
+
+    Classes go by name. Synonyms differ from hub to data set (ADE20K: windowpane, window): a model
+    with all classes of the label space, those it names alike in the same places, goes by place.
+    """
+    names = {int(label): str(name).split(",")[0].strip()
+             for label, name in model.config.id2label.items()}
+    unknown = [name for name in names.values() if name not in space]
+    if not unknown:
+        return {label: space[name] for label, name in names.items()}
+    by_place = dict(zip(sorted(names), space))
+    if (len(names) != len(space) or 2 * len(unknown) > len(names)
+            or any(name in space and by_place[label] != name for label, name in names.items())):
+        sys.exit(f"the model's class \"{unknown[0]}\" is not in the label space")
+    return {label: space[name] for label, name in by_place.items()}
 
 
 def to_coco(segmentation, segments_info, categories):
@@ -124,7 +132,7 @@ def process(files, output, model, processor, space, device, task="panoptic", thr
             overwrite=False):
     """Segments all files into `output`; skips what is there."""
     output = Path(output)
-    (output / ".segments").mkdir(parents=True, exist_ok=True)
+    (output / ".segments" if task == "panoptic" else output).mkdir(parents=True, exist_ok=True)
     categories = categories_of(model, space)
     model.to(device).eval()
     for file in common.progress(files, task):
@@ -146,6 +154,17 @@ def process(files, output, model, processor, space, device, task="panoptic", thr
         write_document(output, files, space)
 
 
+def load(name):
+    """Processor and network of a hub name or a folder."""
+    from transformers import AutoImageProcessor, Mask2FormerForUniversalSegmentation
+
+    try:
+        return (AutoImageProcessor.from_pretrained(name),
+                Mask2FormerForUniversalSegmentation.from_pretrained(name))
+    except (OSError, ValueError) as error:
+        sys.exit(f"{name}: cannot load: {common.first_line(error)}")
+
+
 def main():
     parser = common.arguments(__doc__.splitlines()[0], [("images", "folder of images")])
     parser.add_argument("--task", choices=["panoptic", "semantic"], default="panoptic")
@@ -155,10 +174,8 @@ def main():
     options = parser.parse_args()
     files = common.list_images(options.images)
     space = read_label_space(options.label_space)
-    from transformers import AutoImageProcessor, Mask2FormerForUniversalSegmentation
-
-    processor = AutoImageProcessor.from_pretrained(options.model)
-    model = Mask2FormerForUniversalSegmentation.from_pretrained(options.model)
+    common.need("torch", "torchvision", "scipy", "transformers", "PIL")
+    processor, model = load(options.model)
     process(files, options.output, model, processor, space, common.choose_device(options.device),
             options.task, options.threshold, options.overwrite)
 

@@ -11,7 +11,6 @@ same content; motion is stored as one of 256 values (see MOTION).
 
 import os
 import struct
-import tempfile
 import zlib
 from dataclasses import dataclass, field
 
@@ -223,12 +222,12 @@ def read(path):
 def write(path, frame):
     """Writes a prior file atomically."""
     data = encode(frame)
-    folder = os.path.dirname(os.path.abspath(path))
-    handle, temporary = tempfile.mkstemp(dir=folder, suffix=".tmp")
+    temporary = f"{path}.{os.getpid()}.tmp"
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with open(temporary, "wb") as stream:
             stream.write(data)
         os.replace(temporary, path)
     except BaseException:
-        os.unlink(temporary)
+        if os.path.exists(temporary):
+            os.unlink(temporary)
         raise

@@ -18,15 +18,22 @@ namespace kys_slam::simulator {
 namespace {
 
 constexpr double kMargin = 16;          // px, no features nearer to the border
-constexpr double kCosLimit = 0.45;      // of the angle between normal and view
+constexpr double kMinCone = 0.21;       // rad, half the angle a landmark is seen from: 12 degrees
+constexpr double kMaxCone = 0.79;       // 45 degrees
+constexpr double kShortSpan = 0.25;     // octaves that a landmark is found at, mean: half of them
+constexpr double kLongSpan = 1.2;       // the others
+constexpr double kMissed = 0.15;        // share of the features of one image missing in the other
+constexpr double kFarthest = 1e6;       // m from the origin, of a pose
 constexpr int kFamilies = 400;          // looks that repeated landmarks share
 constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
 
 struct Landmark {
   Eigen::Vector3d p_w;
-  Eigen::Vector3f normal;
+  Eigen::Vector3f normal;   ///< axis of the cone it is seen from
   Eigen::Vector3f tangent;  ///< gives the feature its direction in the image
   float max_distance = 0;   ///< m, found at octave 0 from there
+  float max_level = 0;      ///< octave (with its fraction) beyond which it is not found
+  float min_cosine = 0;     ///< of half the cone's angle
   std::uint8_t strength = 0;
 };
 
@@ -72,14 +79,20 @@ void FeatureOptions::check() const {
           "--camera: must be auto, kitti or euroc");
   require(start >= 0, "--start: must not be negative");
   require(frames == -1 || frames > 0, "--frames: must be at least 1");
-  require(features >= 50 && features <= 20000, "--features: must lie between 50 and 20000");
+  require(every > 0, "--every: must be at least 1");
+  require(features == 0 || (features >= 50 && features <= 20000),
+          "--features: must lie between 50 and 20000");
   require(pixel_noise >= 0 && pixel_noise <= 20, "--pixel-noise: must lie between 0 and 20 px");
+  require(wander >= 0 && wander <= 20, "--wander: must lie between 0 and 20 px");
+  require(lens >= 0 && lens <= 20, "--lens: must lie between 0 and 20 px");
   require(bit_noise >= 0 && bit_noise <= 0.5, "--bit-noise: must lie between 0 and 0.5");
   require(outliers >= 0 && outliers <= 0.9, "--outliers: must lie between 0 and 0.9");
   require(dropout >= 0 && dropout <= 0.9, "--dropout: must lie between 0 and 0.9");
   require(repeats >= 0 && repeats <= 1, "--repeats: must lie between 0 and 1");
-  require(rate > 0 && rate <= 1e4, "--rate: must lie between 0 and 10000 Hz");
-  require(near >= 0 && far >= 0 && far <= 1e4, "--near, --far: must lie between 0 and 10000 m");
+  require(rate >= 1e-3 && rate <= 1e4, "--rate: must lie between 0.001 and 10000 Hz");
+  const auto depth_makes_sense = [](double d) { return d == 0 || (d >= 0.1 && d <= 1e4); };
+  require(depth_makes_sense(near) && depth_makes_sense(far),
+          "--near, --far: must lie between 0.1 and 10000 m");
   require(near == 0 || far == 0 || near < far, "--near: must be less than --far");
 }
 
@@ -124,13 +137,21 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
     throw InputError(trajectory.string() + ": has " + std::to_string(count) + " poses, none at " +
                      std::to_string(options.start));
   }
-  const std::int64_t end =
-      options.frames < 0 ? count : std::min(count, options.start + options.frames);
-  path.poses = {path.poses.begin() + options.start, path.poses.begin() + end};
+  std::vector<TimedPose> used;
+  for (std::int64_t i = options.start; i < count; i += options.every) {
+    if (static_cast<std::int64_t>(used.size()) == options.frames) break;
+    used.push_back(path.poses[static_cast<std::size_t>(i)]);
+  }
+  path.poses = std::move(used);
+  for (const TimedPose& pose : path.poses) {
+    if (pose.T_w_c.t().cwiseAbs().maxCoeff() < kFarthest) continue;
+    throw InputError(trajectory.string() + ": a pose lies more than 1000 km from the origin");
+  }
   const bool kitti = options.camera == "kitti" || (options.camera == "auto" && columns == 12);
   if (kitti) {
     path.camera = {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 386.1448 / 718.856};
     path.ground = 1.65;
+    path.features = 2000;
   } else {
     const StereoRectifier rectifier = euroc_rectifier();
     path.camera = rectifier.camera();
@@ -140,6 +161,7 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
       for (TimedPose& pose : path.poses) pose.T_w_c = pose.T_w_c * rectifier.T_b_c();
     }
   }
+  if (options.features > 0) path.features = options.features;
   if (options.near > 0) path.near = options.near;
   if (options.far > 0) path.far = options.far;
   if (path.near >= path.far) throw InputError("--near: must be less than --far");
@@ -150,6 +172,7 @@ struct FeatureWorld::Impl {
   FeaturePath path;
   FeatureOptions options;
   std::array<int, kFeatureLevels> quota{};
+  std::array<Eigen::Matrix<double, 2, 6>, 2> lenses;  ///< px: quadratics over the image, -1 to 1
   std::vector<Landmark> landmarks;
   double cell = 1;
   double reach = 1;
@@ -159,7 +182,7 @@ struct FeatureWorld::Impl {
   struct Sight {
     std::int32_t id;
     float level;            ///< octave, with its fraction
-    float cosine;           ///< between normal and view
+    float aside;            ///< angle from the cone's axis over half the cone's: 0 to 1
     Eigen::Vector3d pixel;  ///< u, v, u in the right image
   };
 
@@ -181,6 +204,10 @@ struct FeatureWorld::Impl {
   void add(std::size_t frame, int octave, Rng& rng);
   void populate(std::size_t frame, std::vector<Sight>& sights);
   [[nodiscard]] kys::Descriptor look(std::int32_t id) const;
+  [[nodiscard]] Eigen::Vector2d lens_error(int camera, const Eigen::Vector2d& p) const;
+  [[nodiscard]] Eigen::Vector3d wander(const Sight& sight) const;
+  [[nodiscard]] std::vector<Sight> detect(std::size_t frame, int camera,
+                                          const std::vector<Sight>& by_strength) const;
   void emit(std::size_t frame, int camera, const std::vector<Sight>& chosen, FeatureSet& set,
             std::vector<std::int32_t>& ids) const;
   void outliers(int count, Rng& rng, FeatureSet& set, std::vector<std::int32_t>& ids) const;
@@ -192,15 +219,15 @@ bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigi
   const double distance = view.norm();
   if (distance >= l.max_distance || distance < 0.2) return false;
   const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
-  if (level >= kFeatureLevels) return false;
+  if (level >= kFeatureLevels || level >= l.max_level) return false;
   const double cosine = view.dot(l.normal.cast<double>()) / distance;
-  if (cosine < kCosLimit) return false;
+  if (cosine < l.min_cosine) return false;
   const Eigen::Vector3d p_c = T_c_w * l.p_w;
   if (p_c.z() < 0.2) return false;
   sight.pixel = path.camera.project_stereo(p_c);
   if (!inside(sight.pixel.x(), sight.pixel.y())) return false;
   sight.level = static_cast<float>(level);
-  sight.cosine = static_cast<float>(cosine);
+  sight.aside = static_cast<float>(std::acos(std::min(1.0, cosine)) / std::acos(l.min_cosine));
   return true;
 }
 
@@ -247,14 +274,19 @@ void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
   const auto deviate = [&] {
     return Eigen::Vector3d(rng.gaussian(), rng.gaussian(), rng.gaussian());
   };
-  Eigen::Vector3d normal = (view + 0.35 * deviate()).normalized();
-  if (normal.dot(view) < kCosLimit + 0.15) normal = view;
+  const double cone = rng.uniform(kMinCone, kMaxCone);
+  l.min_cosine = static_cast<float>(std::cos(cone));
+  Eigen::Vector3d normal = (view + 0.4 * std::tan(cone) * deviate()).normalized();
+  if (normal.dot(view) < std::cos(0.8 * cone)) normal = view;
   const Eigen::Vector3d tangent = deviate().cross(normal).normalized();
   l.normal = (T_w_c.rotation * normal).cast<float>();
   l.tangent = (T_w_c.rotation * tangent).cast<float>();
   const double level = octave + rng.uniform(0.02, 0.98);
   l.max_distance =
       static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
+  // Found for the first time somewhere in its span, most often at the beginning: from afar.
+  const double span = -std::log(1.0 - rng.uniform()) * (rng.chance(0.5) ? kShortSpan : kLongSpan);
+  l.max_level = static_cast<float>(level + 0.05 + span);
   const double strength = rng.uniform();
   l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);
   const auto id = static_cast<std::int32_t>(landmarks.size());
@@ -270,7 +302,7 @@ void FeatureWorld::Impl::populate(std::size_t frame, std::vector<Sight>& sights)
   Rng rng(hash_of(options.seed, 1, frame));
   for (int octave = 0; octave < kFeatureLevels; ++octave) {
     const auto o = static_cast<std::size_t>(octave);
-    const int wanted = static_cast<int>(quota[o] * 1.1 / (1 - options.dropout));
+    const int wanted = static_cast<int>(quota[o] * 1.05 / (1 - options.dropout) / (1 - kMissed));
     for (int i = found[o]; i < wanted; ++i) add(frame, octave, rng);
   }
 }
@@ -281,7 +313,12 @@ FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& option
   options.check();
   impl_->path = path;
   impl_->options = options;
-  impl_->quota = quotas(options.features);
+  const int features = options.features > 0 ? options.features : path.features;
+  impl_->quota = quotas(static_cast<int>(features * (1 - options.outliers)));
+  for (std::size_t camera = 0; camera < 2; ++camera) {
+    Rng rng(hash_of(options.seed, 9, camera));
+    for (double& x : impl_->lenses[camera].reshaped()) x = 0.5 * options.lens * rng.gaussian();
+  }
   impl_->reach = path.far * 1.4;
   impl_->cell = impl_->reach / 7;
   std::vector<Impl::Sight> sights;
@@ -316,6 +353,32 @@ kys::Descriptor FeatureWorld::Impl::look(std::int32_t id) const {
   return d;
 }
 
+// Where the corner is found beside the landmark's image: px of (u, v, u in the right image). A
+// smooth function of the view alone: the same place sees the same. The two images share most of it,
+// and so do landmarks that stand together, on the same tree or in the same shadow.
+Eigen::Vector3d FeatureWorld::Impl::wander(const Sight& sight) const {
+  constexpr double kPeriod = 1.3;  // octaves of distance
+  const Landmark& l = landmarks[static_cast<std::size_t>(sight.id)];
+  const Eigen::Vector3i group = (l.p_w * (30 / path.far)).array().floor().cast<int>();
+  Rng rng(hash_of(options.seed, 7, cell_key(group.x(), group.y(), group.z())));
+  const double octaves = sight.level - std::log(l.max_distance) / std::log(kFeatureScale);
+  const auto wave = [&] {
+    return std::sin(2 * std::numbers::pi * (octaves / kPeriod + rng.uniform()));
+  };
+  const double size = options.wander * std::pow(kFeatureScale, static_cast<int>(sight.level));
+  const double u = size * wave();
+  const double v = size * wave();
+  return {u, v, u + 0.3 * size * wave()};
+}
+
+// What calibration leaves of a lens' distortion at a pixel, px.
+Eigen::Vector2d FeatureWorld::Impl::lens_error(int camera, const Eigen::Vector2d& p) const {
+  const double x = 2 * p.x() / path.camera.width - 1;
+  const double y = 2 * p.y() / path.camera.height - 1;
+  return lenses[static_cast<std::size_t>(camera)] *
+         Eigen::Vector<double, 6>(1, x, y, x * x, x * y, y * y);
+}
+
 void FeatureWorld::Impl::outliers(int count, Rng& rng, FeatureSet& set,
                                   std::vector<std::int32_t>& ids) const {
   for (int i = 0; i < count; ++i) {
@@ -338,66 +401,81 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
     const Landmark& l = landmarks[static_cast<std::size_t>(s.id)];
     Rng rng(hash_of(hash_of(options.seed, 5, static_cast<std::uint64_t>(camera)), frame,
                     static_cast<std::uint64_t>(s.id)));
-    if (camera == 1 && rng.chance(0.05)) continue;  // hidden from the right camera
     Keypoint k;
     const double level = s.level + 0.12 * rng.gaussian();
     k.octave =
         static_cast<std::uint8_t>(std::clamp(static_cast<int>(level), 0, kFeatureLevels - 1));
     const double sigma = options.pixel_noise * std::pow(kFeatureScale, k.octave);
-    const double u = (camera == 0 ? s.pixel.x() : s.pixel.z()) + sigma * rng.gaussian();
-    const double v = s.pixel.y() + sigma * rng.gaussian();
+    const Eigen::Vector3d shift = wander(s);
+    const Eigen::Vector2d p(camera == 0 ? s.pixel.x() + shift.x() : s.pixel.z() + shift.z(),
+                            s.pixel.y() + shift.y());
+    const Eigen::Vector2d bent = p + lens_error(camera, p);
+    const double u = bent.x() + sigma * rng.gaussian();
+    const double v = bent.y() + sigma * rng.gaussian();
     if (!inside(u, v)) continue;
     k.x = static_cast<float>(u);
     k.y = static_cast<float>(v);
-    const Eigen::Vector3d p = T_c_w * l.p_w;
+    const Eigen::Vector3d p_c = T_c_w * l.p_w;
     const Eigen::Vector3d t = T_c_w.rotation * l.tangent.cast<double>();
     // Direction of the tangent's image.
-    const double a = std::atan2(t.y() * p.z() - p.y() * t.z(), t.x() * p.z() - p.x() * t.z()) +
-                     0.05 * rng.gaussian();
+    const double a =
+        std::atan2(t.y() * p_c.z() - p_c.y() * t.z(), t.x() * p_c.z() - p_c.x() * t.z()) +
+        0.05 * rng.gaussian();
     k.angle = static_cast<float>(a - 2 * std::numbers::pi * std::floor(a / (2 * std::numbers::pi)));
     if (k.angle >= static_cast<float>(2 * std::numbers::pi)) k.angle = 0;
     k.response = std::clamp(l.strength + 4 * static_cast<float>(rng.gaussian()), 7.0F, 255.0F);
     kys::Descriptor d = look(s.id);
     // The more it is seen from the side, the more its look changes.
-    flip_bits(d, options.bit_noise * (1 + 1.5 * (1 - s.cosine)), rng);
+    flip_bits(d, options.bit_noise * (1 + s.aside * s.aside), rng);
     set.keypoints.push_back(k);
     set.descriptors.push_back(d);
     ids.push_back(s.id);
   }
 }
 
+// Of the landmarks in view, strongest first, those that a camera detects: so many of each octave,
+// but for some. The order of the result tells nothing about the landmarks.
+std::vector<FeatureWorld::Impl::Sight> FeatureWorld::Impl::detect(
+    std::size_t frame, int camera, const std::vector<Sight>& by_strength) const {
+  std::array<int, kFeatureLevels> left = quota;
+  std::vector<Sight> found;
+  Rng both(hash_of(options.seed, 6, frame));
+  Rng one(hash_of(hash_of(options.seed, 10, static_cast<std::uint64_t>(camera)), frame, 0));
+  for (const Sight& s : by_strength) {
+    const bool seen = !both.chance(options.dropout);
+    if (one.chance(kMissed) || !seen) continue;
+    if (left[static_cast<std::size_t>(s.level)]-- > 0) found.push_back(s);
+  }
+  std::sort(found.begin(), found.end(), [&](const Sight& a, const Sight& b) {
+    const int oa = static_cast<int>(a.level);
+    const int ob = static_cast<int>(b.level);
+    if (oa != ob) return oa < ob;
+    return hash_of(options.seed, frame, static_cast<std::uint64_t>(a.id)) <
+           hash_of(options.seed, frame, static_cast<std::uint64_t>(b.id));
+  });
+  return found;
+}
+
 FeatureFrame FeatureWorld::frame(std::size_t index) const {
   const Impl& w = *impl_;
   std::vector<Impl::Sight> sights;
   w.visible(index, sights);
-  // The strongest of each octave are detected, but for some.
   std::stable_sort(sights.begin(), sights.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
     const int sa = w.landmarks[static_cast<std::size_t>(a.id)].strength;
     const int sb = w.landmarks[static_cast<std::size_t>(b.id)].strength;
     return sa != sb ? sa > sb : a.id < b.id;
   });
-  std::array<int, kFeatureLevels> left = w.quota;
-  std::vector<Impl::Sight> chosen;
-  Rng rng(hash_of(w.options.seed, 6, index));
-  for (const Impl::Sight& s : sights) {
-    if (rng.chance(w.options.dropout)) continue;
-    if (left[static_cast<std::size_t>(s.level)]-- > 0) chosen.push_back(s);
-  }
-  // The order in the file tells nothing about the landmarks.
-  std::sort(chosen.begin(), chosen.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
-    const int oa = static_cast<int>(a.level);
-    const int ob = static_cast<int>(b.level);
-    if (oa != ob) return oa < ob;
-    return hash_of(w.options.seed, index, static_cast<std::uint64_t>(a.id)) <
-           hash_of(w.options.seed, index, static_cast<std::uint64_t>(b.id));
-  });
   FeatureFrame out;
-  w.emit(index, 0, chosen, out.left, out.left_landmarks);
-  w.emit(index, 1, chosen, out.right, out.right_landmarks);
-  const int wrong = static_cast<int>(w.options.outliers / (1 - w.options.outliers) *
-                                     static_cast<double>(chosen.size()));
-  w.outliers(wrong, rng, out.left, out.left_landmarks);
-  w.outliers(wrong, rng, out.right, out.right_landmarks);
+  const auto fill = [&](int camera, FeatureSet& set, std::vector<std::int32_t>& ids) {
+    const std::vector<Impl::Sight> found = w.detect(index, camera, sights);
+    w.emit(index, camera, found, set, ids);
+    Rng rng(hash_of(hash_of(w.options.seed, 8, static_cast<std::uint64_t>(camera)), index, 0));
+    const double wrong =
+        w.options.outliers / (1 - w.options.outliers) * static_cast<double>(found.size());
+    w.outliers(static_cast<int>(wrong), rng, set, ids);
+  };
+  fill(0, out.left, out.left_landmarks);
+  fill(1, out.right, out.right_landmarks);
   return out;
 }
 

@@ -16,11 +16,14 @@ struct FeatureOptions {
   std::string camera = "auto";  ///< kitti, euroc, auto: kitti for KITTI files, euroc for TUM files
   std::int64_t start = 0;       ///< first pose used
   std::int64_t frames = -1;     ///< poses used; -1: all
-  int features = 1200;          ///< per image, about
+  std::int64_t every = 1;       ///< of the file's poses the first, and then each so many
+  int features = 0;             ///< per image, about; 0: the camera's own (kitti 2000, euroc 1200)
   double pixel_noise = 0.35;    ///< sigma at octave 0, px; grows with the octave's scale
+  double wander = 0.4;          ///< px, octave 0: how far a corner moves with the view of it
+  double lens = 0.6;            ///< px: what calibration leaves of each lens' distortion
   double bit_noise = 0.05;      ///< probability that a bit of a descriptor flips
-  double outliers = 0.05;       ///< share of features that belong to nothing
-  double dropout = 0.15;        ///< share of visible landmarks that are not detected
+  double outliers = 0.55;       ///< share of features that belong to nothing seen again
+  double dropout = 0.4;         ///< share of visible landmarks that a camera does not detect
   double repeats = 0.10;        ///< share of landmarks that look like others
   double rate = 10;             ///< Hz, for trajectories without time stamps
   double near = 0, far = 0;     ///< m, range of depths; 0: the camera's own (4-60, 0.8-12)
@@ -35,6 +38,7 @@ struct FeaturePath {
   std::vector<TimedPose> poses;  ///< of the left camera
   double near = 4, far = 60;     ///< m
   double ground = 0;             ///< m below the camera; 0: none
+  int features = 1200;           ///< per image
 };
 
 /// Reads a KITTI (12 columns) or TUM (8 columns) trajectory. With camera euroc a TUM file gives the
@@ -47,9 +51,12 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
 /// made where a frame would see too few of them, in a first pass over the whole path, so that a
 /// place seen again shows the same landmarks.
 ///
-/// A landmark has a position, a normal (seen only from within 63 degrees of it) and a distance at
-/// which it is found at octave 0; nearer by 1.2^k it is found at octave k. Beyond, or at more than
-/// the last octave, it is not found.
+/// A landmark has a position, a cone of directions that it is seen from (12 to 45 degrees around
+/// its axis: further aside it looks different, or something stands before it), and a distance at
+/// which it is found at octave 0; nearer by 1.2^k it is found at octave k. It is not found from
+/// beyond, nor at more than its own number of octaves or the last one. With the view of it the
+/// corner moves by a fraction of a pixel, smoothly, so that errors do not average out from frame to
+/// frame.
 class FeatureWorld {
  public:
   /// `progress(done)` is called with the share of frames done.

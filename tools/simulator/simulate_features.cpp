@@ -46,16 +46,24 @@ int run(int argc, char** argv) {
   app.add_option("--camera", o.camera,
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
-  app.add_option("--seed", o.seed, "of landmarks and noise")->capture_default_str();
+  app.add_option("--seed", o.seed, "of landmarks and noise")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   app.add_option("--start", o.start, "first pose used")->capture_default_str();
   app.add_option("--frames", o.frames, "poses used (default: all)");
-  app.add_option("--features", o.features, "per image")->capture_default_str();
+  app.add_option("--every", o.every, "of the file's poses the first, and then each so many")
+      ->capture_default_str();
+  app.add_option("--features", o.features, "per image (default: kitti 2000, euroc 1200)");
   app.add_option("--pixel-noise", o.pixel_noise, "sigma at octave 0, px")->capture_default_str();
+  app.add_option("--wander", o.wander, "how far a corner moves with the view of it, octave 0, px")
+      ->capture_default_str();
+  app.add_option("--lens", o.lens, "what calibration leaves of each lens' distortion, px")
+      ->capture_default_str();
   app.add_option("--bit-noise", o.bit_noise, "probability that a descriptor bit flips")
       ->capture_default_str();
-  app.add_option("--outliers", o.outliers, "share of features that belong to nothing")
+  app.add_option("--outliers", o.outliers, "share of features that are not seen again")
       ->capture_default_str();
-  app.add_option("--dropout", o.dropout, "share of visible landmarks not detected")
+  app.add_option("--dropout", o.dropout, "share of visible landmarks that a camera does not detect")
       ->capture_default_str();
   app.add_option("--repeats", o.repeats, "share of landmarks that look like others")
       ->capture_default_str();
@@ -63,9 +71,17 @@ int run(int argc, char** argv) {
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
   app.add_flag("--quiet", quiet, "no progress");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    throw kys_slam::InputError(std::string(error.what()) + "; see --help");
+  }
   if (app.count("--frames") > 0 && o.frames < 1) {
     throw InputError("--frames " + std::to_string(o.frames) + ": must be at least 1");
+  }
+  if (app.count("--features") > 0 && o.features < 50) {
+    throw InputError("--features: must lie between 50 and 20000");
   }
   const FeaturePath path = read_feature_path(trajectory, o);
   Progress progress(quiet);
@@ -85,7 +101,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
-    return run(argc, argv) == 0 ? 0 : 2;
+    return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "simulate_features: %s\n", error.what());
     return 2;

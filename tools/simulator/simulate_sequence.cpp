@@ -1,6 +1,7 @@
 #include <kys_slam/error.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 
@@ -40,6 +41,7 @@ int run(int argc, char** argv) {
   app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
       ->required();
   app.add_option("--seed", world_options.seed, "of houses, cars, textures, noise")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
@@ -54,11 +56,19 @@ int run(int argc, char** argv) {
                                "hall: share of frames lost by --drop-camera (default 0.1)")
                     ->check(CLI::Range(0.0, 0.9));
   app.add_flag("--quiet", write_options.quiet, "no progress");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    throw kys_slam::InputError(std::string(error.what()) + "; see --help");
+  }
   if (!size.empty()) parse_size(size, world_options);
   if (frames->count() > 0 && world_options.frames < 1) {
     throw kys_slam::InputError("--frames " + std::to_string(world_options.frames) +
                                ": must be at least 1");
+  }
+  if (std::isnan(write_options.drop_share)) {
+    throw kys_slam::InputError("--drop-share nan: must lie between 0 and 0.9");
   }
   if (write_options.drop_camera >= 0 && share->count() == 0) write_options.drop_share = 0.1;
   if (write_options.drop_camera >= 0 && world_options.name != "hall") {
@@ -93,8 +103,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
-    const int status = run(argc, argv);
-    return status == 0 ? 0 : 2;
+    return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "simulate_sequence: %s\n", error.what());
     return 2;

@@ -49,13 +49,14 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
   return input;
 }
 
-void check_octaves(const FrameInput& input, const Settings& settings) {
+void check_octaves(const FrameInput& input, const Settings& settings,
+                   const std::filesystem::path& path) {
   if (input.has_images) return;
   const OrbOptions& orb = settings.data().orb;
   if (orb.levels == input.levels && std::abs(orb.scale_factor - input.scale_factor) < 1e-9) return;
   throw InputError(fmt::format(
       "{}: its features have {} octaves at {:g}; orb.levels, orb.scale_factor say {} at {:g}",
-      input.name, input.levels, input.scale_factor, orb.levels, orb.scale_factor));
+      path.string(), input.levels, input.scale_factor, orb.levels, orb.scale_factor));
 }
 
 }  // namespace kys_slam

@@ -36,6 +36,7 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
                             const OpenSequence& open_folder);
 
 /// \throws InputError when the features have other octaves than `settings` say.
-void check_octaves(const FrameInput& input, const Settings& settings);
+void check_octaves(const FrameInput& input, const Settings& settings,
+                   const std::filesystem::path& path);
 
 }  // namespace kys_slam

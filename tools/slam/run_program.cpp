@@ -46,6 +46,9 @@ struct Arguments {
   std::int64_t frames = 0;
   bool quiet = false;
   bool strict_priors = false;
+  std::filesystem::path load_map;
+  std::filesystem::path save_map;
+  bool localize_only = false;
   bool list_settings = false;
   std::string log_level = "info";
 };
@@ -75,6 +78,10 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
       ->check(not_negative);
   app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
+  app.add_option("--load-map", a.load_map, "go on with this map");
+  app.add_option("--save-map", a.save_map, "write the map to this file at the end");
+  app.add_flag("--localize-only", a.localize_only,
+               "track in the map of --load-map and leave it as it is");
   app.add_flag("--quiet", a.quiet, "no progress, no table");
   app.add_option("--log-level", a.log_level, "trace, debug, info, warn, error, off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
@@ -140,7 +147,7 @@ int run(const RunProgram& program, const Arguments& a) {
   options.start = a.start;
   if (a.frames > 0) options.frames = a.frames;
   const FrameInput input = open_frame_input(a.sequence, options, program.open);
-  check_octaves(input, settings);
+  check_octaves(input, settings, a.sequence);
 
   RunInfo info;
   info.sequence = input.name;
@@ -161,6 +168,7 @@ int run(const RunProgram& program, const Arguments& a) {
   // are taken.
   cv::setNumThreads(1);
   System system(input.frames->camera(), settings, schedule, std::move(priors));
+  if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   const std::optional<std::int64_t> total = input.frames->size();
   ReadAhead source(*input.frames);
   const InterruptGuard guard([&] { system.interrupt(); });
@@ -173,21 +181,20 @@ int run(const RunProgram& program, const Arguments& a) {
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
 
-  write_run(output, system, settings, schedule, info);
+  const RunOutcome outcome = judge_run(system, info);
+  write_run(output, system, settings, schedule, info, outcome);
+  if (!a.save_map.empty()) system.save_map(a.save_map);
   if (!a.quiet) {
-    fmt::print("{}\nresults in {}\n", describe_run(system, info), output.string());
+    fmt::print("{}\nresults in {}\n", describe_run(system, info, outcome), output.string());
   }
   if (!info.complete && info.end_reason != "interrupted") {
     fmt::print(stderr, "{}: {}\n", program.name, info.end_reason);
     return kBadInput;
   }
-  const auto& reports = system.reports();
-  const auto tracked = std::count_if(reports.begin(), reports.end(), [](const FrameReport& r) {
-    return r.status != FrameStatus::kLost;
-  });
-  if (!reports.empty() && 2 * tracked < static_cast<std::ptrdiff_t>(reports.size())) {
-    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name, tracked,
-               reports.size());
+  const std::size_t frames = outcome.trajectory.size();
+  if (2 * outcome.tracked < static_cast<std::int64_t>(frames)) {
+    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name,
+               outcome.tracked, frames);
     return kTrackingFailed;
   }
   return 0;
@@ -204,6 +211,9 @@ int run_program(RunProgram program, int argc, char** argv) {
     if (arguments.list_settings) {
       std::cout << program.settings.to_yaml();
       return 0;
+    }
+    if (arguments.localize_only && arguments.load_map.empty()) {
+      throw InputError("--localize-only needs --load-map");
     }
     if (arguments.sequence.empty()) throw InputError("SEQUENCE is missing; see --help");
     spdlog::set_default_logger(spdlog::stderr_color_mt(program.name));

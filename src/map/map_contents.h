@@ -1,0 +1,32 @@
+#pragma once
+
+#include <kys_slam/stereo_camera.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "map/change_set.h"
+#include "map/frame_features.h"
+#include "map/keyframe.h"
+#include "map/landmark.h"
+
+namespace kys_slam {
+
+/// Everything a map consists of, by value and by id: what is kept of it on disk. What follows from
+/// the rest (landmarks, covisible and children of a keyframe) is empty in it and not looked at.
+/// Successors of replaced landmarks are not part of it: only messages under way refer to them.
+struct MapContents {
+  StereoCamera camera;
+  ScaleLevels scales;
+  float disparity_offset = 0;          ///< px
+  std::vector<KeyFrame> keyframes;     ///< by id
+  std::vector<CulledKeyFrame> culled;  ///< by id
+  std::vector<Landmark> landmarks;     ///< by id
+  std::uint32_t keyframe_id_end = 0;   ///< one past the largest id ever used
+  std::uint32_t landmark_id_end = 0;
+
+  /// Whether any feature or landmark has a prior.
+  [[nodiscard]] bool has_priors() const;
+};
+
+}  // namespace kys_slam

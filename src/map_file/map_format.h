@@ -1,0 +1,45 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+/// The numbers of the map file format, version 1, described byte by byte in README.md.
+namespace kys_slam::map_format {
+
+class ByteReader;
+class ByteWriter;
+
+inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
+inline constexpr std::uint16_t kVersion = 1;
+inline constexpr std::size_t kHeaderSize = 40;
+inline constexpr std::size_t kAtVersion = 8;
+inline constexpr std::size_t kAtHeaderSize = 10;
+inline constexpr std::size_t kAtChecksum = 12;
+inline constexpr std::size_t kAtChecked = 16;  ///< the checksum covers everything from here on
+inline constexpr std::size_t kAtFileSize = 16;
+inline constexpr std::size_t kAtKeyframes = 24;
+inline constexpr std::size_t kAtCulled = 28;
+inline constexpr std::size_t kAtLandmarks = 32;
+inline constexpr std::size_t kAtReserved = 36;
+
+inline constexpr std::uint32_t kBatch = 4096;    ///< culled keyframes or landmarks per chunk
+inline constexpr std::uint32_t kMaxLevels = 64;  ///< of the pyramid
+inline constexpr int kMaxSide = 16384;           ///< px
+inline constexpr float kMaxPixel = 65536;        ///< px, of any coordinate
+inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
+inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
+/// Ids may run this far ahead of what is in the file: tables by id are made of their size.
+inline constexpr std::uint64_t kIdsAtLeast = 65536;
+inline constexpr std::uint64_t kIdsPerObject = 1024;  ///< features or keyframe records
+
+/// CRC-32 of zlib, PNG and Ethernet.
+std::uint32_t checksum(std::span<const std::uint8_t> bytes);
+
+/// Appends a chunk: its size, its bytes.
+void append_chunk(ByteWriter& file, std::span<const std::uint8_t> content);
+/// Takes a chunk off the front. \throws Damage.
+std::span<const std::uint8_t> take_chunk(ByteReader& file);
+
+}  // namespace kys_slam::map_format

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+/// Lower triangle of a sparse symmetric matrix of 6x6 blocks: row r holds the blocks
+/// [row_begin[r], row_begin[r + 1]), of increasing columns, the last one on the diagonal.
+struct BlockPattern {
+  std::vector<std::int32_t> row_begin{0};
+  std::vector<std::int32_t> column;
+  [[nodiscard]] std::int32_t rows() const {
+    return static_cast<std::int32_t>(row_begin.size()) - 1;
+  }
+};
+
+/// Multifrontal Cholesky factorisation (Duff and Reid 1983; Liu 1992) of such a matrix: rows in an
+/// approximate minimum degree order, columns of (nearly) equal structure worked on together as a
+/// dense front. Everything that depends on the pattern alone is done once. One thread; the same
+/// numbers give the same factor.
+class BlockCholesky {
+ public:
+  using Block = Eigen::Matrix<double, 6, 6>;
+  using Blocks = std::vector<Block, Eigen::aligned_allocator<Block>>;
+  enum class Result : std::uint8_t { kDone, kNotPositive, kStopped };
+
+  explicit BlockCholesky(const BlockPattern& pattern);
+
+  /// Factorises. Of diagonal blocks only the lower triangle is read.
+  /// \param blocks in the order of the pattern
+  /// \param stop asked every few million operations
+  Result factorise(const Blocks& blocks, const std::atomic<bool>* stop = nullptr);
+  /// x -> A^-1 x, after a factorisation that was done.
+  void solve(Eigen::VectorXd& x) const;
+
+  /// Blocks of the factor, what amalgamation added included.
+  [[nodiscard]] std::size_t factor_blocks() const;
+
+ private:
+  /// A block of the matrix and its place in a front.
+  struct Entry {
+    std::int32_t block;
+    std::int32_t row;  // in blocks
+    std::int32_t col;
+    bool transposed;
+  };
+  /// Columns [first, first + cols) of the factor and the rows `below` them.
+  struct Front {
+    std::int32_t first = 0;
+    std::int32_t cols = 0;
+    std::vector<std::int32_t> below;
+    std::vector<Entry> entries;
+    std::vector<std::int32_t> children;
+    std::vector<std::int32_t> place;  // of the rows below in the parent's front
+    Eigen::MatrixXd L;                // 6 (cols + below) x 6 cols, lower trapezoid
+    Eigen::MatrixXd update;           // lower triangle, until the parent takes it
+    [[nodiscard]] std::int32_t rows() const {
+      return cols + static_cast<std::int32_t>(below.size());
+    }
+  };
+
+  using Structure = std::vector<std::vector<std::int32_t>>;
+  void order(const BlockPattern& pattern);
+  [[nodiscard]] Structure eliminate(const BlockPattern& pattern) const;
+  void sort_by_tree(const Structure& structure);
+  void make_fronts(const Structure& structure);
+  void connect_fronts();
+  void place_entries(const BlockPattern& pattern);
+  void assemble(const Front& front, const Blocks& blocks);
+  Result eliminate_columns(const Front& front, const std::atomic<bool>* stop);
+
+  std::vector<std::int32_t> position_;  // of a row of the matrix in the order of elimination
+  std::vector<Front> fronts_;           // children before parents
+  Eigen::MatrixXd work_;                // the front worked on
+};
+
+}  // namespace kys_slam

@@ -1,0 +1,222 @@
+#include "loop_closing/loop_closer.h"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "support/map_builder.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::ring_pose;
+
+constexpr int kLap = 84;  // keyframes in a round of 251 m
+
+FeatureWorld ring(double noise = 0.3) {
+  FeatureWorld::Options options;
+  options.points = 9000;
+  options.pixel_noise = noise;
+  options.flipped_bits = 10;
+  return testing::ring_world(options);
+}
+
+/// Drift of the estimate at keyframe k: it turns and shifts steadily.
+Rigid3 drifted(const Rigid3& T_w_c, int k, double share_of_drift) {
+  const double s = share_of_drift * k / kLap;
+  const Rigid3 drift(so3_exp({0.002 * s, 0.01 * s, 0}),
+                     Eigen::Vector3d(0.6 * s, 0.2 * s, -0.4 * s));
+  return drift * T_w_c;
+}
+
+/// A map as odometry makes it: keyframes drift, each landmark stands where the first of its track
+/// sees it, and a point seen again after the round is another landmark.
+struct DriftedMap {
+  Map map;
+  PlaceIndex index;
+  std::vector<Rigid3> truth;  // T_w_c
+};
+
+void add_range(DriftedMap& made, const FeatureWorld& world, int begin, int end, double drift,
+               std::uint32_t& next_landmark, bool connect) {
+  std::vector<LandmarkId> of_point(world.points().size());
+  std::vector<std::vector<std::pair<int, std::uint32_t>>> views(world.points().size());
+  std::vector<testing::SeenFeatures> seen;
+  for (int k = begin; k < end; ++k) {
+    seen.push_back(testing::see(world, k, made.truth[static_cast<std::size_t>(k)]));
+    made.map.add_keyframe(testing::make_keyframe(
+        static_cast<std::uint32_t>(k), seen.back().features,
+        drifted(made.truth[static_cast<std::size_t>(k)], k, drift).inverse()));
+    for (std::size_t f = 0; f < seen.back().points.size(); ++f) {
+      views[seen.back().points[f]].emplace_back(k, static_cast<std::uint32_t>(f));
+    }
+  }
+  for (std::size_t p = 0; p < views.size(); ++p) {
+    // Tracks of at most ten keyframes: as far as a map of odometry ties things together.
+    for (std::size_t first = 0; first < views[p].size();) {
+      std::size_t last = first + 1;
+      while (last < views[p].size() && views[p][last].first - views[p][first].first < 10) ++last;
+      if (last - first >= 2) {
+        const int k0 = views[p][first].first;
+        const Rigid3 there = drifted(made.truth[static_cast<std::size_t>(k0)], k0, drift) *
+                             made.truth[static_cast<std::size_t>(k0)].inverse();
+        const LandmarkId id{next_landmark++};
+        made.map.add_landmark(testing::make_landmark(id.value, there * world.points()[p].p_w,
+                                                     KeyFrameId{static_cast<std::uint32_t>(k0)}));
+        for (std::size_t v = first; v < last; ++v) {
+          made.map.add_observation(id, KeyFrameId{static_cast<std::uint32_t>(views[p][v].first)},
+                                   views[p][v].second);
+        }
+      }
+      first = last;
+    }
+  }
+  for (int k = begin + 1; k < end; ++k) {
+    made.map.connect_to_spanning_tree(KeyFrameId{static_cast<std::uint32_t>(k)},
+                                      KeyFrameId{static_cast<std::uint32_t>(k - 1)});
+  }
+  if (connect && begin > 0) {
+    made.map.connect_to_spanning_tree(KeyFrameId{static_cast<std::uint32_t>(begin)},
+                                      KeyFrameId{static_cast<std::uint32_t>(begin - 1)});
+  }
+  for (const LandmarkId id : made.map.landmarks().ids()) made.map.refresh_landmark(id);
+  made.index.apply(made.map.take_changes());
+}
+
+DriftedMap round_trip(const FeatureWorld& world, int keyframes, double drift) {
+  DriftedMap made{Map(world.camera(), ScaleLevels(1.2, 8)), PlaceIndex(), {}};
+  for (int k = 0; k < keyframes; ++k) {
+    made.truth.push_back(ring_pose(k * testing::ring_length() / kLap));
+  }
+  std::uint32_t next = 0;
+  add_range(made, world, 0, keyframes, drift, next, true);
+  return made;
+}
+
+/// Largest distance of a keyframe from the truth, both relative to the first, m.
+double worst(const DriftedMap& made) {
+  const Rigid3 T_0_w = made.map.keyframe(KeyFrameId{0}).T_c_w;
+  double worst = 0;
+  made.map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& k) {
+    const Rigid3 estimate = T_0_w * k.T_c_w.inverse();
+    const Rigid3 truth = made.truth[0].inverse() * made.truth[id.value];
+    worst = std::max(worst, (estimate.t() - truth.t()).norm());
+  });
+  return worst;
+}
+
+class LoopCloserTest : public ::testing::Test {
+ protected:
+  LoopReport close(DriftedMap& made, std::uint32_t current, LoopOptions options = {}) {
+    LoopCloser closer(options, LocalBundleOptions{}, model_);
+    LoopReport report = closer.process(made.map, KeyFrameId{current}, made.index);
+    made.map.check_consistency();
+    return report;
+  }
+  kys::DistanceModel model_{kys::ModeOptions{}};
+};
+
+TEST_F(LoopCloserTest, TakesAwayTheDriftOfARoundTrip) {
+  const FeatureWorld world = ring();
+  DriftedMap made = round_trip(world, kLap + 6, 1);
+  const double before = worst(made);
+  ASSERT_GT(before, 0.7);
+  const LoopReport report = close(made, kLap + 5);
+  ASSERT_TRUE(report.closed);
+  EXPECT_LE(report.closed->value, 8u);
+  EXPECT_FALSE(report.merged);
+  // The gap is the drift of a whole round: of keyframe 89 over that of keyframe 5.
+  const Rigid3 expected =
+      drifted(made.truth[kLap + 5], kLap + 5, 1) * drifted(made.truth[kLap + 5], 5, 1).inverse();
+  EXPECT_NEAR(report.gap,
+              (made.truth[kLap + 5].inverse() * expected * made.truth[kLap + 5]).t().norm(), 0.15);
+  EXPECT_GT(report.fused, 50);
+  EXPECT_LT(worst(made), 0.35 * before);
+  // The two ends see the same landmarks now, and the essential graph knows.
+  const auto near = made.map.best_covisible(KeyFrameId{kLap + 5}, 30, 15);
+  EXPECT_TRUE(std::any_of(near.begin(), near.end(), [](KeyFrameId id) { return id.value < 12; }));
+  EXPECT_EQ(made.map.keyframe(KeyFrameId{kLap + 5}).loop_edges,
+            std::vector<KeyFrameId>{*report.closed});
+}
+
+TEST_F(LoopCloserTest, FindsNothingWhereNothingWasSeenBefore) {
+  DriftedMap made = round_trip(ring(), kLap / 2, 1);
+  EXPECT_FALSE(close(made, kLap / 2 - 1).closed);
+}
+
+TEST_F(LoopCloserTest, ANeighbourThatDoesNotConfirmIsNoLoop) {
+  DriftedMap made = round_trip(ring(), kLap + 6, 1);
+  LoopOptions options;
+  options.min_confirming = 6;  // more than are asked
+  EXPECT_FALSE(close(made, kLap + 5, options).closed);
+}
+
+TEST_F(LoopCloserTest, WaitsBetweenTwoLoops) {
+  DriftedMap made = round_trip(ring(), kLap + 6, 1);
+  LoopOptions options;
+  LoopCloser closer(options, LocalBundleOptions{}, model_);
+  ASSERT_TRUE(closer.process(made.map, KeyFrameId{kLap + 4}, made.index).closed);
+  made.index.apply(made.map.take_changes());
+  const LoopReport next = closer.process(made.map, KeyFrameId{kLap + 5}, made.index);
+  EXPECT_FALSE(next.closed);
+  EXPECT_EQ(next.candidates, 0);
+}
+
+TEST_F(LoopCloserTest, CanBeSwitchedOff) {
+  DriftedMap made = round_trip(ring(), kLap + 6, 1);
+  LoopOptions options;
+  options.enabled = false;
+  EXPECT_FALSE(close(made, kLap + 5, options).closed);
+}
+
+TEST_F(LoopCloserTest, IsTheSameEveryTime) {
+  const FeatureWorld world = ring();
+  DriftedMap a = round_trip(world, kLap + 6, 1);
+  DriftedMap b = round_trip(world, kLap + 6, 1);
+  close(a, kLap + 5);
+  close(b, kLap + 5);
+  for (const KeyFrameId id : a.map.keyframes().ids()) {
+    EXPECT_EQ(a.map.keyframe(id).T_c_w.translation, b.map.keyframe(id).T_c_w.translation);
+  }
+  EXPECT_EQ(a.map.landmarks().ids(), b.map.landmarks().ids());
+}
+
+/// Two sub-maps, each in a frame of its own, that meet at the place where the first one began.
+TEST_F(LoopCloserTest, MergesTwoSubmapsInTheFrameOfTheOlder) {
+  const FeatureWorld world = ring();
+  DriftedMap made{Map(world.camera(), ScaleLevels(1.2, 8)), PlaceIndex(), {}};
+  for (int k = 0; k < kLap + 6; ++k) {
+    made.truth.push_back(ring_pose(k * testing::ring_length() / kLap));
+  }
+  std::uint32_t next = 0;
+  add_range(made, world, 0, 20, 0, next, true);
+  // The second one's world is anywhere.
+  const Rigid3 T_other_w(so3_exp({0.3, -1.2, 0.5}), Eigen::Vector3d(100, -20, 7));
+  std::vector<Rigid3> moved = made.truth;
+  for (Rigid3& T : moved) T = T_other_w * T;
+  std::swap(made.truth, moved);
+  FeatureWorld::Options options;
+  options.points = 0;
+  std::vector<FeatureWorld::Point> points = world.points();
+  for (auto& p : points) p.p_w = T_other_w * p.p_w;
+  options.max_distance = 30;
+  options.pixel_noise = 0.3;
+  options.flipped_bits = 10;
+  const FeatureWorld elsewhere(testing::kitti_camera(), options, points);
+  add_range(made, elsewhere, kLap - 15, kLap + 6, 0, next, false);
+  std::swap(made.truth, moved);
+  ASSERT_EQ(made.map.submap(KeyFrameId{kLap}), KeyFrameId{kLap - 15});
+
+  const LoopReport report = close(made, kLap + 5);
+  ASSERT_TRUE(report.closed);
+  EXPECT_TRUE(report.merged);
+  std::set<KeyFrameId> submaps;
+  made.map.keyframes().for_each([&](KeyFrameId, const KeyFrame& k) { submaps.insert(k.submap); });
+  EXPECT_EQ(submaps, std::set<KeyFrameId>{KeyFrameId{0}});
+  EXPECT_LT(worst(made), 0.15) << "all keyframes in one frame";
+  EXPECT_FALSE(made.map.keyframe(KeyFrameId{0}).parent.valid()) << "the older root stays";
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,126 @@
+#include "optimization/block_cholesky.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <set>
+
+#include "synthetic_scene.h"
+
+namespace kys_slam::test {
+namespace {
+
+/// A random positive definite matrix with the given pairs of blocks off the diagonal.
+struct System {
+  BlockPattern pattern;
+  BlockCholesky::Blocks blocks;
+  Eigen::MatrixXd dense;
+};
+
+System make_system(int rows, const std::set<std::pair<int, int>>& pairs, std::uint64_t seed) {
+  Random random(seed);
+  System system;
+  system.dense = Eigen::MatrixXd::Zero(6 * rows, 6 * rows);
+  for (int r = 0; r < rows; ++r) {
+    for (int c = 0; c <= r; ++c) {
+      if (c < r && !pairs.contains({r, c})) continue;
+      BlockCholesky::Block block;
+      for (double& x : block.reshaped()) x = random.uniform(-1, 1);
+      if (c == r)
+        block = (block * block.transpose() + rows * 6 * BlockCholesky::Block::Identity()).eval();
+      system.pattern.column.push_back(c);
+      system.blocks.push_back(block);
+      system.dense.block<6, 6>(6 * r, 6 * c) = block;
+      system.dense.block<6, 6>(6 * c, 6 * r) = block.transpose();
+    }
+    system.pattern.row_begin.push_back(static_cast<std::int32_t>(system.pattern.column.size()));
+  }
+  return system;
+}
+
+void expect_solves(const System& system, std::uint64_t seed) {
+  Random random(seed);
+  Eigen::VectorXd b(system.dense.rows());
+  for (double& x : b) x = random.uniform(-1, 1);
+  BlockCholesky cholesky(system.pattern);
+  for (int again = 0; again < 2; ++again) {  // one analysis, several factorisations
+    ASSERT_EQ(cholesky.factorise(system.blocks), BlockCholesky::Result::kDone);
+    Eigen::VectorXd x = b;
+    cholesky.solve(x);
+    EXPECT_LT((system.dense * x - b).norm(), 1e-11 * b.norm());
+    EXPECT_LT((x - system.dense.llt().solve(b)).norm(), 1e-11 * b.norm());
+  }
+}
+
+TEST(BlockCholesky, SolvesRandomPatterns) {
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    Random random(seed);
+    const int rows = 1 + static_cast<int>(random.below(40));
+    std::set<std::pair<int, int>> pairs;
+    for (std::size_t k = random.below(static_cast<std::size_t>(3 * rows)); k > 0; --k) {
+      const int a = static_cast<int>(random.below(static_cast<std::size_t>(rows)));
+      const int b = static_cast<int>(random.below(static_cast<std::size_t>(rows)));
+      if (a != b) pairs.insert({std::max(a, b), std::min(a, b)});
+    }
+    expect_solves(make_system(rows, pairs, seed), seed);
+  }
+}
+
+TEST(BlockCholesky, SolvesChainsLoopsAndFullMatrices) {
+  std::set<std::pair<int, int>> chain;
+  for (int r = 1; r < 120; ++r) {
+    for (int c = std::max(0, r - 5); c < r; ++c) chain.insert({r, c});
+  }
+  expect_solves(make_system(120, chain, 1), 1);
+  auto loop = chain;
+  for (int r = 90; r < 120; ++r) loop.insert({r, r - 90});
+  expect_solves(make_system(120, loop, 2), 2);
+  std::set<std::pair<int, int>> full;
+  for (int r = 0; r < 50; ++r) {
+    for (int c = 0; c < r; ++c) full.insert({r, c});
+  }
+  expect_solves(make_system(50, full, 3), 3);  // several panels in one front
+  expect_solves(make_system(7, {}, 4), 4);
+}
+
+TEST(BlockCholesky, AChainFillsHardlyIn) {
+  std::set<std::pair<int, int>> chain;
+  for (int r = 1; r < 500; ++r) {
+    for (int c = std::max(0, r - 4); c < r; ++c) chain.insert({r, c});
+  }
+  const System system = make_system(500, chain, 1);
+  EXPECT_LT(BlockCholesky(system.pattern).factor_blocks(), 2 * system.blocks.size());
+}
+
+TEST(BlockCholesky, ReportsWhatIsNotPositiveAndGoesOnAfterwards) {
+  System system = make_system(20, {{3, 1}, {9, 3}, {19, 0}}, 5);
+  BlockCholesky cholesky(system.pattern);
+  auto bad = system.blocks;
+  bad[static_cast<std::size_t>(system.pattern.row_begin[10] - 1)](2, 2) = -1;
+  EXPECT_EQ(cholesky.factorise(bad), BlockCholesky::Result::kNotPositive);
+  bad = system.blocks;
+  bad[0](1, 1) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(cholesky.factorise(bad), BlockCholesky::Result::kNotPositive);
+  const std::atomic<bool> stop{true};
+  EXPECT_EQ(cholesky.factorise(system.blocks, &stop), BlockCholesky::Result::kStopped);
+  ASSERT_EQ(cholesky.factorise(system.blocks), BlockCholesky::Result::kDone);
+  Eigen::VectorXd x = Eigen::VectorXd::Ones(120);
+  cholesky.solve(x);
+  EXPECT_LT((system.dense * x - Eigen::VectorXd::Ones(120)).norm(), 1e-11);
+}
+
+TEST(BlockCholesky, SameNumbersSameFactor) {
+  const System system = make_system(30, {{3, 1}, {9, 3}, {19, 0}, {29, 9}, {28, 3}}, 5);
+  Eigen::VectorXd x = Eigen::VectorXd::Ones(180);
+  Eigen::VectorXd y = x;
+  BlockCholesky a(system.pattern);
+  BlockCholesky b(system.pattern);
+  a.factorise(system.blocks);
+  b.factorise(system.blocks);
+  a.solve(x);
+  b.solve(y);
+  EXPECT_EQ(x, y);
+}
+
+}  // namespace
+}  // namespace kys_slam::test

@@ -1,0 +1,61 @@
+#!/usr/bin/env python3
+"""Runs a case and compares it with what is stored.
+
+    check.py BUILD CASE [--broken]
+
+--broken runs it with a matcher whose disparities are 5 px too large, and passes when the ATE is
+above its band: the suite has to notice. Exit status: 0 passed, 1 failed, 77 skipped.
+"""
+import argparse
+import sys
+
+from harness import (SKIPPED, Absent, Failure, Workplace, compare, load, make_input, read_results,
+                     report, run)
+
+FAULT = "stereo.added_disparity=5"
+
+
+def check_broken(case, results):
+    """The run has to come to its end with an ATE that is too large."""
+    high = case["expected"]["ate"]["band"][1]
+    ate = results["ate"]
+    if ate is None:
+        raise Failure("no ATE: too few frames tracked to compute it")
+    print(f"with {FAULT}: ATE {ate:.5f} m, band to {high} m")
+    if ate <= high:
+        raise Failure("the fault went unnoticed")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("build")
+    parser.add_argument("case")
+    parser.add_argument("--broken", action="store_true")
+    arguments = parser.parse_args()
+    place = Workplace(arguments.build)
+    case = load(arguments.case)
+    try:
+        if "expected" not in case:
+            raise Failure(f"{arguments.case}: nothing recorded yet; see record.py")
+        source = make_input(case, case.get("seed"), place)
+        name = arguments.case + ("-broken" if arguments.broken else "")
+        results = read_results(run(case, name, source, [FAULT] if arguments.broken else [], place))
+        if arguments.broken:
+            check_broken(case, results)
+            return 0
+        lines, outside = compare(case["expected"], results)
+        print("\n".join(lines))
+        if outside:
+            raise Failure(f"{arguments.case}: {', '.join(outside)} outside the band")
+        return 0
+    except Absent as reason:
+        print(f"skipped: {reason}")
+        return SKIPPED
+    except Failure as error:
+        report(error)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

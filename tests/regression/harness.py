@@ -1,0 +1,246 @@
+"""Cases of the regression suite: their input, their runs, and what is compared.
+
+A case is a file NAME.json beside this one; README.md says what is in it. Only the standard library
+is used.
+"""
+import hashlib
+import json
+import math
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+
+from drive import drive_text
+
+FOLDER = os.path.dirname(os.path.abspath(__file__))
+SOURCE = os.path.dirname(os.path.dirname(FOLDER))
+SKIPPED = 77
+DONE, TRACKING_FAILED = 0, 3  # exit status of the run_stereo programs that leave results
+
+
+class Absent(Exception):
+    """The input of a case is not on this machine."""
+
+
+class Failure(Exception):
+    """A program failed, or a result is not what was recorded."""
+
+
+def case_names():
+    return sorted(f[:-5] for f in os.listdir(FOLDER) if f.endswith(".json"))
+
+
+def load(name):
+    with open(os.path.join(FOLDER, name + ".json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def call(command, allowed=(0,)):
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in allowed:
+        lines = done.stderr.strip().splitlines()
+        raise Failure(f"{' '.join(command)}: status {done.returncode}: {lines[-1] if lines else ''}")
+    return done.returncode
+
+
+# --- input -------------------------------------------------------------------------------------
+
+
+class Workplace:
+    """Where programs are, and where generated input and results go."""
+
+    def __init__(self, build):
+        self.bin = os.path.join(build, "bin")
+        self.data = os.path.join(build, "regression", "data")
+        self.runs = os.path.join(build, "regression", "runs")
+        os.makedirs(self.data, exist_ok=True)
+        os.makedirs(self.runs, exist_ok=True)
+
+    def program(self, name):
+        path = os.path.join(self.bin, name)
+        if not os.path.exists(path):
+            raise Absent(f"{name} was not built")
+        return path
+
+
+def _digest(path):
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _remove(path):
+    if os.path.isdir(path):
+        shutil.rmtree(path)
+    elif os.path.exists(path):
+        os.unlink(path)
+
+
+def _make(output, program, arguments, sources, announce):
+    """Runs `program arguments --output OUTPUT`, unless that is there, made by the same program with
+    the same arguments from the same sources."""
+    key = json.dumps([_digest(program), arguments, [_digest(s) for s in sources]])
+    note = output + ".key"
+    if os.path.exists(output) and os.path.exists(note):
+        with open(note, encoding="utf-8") as file:
+            if file.read() == key:
+                return False
+    announce(f"making {os.path.basename(output)}")
+    _remove(note)
+    _remove(output)
+    call([program, *arguments, "--output", output])
+    with open(note, "w", encoding="utf-8") as file:
+        file.write(key)
+    return True
+
+
+def shared_data():
+    return os.environ.get("KYS_SHARED_DATA_DIR") or os.path.join(SOURCE, "..", "shared", "data")
+
+
+def _existing(path):
+    if not os.path.exists(path):
+        raise Absent(f"{path} is not here")
+    return path
+
+
+def _world(spec, seed, place, announce):
+    output = os.path.join(place.data, f"{spec['world']}-{spec['size']}-{spec['frames']}-{seed}")
+    arguments = [spec["world"], "--seed", str(seed), "--size", spec["size"], "--quiet"]
+    if spec["frames"] > 0:
+        arguments += ["--frames", str(spec["frames"])]
+    if not spec.get("priors"):
+        arguments += ["--images-only"]
+        output += "-images"
+    _make(output, place.program("simulate_sequence"), arguments, [], announce)
+    return output
+
+
+def _priors(world, place, announce):
+    exact = []
+    for option in ("panoptic-left", "panoptic-right", "disparity", "flow-left", "flow-right"):
+        exact += [f"--{option}", os.path.join(world, option.replace("-", "_"))]
+    output = world + "-priors"
+    _make(output, place.program("build_priors"), [world, *exact, "--quiet"], [world + ".key"],
+          announce)
+    return output
+
+
+def _features(spec, seed, place, announce):
+    name = spec["features"]
+    if name == "drive":
+        trajectory = os.path.join(place.data, "drive.txt")
+        with open(trajectory + ".new", "w", encoding="utf-8") as file:
+            file.write(drive_text())
+        os.replace(trajectory + ".new", trajectory)
+    else:
+        trajectory = _existing(os.path.join(shared_data(), "ground_truth", name))
+        name = os.path.basename(name).split(".")[0]
+    arguments = [trajectory, "--seed", str(seed), "--quiet", *spec.get("arguments", [])]
+    output = os.path.join(place.data, f"{name}-{seed}.features")
+    _make(output, place.program("simulate_features"), arguments, [trajectory], announce)
+    return output
+
+
+def make_input(case, seed, place, announce=lambda text: None):
+    """The arguments that name the input of a run; generates it where it has to be."""
+    spec = case["input"]
+    if "world" in spec:
+        world = _world(spec, seed, place, announce)
+        return [world, "--priors", _priors(world, place, announce)] if spec.get("priors") else [world]
+    if "features" in spec:
+        return [_features(spec, seed, place, announce)]
+    if "shared" in spec:
+        return [_existing(os.path.join(shared_data(), spec["shared"]))]
+    root = os.environ.get(spec["dataset"])
+    if not root:
+        raise Absent(f"{spec['dataset']} is not set")
+    return [_existing(os.path.join(root, spec["path"]))]
+
+
+def is_generated(case):
+    return "world" in case["input"] or "features" in case["input"]
+
+
+# --- runs --------------------------------------------------------------------------------------
+
+
+def run(case, name, arguments, settings, place):
+    """Runs the case's program on an input; returns the folder of results."""
+    output = os.path.join(place.runs, name)
+    _remove(output)
+    command = [place.program(case["run"]["program"]), *arguments, *case["run"]["arguments"]]
+    for setting in settings:
+        command += ["--set", setting]
+    call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
+    return output
+
+
+def read_results(folder):
+    """ATE (m), share of frames tracked, and the position of every frame."""
+    with open(os.path.join(folder, "summary.json"), encoding="utf-8") as file:
+        summary = json.load(file)
+    if not summary["complete"]:
+        raise Failure(f"{folder}: the run is not complete: {summary['end_reason']}")
+    positions = []
+    with open(os.path.join(folder, "trajectory.kitti"), encoding="utf-8") as file:
+        for line in file:
+            row = [float(x) for x in line.split()]
+            positions.append([row[3], row[7], row[11]])
+    return {
+        "ate": summary.get("ate_se3_rmse_m"),
+        "completeness": summary["frames_tracked"] / summary["frames"],
+        "positions": positions,
+        "versions": summary["versions"],
+    }
+
+
+# --- comparison --------------------------------------------------------------------------------
+
+
+def largest_difference(stored, positions):
+    """m, between stored rows [frame, x, y, z] and the positions of a run."""
+    if not stored or stored[-1][0] >= len(positions):
+        return math.inf
+    return max(math.dist(row[1:], positions[row[0]]) for row in stored)
+
+
+def compare(expected, results):
+    """Lines of a table, and the names of the metrics outside their bands."""
+    lines, outside = [], []
+    for metric in ("ate", "completeness"):
+        if metric not in expected:
+            continue
+        value, (low, high) = results[metric], expected[metric]["band"]
+        good = value is not None and low <= value <= high
+        stored = expected[metric].get("value")
+        lines.append(
+            f"{metric:<13} {value if value is None else round(value, 5)!s:>9}   stored "
+            f"{stored}, band {low} to {high}{'' if good else '   OUTSIDE'}")
+        if not good:
+            outside.append(metric)
+    if "trajectory" in expected:
+        difference = largest_difference(expected["trajectory"]["positions"], results["positions"])
+        band = expected["trajectory"]["band"]
+        good = difference <= band
+        lines.append(f"{'trajectory':<13} {difference:9.5f}   m at most from the stored one, "
+                     f"band {band}{'' if good else '   OUTSIDE'}")
+        if not good:
+            outside.append("trajectory")
+    return lines, outside
+
+
+def spread(values):
+    return {
+        "values": [round(v, 5) for v in values],
+        "mean": round(statistics.fmean(values), 5),
+        "standard_deviation": round(statistics.stdev(values), 5),
+    }
+
+
+def report(error):
+    print(f"{os.path.basename(sys.argv[0])}: {error}", file=sys.stderr)

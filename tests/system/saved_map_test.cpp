@@ -1,0 +1,154 @@
+// Maps that are saved, loaded, extended and localised in, through the public interface.
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+#include <kys_slam/system.h>
+
+#include "io/temporary_folder.h"
+#include "map/map.h"
+#include "map_file/map_file.h"
+#include "support/feature_world.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::kitti_camera;
+using testing::weaving_pose;
+
+FeatureWorld road() {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.4;
+  options.flipped_bits = 12;
+  options.length = 220;
+  options.points = 16000;
+  options.max_distance = 40;
+  return {kitti_camera(), options};
+}
+
+class SavedMapTest : public ::testing::TestWithParam<Schedule> {
+ protected:
+  SavedMapTest() : world_(road()) {
+    // The first session: 0 to 80 m.
+    System system(world_.camera(), Settings(), Schedule::kSequential);
+    for (int i = 0; i < 100; ++i) system.feed(world_.look(i, weaving_pose(0.8 * i)));
+    system.finish();
+    system.save_map(file());
+    keyframes_ = system.map().keyframes().size();
+  }
+  [[nodiscard]] std::filesystem::path file() const { return folder_.path() / "road.map"; }
+  /// Frame `i` of a later session, with other noise.
+  [[nodiscard]] StereoFrame later(int i, double metres) const {
+    StereoFrame frame = world_.look(5000 + i, weaving_pose(metres));
+    frame.index = i;
+    frame.timestamp = 0.1 * i;
+    return frame;
+  }
+  /// Largest distance from the truth; the map's world is that of the first session's first frame.
+  static double error(const FrameEstimate& estimate, double metres) {
+    const Rigid3 truth = weaving_pose(0).inverse() * weaving_pose(metres);
+    return (estimate.T_w_c.t() - truth.t()).norm();
+  }
+
+  FeatureWorld world_;
+  TemporaryFolder folder_;
+  std::size_t keyframes_ = 0;
+};
+
+TEST_P(SavedMapTest, LocalisesInAFrozenMap) {
+  const std::vector<std::uint8_t> before = encode_map(load_map(file()));
+  System system(world_.camera(), Settings(), GetParam());
+  system.load_map(file(), true);
+  for (int i = 0; i < 60; ++i) system.feed(later(i, 20 + 0.8 * i));
+  system.finish();
+  for (int i = 0; i < 60; ++i) {
+    const FrameEstimate estimate = system.trajectory()[static_cast<std::size_t>(i)];
+    ASSERT_TRUE(estimate.connected)
+        << i << ": " << system.reports()[static_cast<std::size_t>(i)].reason;
+    EXPECT_LT(error(estimate, 20 + 0.8 * i), 0.15) << "m, in the saved map's frame";
+  }
+  EXPECT_EQ(encode_map(system.map()), before) << "the map is as it was";
+  EXPECT_TRUE(system.keyframes().empty()) << "none were made";
+}
+
+TEST_P(SavedMapTest, AFrozenMapIsNotExtendedWhereItEnds) {
+  System system(world_.camera(), Settings(), GetParam());
+  system.load_map(file(), true);
+  for (int i = 0; i < 40; ++i) system.feed(later(i, 150 + 0.8 * i));
+  system.finish();
+  for (const FrameEstimate& estimate : system.trajectory()) EXPECT_FALSE(estimate.connected);
+  EXPECT_EQ(system.map().keyframes().size(), keyframes_);
+}
+
+TEST_P(SavedMapTest, GoesOnMapping) {
+  System system(world_.camera(), Settings(), GetParam());
+  system.load_map(file());
+  for (int i = 0; i < 120; ++i) system.feed(later(i, 40 + 0.8 * i));
+  system.finish();
+  system.map().check_consistency();
+  EXPECT_GT(system.map().keyframes().size(), keyframes_ + 5);
+  EXPECT_GT(system.keyframes().size(), 5u);
+  for (int i = 0; i < 120; ++i) {
+    const FrameEstimate estimate = system.trajectory()[static_cast<std::size_t>(i)];
+    ASSERT_TRUE(estimate.connected) << i;
+    EXPECT_LT(error(estimate, 40 + 0.8 * i), 0.4) << "m, in the saved map's frame";
+  }
+  const std::filesystem::path again = folder_.path() / "longer.map";
+  system.save_map(again);
+  EXPECT_EQ(load_map(again).keyframes().size(), system.map().keyframes().size());
+}
+
+/// A session that begins elsewhere makes a sub-map and joins when it comes to the known place.
+TEST_P(SavedMapTest, ASessionThatBeginsElsewhereJoinsLater) {
+  System system(world_.camera(), Settings(), GetParam());
+  system.load_map(file());
+  for (int i = 0; i < 130; ++i) system.feed(later(i, 140 - 0.8 * i));
+  system.finish();
+  system.map().check_consistency();
+  int merged = 0;
+  for (const FrameReport& report : system.reports()) {
+    merged += report.loop == LoopEvent::kMerged ? 1 : 0;
+    EXPECT_EQ(report.loop_frame, -1) << "no frame of this session";
+  }
+  EXPECT_EQ(merged, 1);
+  for (int i = 20; i < 130; ++i) {
+    const FrameEstimate estimate = system.trajectory()[static_cast<std::size_t>(i)];
+    ASSERT_TRUE(estimate.connected) << i;
+    EXPECT_LT(error(estimate, 140 - 0.8 * i), 0.5) << "m, in the saved map's frame";
+  }
+}
+
+std::string schedule_name(const ::testing::TestParamInfo<Schedule>& schedule) {
+  return to_string(schedule.param);
+}
+INSTANTIATE_TEST_SUITE_P(Schedules, SavedMapTest,
+                         ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
+                         schedule_name);
+
+TEST(SavedMap, OfAnotherCameraOrPyramidIsRefusedInOneLine) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "a.map";
+  System first(kitti_camera(), Settings(), Schedule::kSequential);
+  const FeatureWorld world = road();
+  first.feed(world.look(0, weaving_pose(0)));
+  first.finish();
+  first.save_map(file);
+  const auto refused = [&](const StereoCamera& camera, const Settings& settings) -> std::string {
+    System system(camera, settings, Schedule::kSequential);
+    try {
+      system.load_map(file);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  StereoCamera other = kitti_camera();
+  other.baseline = 0.12;
+  EXPECT_EQ(refused(other, Settings()), file.string() + ": the map was made with another camera");
+  Settings levels;
+  levels.set("orb.levels", "6");
+  EXPECT_NE(refused(kitti_camera(), levels).find("pyramid levels"), std::string::npos);
+  EXPECT_EQ(refused(kitti_camera(), Settings()), "");
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""Which loops of a run exist, and which of those that exist it found.
+
+Reads `frames.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or run_stereo_euroc.
+
+A *revisit* begins at a frame from which, for at least --least seconds, the camera is within --radius
+of a place where it was at least --gap seconds before, looking the same way within --angle. Frames
+less than --gap seconds apart belong to one revisit. A revisit is *found* when a loop was closed (or
+two sub-maps merged) by one of its frames or within --gap seconds of it. A closed loop is *true* when
+the distance of its two frames, as verified when it was closed, differs from the true one by no more
+than --error. Revisits in which old landmarks were never lost from view need no loop; they count.
+"""
+
+import argparse
+import csv
+import pathlib
+import sys
+
+import numpy as np
+
+
+def read_truth(path):
+    rows = np.loadtxt(path, ndmin=2)
+    x, y, z, w = rows[:, 4:8].T
+    forward = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=1)
+    return rows[:, 0], rows[:, 1:4], forward
+
+
+def revisits(times, positions, forward, options):
+    """Per frame whether an earlier place is revisited."""
+    again = np.zeros(len(times), bool)
+    cosine = np.cos(np.radians(options.angle))
+    for i in range(len(times)):
+        end = np.searchsorted(times, times[i] - options.gap)
+        near = np.linalg.norm(positions[:end] - positions[i], axis=1) < options.radius
+        again[i] = np.any(near & (forward[:end] @ forward[i] > cosine))
+    groups = []
+    for i in np.flatnonzero(again):
+        if groups and times[i] - times[groups[-1][1]] < options.gap:
+            groups[-1][1] = i
+        else:
+            groups.append([i, i])
+    return [(times[a], times[b]) for a, b in groups if times[b] - times[a] >= options.least]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", nargs="+", type=pathlib.Path, help="output folder of a run")
+    parser.add_argument("--radius", type=float, default=4.0, help="m (default 4)")
+    parser.add_argument("--angle", type=float, default=30.0, help="degrees (default 30)")
+    parser.add_argument("--gap", type=float, default=10.0, help="s (default 10)")
+    parser.add_argument("--least", type=float, default=3.0, help="s (default 3)")
+    parser.add_argument("--error", type=float, default=0.5, help="m (default 0.5)")
+    options = parser.parse_args()
+    print("| run | loops closed | true | revisits | found | largest gap [m] |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    totals = np.zeros(4, int)
+    for run in options.run:
+        try:
+            times, positions, forward = read_truth(run / "ground_truth.tum")
+            with open(run / "frames.csv", newline="") as file:
+                rows = list(csv.DictReader(file))
+        except (OSError, ValueError, IndexError) as error:
+            print(f"loop_recall.py: {run}: {error}", file=sys.stderr)
+            return 2
+        time_of = {row["index"]: float(row["timestamp"]) for row in rows}
+        exist = revisits(times, positions, forward, options)
+        closed, true, gap = [], 0, 0.0
+        for row in rows:
+            if not row["loop"]:
+                continue
+            closed.append(float(row["timestamp"]))
+            gap = max(gap, float(row["loop_gap_m"]))
+            if row["loop_frame"] not in time_of:
+                continue
+            a = int(np.argmin(abs(times - closed[-1])))
+            b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
+            error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
+            true += bool(error <= options.error)
+        found = sum(any(a - options.gap <= t <= b + options.gap for t in closed)
+                    for a, b in exist)
+        print(f"| {run.name} | {len(closed)} | {true} | {len(exist)} | {found} | {gap:.2f} |")
+        totals += [len(closed), true, len(exist), found]
+    print(f"| all | {totals[0]} | {totals[1]} | {totals[2]} | {totals[3]} | |")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
