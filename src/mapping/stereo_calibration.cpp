@@ -145,11 +145,16 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
   const double total = map.disparity_offset() + found.offset;
   const double sigma = std::hypot(found.sigma, options_.systematic);
-  const bool significant =
-      found.sigma > 0 && std::abs(found.offset) > options_.significance * sigma;
-  if (!significant || std::abs(total) > options_.max_correction) return false;
+  if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;
+  // Decided anew at every look, with all there is to see by then: an offset that was put in on
+  // thin evidence goes again.
+  const bool significant = std::abs(total) > options_.significance * sigma;
+  const auto offset = static_cast<float>(significant ? total : 0);
+  if (!significant && map.disparity_offset() == 0) return false;
+  // One that is there already is not moved by less than the estimate is sure of.
+  if (significant && map.disparity_offset() != 0 && std::abs(found.offset) < sigma) return false;
 
-  map.set_disparity_offset(static_cast<float>(total));
+  map.set_disparity_offset(offset);
   // All landmarks, those with one stereo view as well: what stayed behind would mislead the
   // tracker.
   Whole whole = whole_map(map, 1);

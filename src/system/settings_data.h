@@ -123,6 +123,8 @@ void visit_settings(Data& s, Visitor&& visit) {
         "in the map when it is first estimated; again at twice that");
   visit("calibration.significance", m.calibration.significance, "standard deviations",
         "by which it has to differ to be applied");
+  visit("calibration.systematic", m.calibration.systematic, "px",
+        "standard deviation of its error beside that from noise");
   visit("calibration.max_correction", m.calibration.max_correction, "px",
         "a larger one is ignored");
 

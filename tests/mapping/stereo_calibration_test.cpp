@@ -85,6 +85,16 @@ TEST(StereoCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
   EXPECT_TRUE(StereoCalibration(exact).update(map));
 }
 
+TEST(StereoCalibration, AnOffsetPutInOnThinEvidenceIsTakenBack) {
+  Map map = map_with_error(0, 7);
+  map.set_disparity_offset(0.09f);
+  StereoCalibration calibration({});
+  EXPECT_TRUE(calibration.update(map));
+  EXPECT_EQ(map.disparity_offset(), 0);
+  map.check_consistency();
+  EXPECT_LT(worst_position_error(map), 0.05) << "m";
+}
+
 TEST(StereoCalibration, AnAccurateRigIsLeftAlone) {
   Map map = map_with_error(0, 6);
   StereoCalibration calibration({});
