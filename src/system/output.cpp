@@ -82,7 +82,8 @@ std::string frames_csv(const System& system) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,loop_gap_m,keypoints,"
+      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,loop_gap_"
+      "m,keypoints,"
       "stereo_matches,matches,inliers,"
       "prior_coverage,masked";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
@@ -91,9 +92,9 @@ std::string frames_csv(const System& system) {
   const std::vector<FrameEstimate> estimates = system.trajectory();
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = system.reports()[k];
-    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, r.name, r.timestamp,
-                        to_string(r.status), estimates[k].submap, r.reason, r.keyframe ? 1 : 0,
-                        to_string(r.loop), r.loop_frame, r.loop_distance_m,
+    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, r.name,
+                        r.timestamp, to_string(r.status), estimates[k].submap, r.reason,
+                        r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame, r.loop_distance_m,
                         r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
