@@ -45,8 +45,8 @@ LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& i
   Stopwatch watch;
   const Rigid3 gap = loop->place.T_c_w * map.keyframe(current).T_c_w.inverse();
   report.closed = loop->place.keyframe;
-  report.distance = (map.keyframe(loop->place.keyframe).T_c_w * loop->place.T_c_w.inverse())
-                        .translation.norm();
+  report.distance =
+      (map.keyframe(loop->place.keyframe).T_c_w * loop->place.T_c_w.inverse()).translation.norm();
   report.closed_frame = map.keyframe(loop->place.keyframe).frame_index;
   report.merged = map.keyframe(current).submap != map.keyframe(loop->place.keyframe).submap;
   if (report.merged) {

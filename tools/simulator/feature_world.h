@@ -18,9 +18,9 @@ struct FeatureOptions {
   std::int64_t frames = -1;     ///< poses used; -1: all
   std::int64_t every = 1;       ///< of the file's poses the first, and then each so many
   int features = 0;             ///< per image, about; 0: the camera's own (kitti 2000, euroc 1200)
-  double pixel_noise = 0.35;    ///< sigma at octave 0, px; grows with the octave's scale
-  double wander = 0.4;          ///< px, octave 0: how far a corner moves with the view of it
-  double lens = 0.6;            ///< px: what calibration leaves of each lens' distortion
+  double pixel_noise = 0.25;    ///< sigma at octave 0, px; grows with the octave's scale
+  double wander = 0.2;          ///< px, octave 0: how far a corner moves with the view of it
+  double lens = 0.2;            ///< px: what calibration leaves of each lens' distortion
   double bit_noise = 0.05;      ///< probability that a bit of a descriptor flips
   double outliers = 0.55;       ///< share of features that belong to nothing seen again
   double dropout = 0.4;         ///< share of visible landmarks that a camera does not detect
