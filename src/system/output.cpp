@@ -74,15 +74,8 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
-<<<<<<< HEAD
       "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,"
       "loop_gap_m,keypoints,stereo_matches,matches,inliers,prior_coverage,masked";
-=======
-      "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,loop_gap_"
-      "m,keypoints,"
-      "stereo_matches,matches,inliers,"
-      "prior_coverage,masked";
->>>>>>> san
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
