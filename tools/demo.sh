@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets everything up, renders a simulated street with a lorry ahead and other traffic, makes priors
-# from its exact perception, tracks it without and with them, and draws both.
+# from its exact perception, tracks it without and with them, and draws both. Then once around a
+# block: a loop to close.
 #   tools/demo.sh [FRAMES]     default 100
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -26,6 +27,15 @@ for mode in stock kys; do
   "$bin/run_stereo_kitti" "$world" --priors "$priors" --mode "$mode" --output "runs/demo-$mode"
   .venv/bin/python tools/plots/plot_trajectory.py "runs/demo-$mode"
 done
+
+block=runs/worlds/block
+if [ ! -d "$block" ]; then
+  "$bin/simulate_sequence" block --size 414x126 --images-only --output "$block"
+fi
+echo
+echo "once around a block"
+"$bin/run_stereo_kitti" "$block" --output runs/demo-block
+.venv/bin/python tools/plots/plot_trajectory.py runs/demo-block
 echo
 echo "the frames are in $world/image_0, the pictures of the trajectories are"
 ls runs/demo-*/*.png
