@@ -102,7 +102,7 @@ struct System::Impl {
                options.control.pipeline_delay) {}
 
   void check_input(const StereoFrame& frame) const;
-  void apply(std::vector<BackEndStep> steps);
+  void apply(const std::vector<BackEndStep>& steps);
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
@@ -173,7 +173,7 @@ void System::Impl::check_input(const StereoFrame& frame) const {
 }
 
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
-void System::Impl::apply(std::vector<BackEndStep> steps) {
+void System::Impl::apply(const std::vector<BackEndStep>& steps) {
   for (const BackEndStep& step : steps) {
     tracker.apply(step.changes);
     front_end.set_disparity_offset(step.changes.disparity_offset);
