@@ -173,6 +173,7 @@ void LoopCloser::merge(Map& map, KeyFrameId current, const Confirmed& loop) cons
   const std::vector<KeyFrameId> moving = map.submap_keyframes(we_move ? ours : theirs);
   const Rigid3 T_old_new = T_their_our.inverse();
   std::vector<Rigid3> T_c_w;
+  T_c_w.reserve(moving.size());
   for (const KeyFrameId id : moving) T_c_w.push_back(map.keyframe(id).T_c_w * T_old_new);
   map.move_keyframes(moving, T_c_w);
   map.join_submaps(we_move ? current : place, we_move ? place : current);
