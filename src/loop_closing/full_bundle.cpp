@@ -18,7 +18,8 @@ FullBundle::FullBundle(const FullBundleOptions& options, bool threaded) : option
 }
 
 FullBundle::~FullBundle() {
-  cancel();
+  stop_ = true;  // the worker joins its thread; what the job threw is nobody's any more
+  worker_.reset();
 }
 
 void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {

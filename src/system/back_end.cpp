@@ -63,7 +63,7 @@ BackEndRunner::BackEndRunner(const StereoCamera& camera, const ScaleLevels& scal
 
 BackEndRunner::~BackEndRunner() {
   if (!thread_.joinable()) return;
-  stop_ = true;
+  interrupt();
   {
     const std::lock_guard lock(mutex_);
     quit_ = true;
