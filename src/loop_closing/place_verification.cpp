@@ -16,10 +16,14 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+/// Standard deviations are taken to be twice those of pixels alone: the map a frame is compared
+/// with bends a little over what it sees, and no local adjustment has brought the two together yet.
+constexpr float kSharpness = 0.5f;
+
 StereoPixel pixel_of(const FrameFeatures& features, std::size_t i, const ScaleLevels& scales) {
   const Keypoint& k = features.keypoint(i);
   return {k.x, k.y, features.has_stereo(i) ? features.u_right(i) : kNaN,
-          scales.inv_sigma(k.octave)};
+          kSharpness * scales.inv_sigma(k.octave)};
 }
 
 /// A landmark of the place as one of its keyframes sees it.
@@ -86,7 +90,7 @@ std::optional<Rigid3> align(const Map& map, const FrameFeatures& features, KeyFr
     const FrameFeatures& theirs = *map.keyframe(seen[q].keyframe).features;
     match.pixel_b = {static_cast<float>(pixel.x()), static_cast<float>(pixel.y()),
                      static_cast<float>(pixel.z()),
-                     map.scales().inv_sigma(theirs.keypoint(seen[q].feature).octave)};
+                     kSharpness * map.scales().inv_sigma(theirs.keypoint(seen[q].feature).octave)};
     matches.push_back(match);
   }
   if (count < options.min_descriptor_matches) return std::nullopt;

