@@ -79,7 +79,7 @@ TEST(FeatureWorld, FeaturesLieWhereTheirLandmarksAre) {
   EXPECT_NEAR(mean_square_error(path, options), 1, 0.05);
   // A sine of amplitude a has a mean square of a^2 / 2, in the noise's units; at the right image's
   // columns 0.045 a^2 more. The octave of a feature is not always that of its landmark.
-  options.wander = 0.7;
+  options.wander = 2 * options.pixel_noise;
   EXPECT_NEAR(mean_square_error(path, options), 1 + 2 + 0.045, 0.3);
 }
 
