@@ -5,6 +5,7 @@
 #include <map>
 
 #include "geometry/stereo_alignment.h"
+#include "map/seen_landmarks.h"
 #include "matching/descriptor_matcher.h"
 #include "matching/landmark_search.h"
 #include "matching/predicted_view.h"
@@ -139,15 +140,7 @@ std::vector<LandmarkId> landmarks_around(const Map& map, KeyFrameId keyframe,
                                          std::size_t neighbours) {
   std::vector<KeyFrameId> keyframes = map.best_covisible(keyframe, neighbours);
   keyframes.push_back(keyframe);
-  std::vector<LandmarkId> all;
-  for (const KeyFrameId id : keyframes) {
-    for (const LandmarkId landmark : map.keyframe(id).landmarks) {
-      if (landmark.valid()) all.push_back(landmark);
-    }
-  }
-  std::sort(all.begin(), all.end());
-  all.erase(std::unique(all.begin(), all.end()), all.end());
-  return all;
+  return landmarks_seen_by(map, keyframes);
 }
 
 VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const Rigid3& T_c_w,

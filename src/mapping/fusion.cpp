@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "map/seen_landmarks.h"
 #include "matching/landmark_search.h"
 #include "matching/predicted_view.h"
 
@@ -28,15 +29,6 @@ std::vector<KeyFrameId> fusion_targets(const Map& map, KeyFrameId current,
 bool is_seen_by(const Landmark& landmark, KeyFrameId keyframe) {
   return std::any_of(landmark.observations.begin(), landmark.observations.end(),
                      [&](const Observation& o) { return o.keyframe == keyframe; });
-}
-
-std::vector<LandmarkId> landmarks_of(const KeyFrame& keyframe) {
-  std::vector<LandmarkId> all;
-  for (const LandmarkId id : keyframe.landmarks) {
-    if (id.valid()) all.push_back(id);
-  }
-  std::sort(all.begin(), all.end());
-  return all;
 }
 
 }  // namespace
@@ -86,17 +78,11 @@ int fuse_landmarks(Map& map, KeyFrameId current, const FusionOptions& options,
                    const kys::DistanceModel& model, kys::Statistics& statistics) {
   const std::vector<KeyFrameId> targets = fusion_targets(map, current, options);
   int fused = 0;
-  const std::vector<LandmarkId> own = landmarks_of(map.keyframe(current));
+  const std::vector<LandmarkId> own = landmarks_seen_by(map, {current});
   for (const KeyFrameId target : targets) {
     fused += fuse_into(map, target, own, options, model, statistics);
   }
-  std::vector<LandmarkId> theirs;
-  for (const KeyFrameId target : targets) {
-    const std::vector<LandmarkId> seen = landmarks_of(map.keyframe(target));
-    theirs.insert(theirs.end(), seen.begin(), seen.end());
-  }
-  std::sort(theirs.begin(), theirs.end());
-  theirs.erase(std::unique(theirs.begin(), theirs.end()), theirs.end());
+  const std::vector<LandmarkId> theirs = landmarks_seen_by(map, targets);
   return fused + fuse_into(map, current, theirs, options, model, statistics);
 }
 

@@ -4,6 +4,8 @@
 #include <limits>
 #include <map>
 
+#include "map/seen_landmarks.h"
+
 namespace kys_slam {
 
 namespace {
@@ -19,14 +21,7 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
   window.free = map.best_covisible(current, options.max_keyframes - 1);
   window.free.push_back(current);
   std::sort(window.free.begin(), window.free.end());
-  for (const KeyFrameId id : window.free) {
-    for (const LandmarkId landmark : map.keyframe(id).landmarks) {
-      if (landmark.valid()) window.landmarks.push_back(landmark);
-    }
-  }
-  std::sort(window.landmarks.begin(), window.landmarks.end());
-  window.landmarks.erase(std::unique(window.landmarks.begin(), window.landmarks.end()),
-                         window.landmarks.end());
+  window.landmarks = landmarks_seen_by(map, window.free);
 
   std::map<KeyFrameId, int> shared;
   for (const LandmarkId landmark : window.landmarks) {

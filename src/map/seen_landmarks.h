@@ -1,0 +1,24 @@
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "map/map.h"
+
+namespace kys_slam {
+
+/// Landmarks that at least one of the keyframes sees, by id, each once.
+inline std::vector<LandmarkId> landmarks_seen_by(const Map& map,
+                                                 const std::vector<KeyFrameId>& keyframes) {
+  std::vector<LandmarkId> seen;
+  for (const KeyFrameId id : keyframes) {
+    for (const LandmarkId landmark : map.keyframe(id).landmarks) {
+      if (landmark.valid()) seen.push_back(landmark);
+    }
+  }
+  std::sort(seen.begin(), seen.end());
+  seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
+  return seen;
+}
+
+}  // namespace kys_slam
