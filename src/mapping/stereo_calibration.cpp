@@ -98,7 +98,9 @@ struct Parabola {
 
 std::optional<Parabola> profile(const BundleProblem& problem, const std::atomic<bool>* stop) {
   BundleOptions exact;
-  exact.iterations = 30;
+  // The costs of the three then agree to far below what their differences are used for: the offset
+  // of the KITTI 06 clip is 0.0948 px from 5 iterations to 400.
+  exact.iterations = 8;
   exact.refine_iterations = 0;
   exact.chi2_mono = exact.chi2_stereo = kHuber;
   exact.function_tolerance = 1e-9;

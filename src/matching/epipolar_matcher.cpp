@@ -13,7 +13,8 @@ namespace {
 /// The part of an epipolar line between two depths, in pixels of the other image.
 struct Stretch {
   Eigen::Vector2f near = Eigen::Vector2f::Zero();
-  Eigen::Vector2f far = Eigen::Vector2f::Zero();
+  Eigen::Vector2f direction = Eigen::Vector2f::UnitX();  // from near to far, unit length
+  float length = 0;
 };
 
 class EpipolarSearch {
@@ -22,6 +23,9 @@ class EpipolarSearch {
                  std::span<const std::uint8_t> free_b, const Rigid3& T_b_a,
                  const EpipolarOptions& options)
       : camera_(camera), scales_(scales), b_(b), free_b_(free_b), T_b_a_(T_b_a), options_(options) {
+    for (const float scale : scales.scale) {
+      slack_.push_back(std::sqrt(options.chi2_line) * scale);
+    }
     // The epipole: where the other camera sees this one.
     const Eigen::Vector3d& t = T_b_a.translation;
     epipole_ahead_ = t.z() > 1e-6;
@@ -42,7 +46,6 @@ class EpipolarSearch {
     best.distance = std::nextafter(options_.max_distance, std::numeric_limits<float>::infinity());
     kys::Tier tier = kys::Tier::kBypassed;
     const auto consider = [&](std::size_t j) {
-      if (free_b_[j] == 0 || !near_line(stretch, j, !a.has_stereo(i))) return;
       const kys::Distance d =
           model.evaluate(a.descriptor(i), a.prior(i), b_.descriptor(j), b_.prior(j),
                          kys::Context::kTemporal, best.distance, statistics);
@@ -51,7 +54,7 @@ class EpipolarSearch {
         tier = d.tier;
       }
     };
-    visit_along(stretch, keypoint.octave, consider);
+    visit_along(stretch, keypoint.octave, !a.has_stereo(i), consider);
     if (best.feature < 0) return {};
     statistics.accept(tier);
     return best;
@@ -78,59 +81,55 @@ class EpipolarSearch {
       pixel = camera_.project(p_b).cast<float>();
       return true;
     };
-    return project(nearest, stretch.near) && project(farthest, stretch.far);
+    Eigen::Vector2f far;
+    if (!project(nearest, stretch.near) || !project(farthest, far)) return false;
+    const Eigen::Vector2f along = far - stretch.near;
+    stretch.length = along.norm();
+    if (stretch.length > 1e-3f) stretch.direction = along / stretch.length;
+    return true;
   }
 
-  /// Within 3.84 sigma^2 of the line, and not so near the epipole that depth cannot be had.
-  [[nodiscard]] bool near_line(const Stretch& stretch, std::size_t j, bool mono) const {
-    const Keypoint& k = b_.keypoint(j);
-    const float scale = scales_.scale[k.octave];
-    const Eigen::Vector2f pixel(k.x, k.y);
-    if (epipole_ahead_ && mono && !b_.has_stereo(j) &&
-        (pixel - epipole_).squaredNorm() < 100 * scale) {
-      return false;
-    }
-    const Eigen::Vector2f along = stretch.far - stretch.near;
-    const float length = along.norm();
-    const Eigen::Vector2f offset = pixel - stretch.near;
-    const float bound = options_.chi2_line * scale * scale;
-    if (length < 1e-3f) return offset.squaredNorm() < bound;
-    const float position = along.dot(offset) / length;
-    const float slack = std::sqrt(bound);
-    if (position < -slack || position > length + slack) return false;
-    const float across = (along.x() * offset.y() - along.y() * offset.x()) / length;
-    return across * across < bound;
-  }
-
-  /// Visits the features around the stretch, square by square; each one once.
+  /// Visits the free features within 3.84 sigma^2 of the stretch, square by square; each one once.
+  /// For a feature without depth (`mono`), others without depth near the epipole are left out.
   template <typename F>
-  void visit_along(const Stretch& stretch, int octave, F&& f) const {
+  void visit_along(const Stretch& stretch, int octave, bool mono, F&& f) const {
     const int min_octave = octave - 1;
     const int max_octave = octave + 1;
     const float radius =
-        std::sqrt(options_.chi2_line) *
-        scales_.scale[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
-    const Eigen::Vector2f along = stretch.far - stretch.near;
-    const float length = std::max(std::abs(along.x()), std::abs(along.y()));
+        slack_[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
+    const Eigen::Vector2f& direction = stretch.direction;
+    const float widest = std::max(std::abs(direction.x()), std::abs(direction.y()));
     const float step = 2 * std::max(radius, 8.0f);
-    const int squares = std::clamp(static_cast<int>(std::ceil(length / step)), 1, 200);
-    const Eigen::Vector2f advance = along / static_cast<float>(squares);
-    const float half = 0.5f * std::max(std::abs(advance.x()), std::abs(advance.y())) + radius;
-    // Squares of neighbouring steps overlap; a feature belongs to the step nearest to it.
-    const float advance_sq = advance.squaredNorm();
+    const int squares =
+        std::clamp(static_cast<int>(std::ceil(stretch.length * widest / step)), 1, 200);
+    const float piece = stretch.length / static_cast<float>(squares);
+    const float half = 0.5f * piece * widest + radius;
     for (int s = 0; s < squares; ++s) {
-      const Eigen::Vector2f centre = stretch.near + (static_cast<float>(s) + 0.5f) * advance;
+      // Squares of neighbouring pieces overlap; a feature belongs to the piece it lies beside.
+      const float begin = s == 0 ? -radius : static_cast<float>(s) * piece;
+      const float end = s + 1 == squares ? stretch.length + radius : static_cast<float>(s + 1) * piece;
+      const Eigen::Vector2f centre =
+          stretch.near + (static_cast<float>(s) + 0.5f) * piece * direction;
       b_.for_each_near(centre.x(), centre.y(), half, min_octave, max_octave, [&](std::size_t j) {
-        if (squares > 1) {
-          const Eigen::Vector2f offset =
-              Eigen::Vector2f(b_.keypoint(j).x, b_.keypoint(j).y) - stretch.near;
-          const int at = std::clamp(static_cast<int>(std::floor(offset.dot(advance) / advance_sq)),
-                                    0, squares - 1);
-          if (at != s) return;
-        }
+        const Keypoint& k = b_.keypoint(j);
+        const Eigen::Vector2f offset = Eigen::Vector2f(k.x, k.y) - stretch.near;
+        const float position = direction.dot(offset);
+        if (position < begin || position >= end) return;
+        const float slack = slack_[k.octave];
+        const float across = direction.x() * offset.y() - direction.y() * offset.x();
+        if (std::abs(across) >= slack) return;
+        if (position < -slack || position > stretch.length + slack) return;
+        if (free_b_[j] == 0 || (mono && beside_epipole(j))) return;
         f(j);
       });
     }
+  }
+
+  /// Too near the epipole for a depth to be had from the two views.
+  [[nodiscard]] bool beside_epipole(std::size_t j) const {
+    if (!epipole_ahead_ || b_.has_stereo(j)) return false;
+    const Keypoint& k = b_.keypoint(j);
+    return (Eigen::Vector2f(k.x, k.y) - epipole_).squaredNorm() < 100 * scales_.scale[k.octave];
   }
 
   const StereoCamera& camera_;
@@ -139,6 +138,7 @@ class EpipolarSearch {
   std::span<const std::uint8_t> free_b_;
   const Rigid3& T_b_a_;
   const EpipolarOptions& options_;
+  std::vector<float> slack_;  // by octave: how far from the line a feature may be, px
   bool epipole_ahead_ = false;
   Eigen::Vector2f epipole_ = Eigen::Vector2f::Zero();
 };
