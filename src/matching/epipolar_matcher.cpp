@@ -107,7 +107,8 @@ class EpipolarSearch {
     for (int s = 0; s < squares; ++s) {
       // Squares of neighbouring pieces overlap; a feature belongs to the piece it lies beside.
       const float begin = s == 0 ? -radius : static_cast<float>(s) * piece;
-      const float end = s + 1 == squares ? stretch.length + radius : static_cast<float>(s + 1) * piece;
+      const float end =
+          s + 1 == squares ? stretch.length + radius : static_cast<float>(s + 1) * piece;
       const Eigen::Vector2f centre =
           stretch.near + (static_cast<float>(s) + 0.5f) * piece * direction;
       b_.for_each_near(centre.x(), centre.y(), half, min_octave, max_octave, [&](std::size_t j) {
