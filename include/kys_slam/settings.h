@@ -30,6 +30,8 @@ class Settings {
   void load(const std::filesystem::path& file);
   /// \throws InputError as above.
   void set(std::string_view key, std::string_view value);
+  /// "KEY=VALUE". \throws InputError as above, or when it is no such thing.
+  void assign(std::string_view assignment);
   [[nodiscard]] std::string get(std::string_view key) const;
   /// \throws InputError naming the first setting that makes no sense.
   void check() const;

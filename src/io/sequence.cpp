@@ -46,4 +46,15 @@ std::optional<StereoFrame> Sequence::next() {
   return read(position_++);
 }
 
+bool is_euroc_folder(const std::filesystem::path& folder) {
+  const auto has = [&](const char* name) { return std::filesystem::is_directory(folder / name); };
+  return has("mav0") || (has("cam0") && has("cam1"));
+}
+
+std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
+                                        const SequenceOptions& options) {
+  return is_euroc_folder(folder) ? open_euroc_sequence(folder, options)
+                                 : open_kitti_sequence(folder, options);
+}
+
 }  // namespace kys_slam

@@ -97,6 +97,13 @@ std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folde
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
+/// True of a folder in EuRoC's layout, by the names of its folders.
+bool is_euroc_folder(const std::filesystem::path& folder);
+
+/// Opens a sequence folder of either kind, known by its layout. \throws InputError as those do.
+std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
+                                        const SequenceOptions& options = {});
+
 /// Rectified left camera to body of an EuRoC sequence, from its calibration alone.
 Rigid3 read_euroc_T_b_c(const std::filesystem::path& folder);
 

@@ -85,6 +85,14 @@ Settings Settings::indoor() {
   return settings;
 }
 
+void Settings::assign(std::string_view assignment) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string_view::npos) {
+    throw InputError("'" + std::string(assignment) + "' sets nothing: KEY=VALUE expected");
+  }
+  set(assignment.substr(0, equals), assignment.substr(equals + 1));
+}
+
 void Settings::set(std::string_view key, std::string_view value) {
   bool found = false;
   visit_settings(*data_, [&](const char* name, auto& place, const char*, const char*) {

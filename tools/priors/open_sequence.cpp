@@ -9,11 +9,7 @@
 namespace kys_slam {
 
 BuildSequence open_build_sequence(const std::filesystem::path& folder) {
-  const bool euroc = std::filesystem::is_directory(folder / "mav0") ||
-                     (std::filesystem::is_directory(folder / "cam0") &&
-                      std::filesystem::is_directory(folder / "cam1"));
-  const std::shared_ptr<const Sequence> opened =
-      euroc ? open_euroc_sequence(folder) : open_kitti_sequence(folder);
+  const std::shared_ptr<const Sequence> opened = open_sequence(folder);
   BuildSequence sequence;
   sequence.camera = opened->camera();
   for (std::int64_t i = 0; i < opened->frame_count(); ++i) {

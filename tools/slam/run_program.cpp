@@ -91,13 +91,7 @@ void declare(CLI::App& app, Arguments& a) {
 
 Settings effective_settings(Settings settings, const Arguments& a) {
   if (!a.config.empty()) settings.load(a.config);
-  for (const std::string& assignment : a.settings) {
-    const std::size_t equals = assignment.find('=');
-    if (equals == std::string::npos) {
-      throw InputError("--set " + assignment + ": KEY=VALUE expected");
-    }
-    settings.set(assignment.substr(0, equals), assignment.substr(equals + 1));
-  }
+  for (const std::string& assignment : a.settings) settings.assign(assignment);
   if (!a.mode.empty()) {
     settings.set("kys.mode", a.mode);
   } else if (!a.priors.empty() && settings.get("kys.mode") == "stock") {

@@ -1,0 +1,143 @@
+#include <fmt/format.h>
+#include <kys/mode_options.h>
+#include <kys_slam/error.h>
+#include <kys_slam/system.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <exception>
+#include <memory>
+#include <opencv2/core/utility.hpp>
+#include <string>
+#include <vector>
+
+#include "io/read_ahead.h"
+#include "io/sequence.h"
+#include "prior_files.h"
+#include "util/progress.h"
+
+namespace kys_slam {
+namespace {
+
+constexpr int kBadInput = 2;
+
+struct Arguments {
+  std::filesystem::path sequence;
+  std::filesystem::path priors;
+  std::vector<std::string> modes{"stock", "stock", "kys"};
+  std::vector<std::string> settings;
+  std::int64_t frames = 0;
+  int rounds = 3;
+  bool quiet = false;
+};
+
+/// Sums over frames, ms; `compare` is the stages that compare descriptors on the tracking path.
+struct Sums {
+  double priors = 0, stereo = 0, track = 0, total = 0;
+  double pairs = 0, inliers = 0;
+
+  void add(const FrameReport& report) {
+    priors += report.times.priors;
+    stereo += report.times.stereo;
+    track += report.times.track;
+    total += report.times.total;
+    inliers += report.inliers;
+  }
+  [[nodiscard]] double compare() const { return stereo + track; }
+};
+
+Settings settings_of(const Arguments& a, const std::string& mode) {
+  Settings settings = is_euroc_folder(a.sequence) ? Settings::indoor() : Settings();
+  for (const std::string& assignment : a.settings) settings.assign(assignment);
+  settings.set("kys.mode", mode);
+  settings.check();
+  return settings;
+}
+
+/// One pass over the sequence; every frame goes through all systems before the next is read, in an
+/// order that moves on by one, so that all meet the same state of machine and caches.
+std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& progress,
+                       std::int64_t done) {
+  SequenceOptions options;
+  if (a.frames > 0) options.frames = a.frames;
+  const auto sequence = open_sequence(a.sequence, options);
+  std::vector<std::unique_ptr<System>> systems;
+  for (const std::string& mode : a.modes) {
+    const Settings settings = settings_of(a, mode);
+    systems.push_back(std::make_unique<System>(
+        sequence->camera(), settings, Schedule::kSequential,
+        std::make_unique<PriorFiles>(a.priors, sequence->camera(),
+                                     settings.get("control.label_space"), false)));
+  }
+  ReadAhead source(*sequence);
+  while (const auto frame = source.next()) {
+    for (std::size_t k = 0; k < systems.size(); ++k) {
+      const std::size_t m = (k + static_cast<std::size_t>(done)) % systems.size();
+      sums[m].add(systems[m]->feed(*frame));
+    }
+    progress.update(++done);
+  }
+  for (std::size_t m = 0; m < systems.size(); ++m) {
+    systems[m]->finish();
+    for (const FrameReport& report : systems[m]->reports()) {
+      sums[m].pairs += static_cast<double>(report.statistics.total());
+    }
+  }
+  return done;
+}
+
+int run(const Arguments& a) {
+  cv::setNumThreads(1);
+  std::vector<Sums> sums(a.modes.size());
+  SequenceOptions options;
+  if (a.frames > 0) options.frames = a.frames;
+  const std::int64_t total = open_sequence(a.sequence, options)->frame_count() * a.rounds;
+  Progress progress("comparing", total, a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+  std::int64_t done = 0;
+  for (int round = 0; round < a.rounds; ++round) done = one_round(a, sums, progress, done);
+  const auto n = static_cast<double>(done);
+  fmt::print("ms per frame, means over {} frames; the last column is against the first row\n\n",
+             done);
+  fmt::print(
+      "| mode | priors | stereo | track | stereo + track | total | pairs | inliers | stereo + "
+      "track, share of total |\n");
+  fmt::print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  for (std::size_t m = 0; m < sums.size(); ++m) {
+    const Sums& s = sums[m];
+    fmt::print(
+        "| {} | {:.3f} | {:.3f} | {:.3f} | {:.3f} | {:.3f} | {:.0f} | {:.0f} | {:+.2f} % |\n",
+        a.modes[m], s.priors / n, s.stereo / n, s.track / n, s.compare() / n, s.total / n,
+        s.pairs / n, s.inliers / n, 100 * (s.compare() - sums[0].compare()) / sums[0].total);
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace kys_slam
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "What the modes cost on the tracking path, on the same frames in one run: each frame is fed "
+      "to one system per mode, in turns. A mode given twice shows how far the figures can be "
+      "trusted."};
+  kys_slam::Arguments a;
+  app.add_option("SEQUENCE", a.sequence, "folder of the sequence")->required();
+  app.add_option("--priors", a.priors, "folder of its prior files")->required();
+  app.add_option("--modes", a.modes, "modes to compare with the first")->capture_default_str();
+  app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated");
+  app.add_option("--frames", a.frames, "number of frames (default: all)");
+  app.add_option("--rounds", a.rounds, "passes over the sequence")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  app.add_flag("--quiet", a.quiet, "no progress");
+  app.set_version_flag("--version", std::string("KYS-SLAM ") + KYS_SLAM_VERSION);
+  try {
+    app.parse(argc, argv);
+    return kys_slam::run(a);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kys_slam::kBadInput;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "compare_mode_times: {}\n", error.what());
+    return kys_slam::kBadInput;
+  }
+}
