@@ -45,9 +45,10 @@ struct FrameReport {
   std::string name;
   double timestamp = 0;  ///< s
   FrameStatus status = FrameStatus::kLost;
-  std::string reason;
-  Rigid3 T_w_c;       ///< as estimated at this frame; meaningless when lost
-  int keypoints = 0;  ///< left image
+  std::string reason;        ///< why it is lost, or how its pose was predicted
+  bool relocalised = false;  ///< tracking had lost it, but it was recognised in the map
+  Rigid3 T_w_c;              ///< as estimated at this frame; meaningless when lost
+  int keypoints = 0;         ///< left image
   int stereo_matches = 0;
   int matches = 0;  ///< landmarks matched
   int inliers = 0;  ///< of these, after pose optimisation

@@ -1,7 +1,6 @@
 #include "loop_closing/place_verification.h"
 
 #include <algorithm>
-#include <limits>
 #include <map>
 
 #include "geometry/stereo_alignment.h"
@@ -15,16 +14,15 @@ namespace kys_slam {
 
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 /// Standard deviations are taken to be twice those of pixels alone: the map a frame is compared
 /// with bends a little over what it sees, and no local adjustment has brought the two together yet.
 constexpr float kSharpness = 0.5f;
 
 StereoPixel pixel_of(const FrameFeatures& features, std::size_t i, const ScaleLevels& scales) {
-  const Keypoint& k = features.keypoint(i);
-  return {k.x, k.y, features.has_stereo(i) ? features.u_right(i) : kNaN,
-          kSharpness * scales.inv_sigma(k.octave)};
+  StereoPixel pixel = features.stereo_pixel(i, scales);
+  pixel.inv_sigma *= kSharpness;
+  return pixel;
 }
 
 /// A landmark of the place as one of its keyframes sees it.

@@ -10,6 +10,8 @@
 #include <span>
 #include <vector>
 
+#include "geometry/observation.h"
+
 namespace kys_slam {
 
 /// px at octave 0, and px of their octave elsewhere: standard deviation that is assumed of a
@@ -66,6 +68,12 @@ class FrameFeatures {
   [[nodiscard]] std::span<const kys::Descriptor> descriptors() const { return set_.descriptors; }
   [[nodiscard]] std::span<const kys::Prior> priors() const { return priors_; }
   [[nodiscard]] float u_right(std::size_t i) const { return u_right_[i]; }
+  /// The feature as an observation for the optimisers.
+  [[nodiscard]] StereoPixel stereo_pixel(std::size_t i, const ScaleLevels& scales) const {
+    const Keypoint& k = keypoint(i);
+    return {k.x, k.y, has_stereo(i) ? u_right(i) : StereoPixel{}.u_right,
+            scales.inv_sigma(k.octave)};
+  }
   /// m, along the optical axis; negative without stereo match.
   [[nodiscard]] float depth(std::size_t i) const { return depth_[i]; }
   [[nodiscard]] bool has_stereo(std::size_t i) const { return depth_[i] > 0; }

@@ -1,7 +1,6 @@
 #include "mapping/local_bundle.h"
 
 #include <algorithm>
-#include <limits>
 #include <map>
 
 #include "map/seen_landmarks.h"
@@ -57,12 +56,9 @@ std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& p
       const std::int32_t pose = pose_index(o.keyframe);
       if (pose < 0) continue;
       const FrameFeatures& features = *map.keyframe(o.keyframe).features;
-      const Keypoint& k = features.keypoint(o.feature);
-      const float u_right = features.has_stereo(o.feature)
-                                ? features.u_right(o.feature)
-                                : std::numeric_limits<float>::quiet_NaN();
+      const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
       problem.observations.push_back(
-          {pose, point, k.x, k.y, u_right, map.scales().inv_sigma(k.octave)});
+          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
       bonds.push_back({id, o.keyframe});
     }
   }

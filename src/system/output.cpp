@@ -166,7 +166,7 @@ RunOutcome judge_run(const System& system, const RunInfo& info) {
     outcome.keyframes_made += report.keyframe ? 1 : 0;
     outcome.loops += report.loop == LoopEvent::kClosed ? 1 : 0;
     outcome.merges += report.loop == LoopEvent::kMerged ? 1 : 0;
-    outcome.relocalised += report.reason == "relocalised" ? 1 : 0;
+    outcome.relocalised += report.relocalised ? 1 : 0;
   }
   return outcome;
 }

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "matching/descriptor_matcher.h"
@@ -15,7 +14,6 @@ namespace kys_slam {
 
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 /// Gives matched features their landmarks; returns how many.
 int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
@@ -121,6 +119,7 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
                             int waiting) {
   TrackResult result;
   result.reason = "relocalised";
+  result.relocalised = true;
   Stopwatch watch;
   Frame frame = make_frame(frame_index, timestamp, std::move(features));
   frame.T_c_w = place.T_c_w;
@@ -312,10 +311,9 @@ int Tracker::refine_pose(Frame& frame) const {
   std::vector<std::size_t> features;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (!frame.landmarks[i].valid()) continue;
-    const Keypoint& keypoint = frame.features->keypoint(i);
-    const float u_right = frame.features->has_stereo(i) ? frame.features->u_right(i) : kNaN;
-    observations.push_back({replica_.landmarks().at(frame.landmarks[i]).p_w, keypoint.x, keypoint.y,
-                            u_right, scales_.inv_sigma(keypoint.octave)});
+    const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
+    observations.push_back({replica_.landmarks().at(frame.landmarks[i]).p_w, pixel.u, pixel.v,
+                            pixel.u_right, pixel.inv_sigma});
     features.push_back(i);
   }
   const PoseResult result = optimize_pose(camera_, frame.T_c_w, observations);

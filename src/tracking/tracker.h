@@ -61,8 +61,9 @@ struct TrackTimes {
 
 struct TrackResult {
   TrackingStatus status = TrackingStatus::kLost;
-  std::string reason;  ///< why it is lost, or how the pose was predicted
-  Rigid3 T_c_w;        ///< meaningful unless lost
+  bool relocalised = false;  ///< lost, but recognised in the map
+  std::string reason;        ///< why it is lost, or how the pose was predicted
+  Rigid3 T_c_w;              ///< meaningful unless lost
   FramePose pose;
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;

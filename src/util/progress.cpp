@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <condition_variable>
+#include <mutex>
 #include <utility>
 
 namespace kys_slam {
@@ -101,6 +103,22 @@ void Progress::draw_bar(double elapsed, const std::string& note) {
   bar_length_ = length;
   std::fprintf(out_, "\r%s", line.c_str());
   std::fflush(out_);
+}
+
+Waiting::Waiting(std::string label, Progress::Style style, std::FILE* out) {
+  if (style == Progress::Style::kNone) return;
+  thread_ = std::jthread([label = std::move(label), out](const std::stop_token& stop) {
+    std::mutex mutex;
+    std::condition_variable_any wake;
+    std::unique_lock lock(mutex);
+    std::chrono::duration<double> pause(kFirstLine);
+    for (double elapsed = kFirstLine;; elapsed += kLineInterval) {
+      if (wake.wait_for(lock, stop, pause, [&] { return stop.stop_requested(); })) return;
+      std::fprintf(out, "%s  %s\n", label.c_str(), clock_text(elapsed).c_str());
+      std::fflush(out);
+      pause = std::chrono::duration<double>(kLineInterval);
+    }
+  });
 }
 
 }  // namespace kys_slam

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <optional>
 #include <string>
+#include <thread>
 
 namespace kys_slam {
 
@@ -42,6 +43,17 @@ class Progress {
   Clock::time_point shown_;
   std::int64_t done_ = 0;
   std::size_t bar_length_ = 0;
+};
+
+/// Tells on stderr that something of unknown length is still going on: a line with the time that
+/// has passed after two seconds and every five from then on, until it is destroyed.
+class Waiting {
+ public:
+  explicit Waiting(std::string label, Progress::Style style = Progress::Style::kAuto,
+                   std::FILE* out = stderr);
+
+ private:
+  std::jthread thread_;
 };
 
 }  // namespace kys_slam

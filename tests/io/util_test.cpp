@@ -108,17 +108,20 @@ TEST(ProcessFigures, GrowWithWhatIsUsed) {
   EXPECT_EQ(memory.back(), 1);
 }
 
+std::string contents(std::FILE* file) {
+  std::rewind(file);
+  char text[4096] = {};
+  return {text, std::fread(text, 1, sizeof text, file)};
+}
+
 TEST(Progress, BarRedrawsAndEndsItsLine) {
   std::FILE* out = std::tmpfile();
   {
     Progress progress("frames", 4, Progress::Style::kBar, out);
     for (int i = 1; i <= 4; ++i) progress.update(i);
   }
-  std::rewind(out);
-  char text[4096] = {};
-  ASSERT_GT(std::fread(text, 1, sizeof text - 1, out), 0u);
+  const std::string shown = contents(out);
   std::fclose(out);
-  const std::string shown = text;
   EXPECT_NE(shown.find("[######..................] frames 1/4"), std::string::npos) << shown;
   EXPECT_NE(shown.find("[########################] frames 4/4"), std::string::npos) << shown;
   EXPECT_EQ(shown.back(), '\n');
@@ -132,6 +135,18 @@ TEST(Progress, ShortTasksPrintNoLines) {
     progress.update(2);
   }
   EXPECT_EQ(std::ftell(out), 0);
+  std::fclose(out);
+}
+
+TEST(Waiting, TellsAfterTwoSecondsAndNotBefore) {
+  std::FILE* out = std::tmpfile();
+  { const Waiting waiting("thinking", Progress::Style::kAuto, out); }
+  EXPECT_EQ(std::ftell(out), 0);
+  {
+    const Waiting waiting("thinking", Progress::Style::kAuto, out);
+    std::this_thread::sleep_for(std::chrono::milliseconds(2600));
+  }
+  EXPECT_EQ(contents(out).substr(0, 15), "thinking  0:02\n");
   std::fclose(out);
 }
 

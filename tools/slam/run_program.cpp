@@ -170,7 +170,11 @@ int run(const RunProgram& program, const Arguments& a) {
   info.start_up_s = start_up.elapsed_ms() / 1000;
   const Stopwatch wall;
   feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, guard, info);
-  system.finish();
+  {
+    const Waiting waiting("finishing the map",
+                          a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+    system.finish();
+  }
   info.wall_s = wall.elapsed_ms() / 1000;
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
