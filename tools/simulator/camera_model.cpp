@@ -27,13 +27,7 @@ CameraModel CameraModel::pinhole(int width, int height, double f_x, double f_y, 
 
 CameraModel CameraModel::radtan(int width, int height, double f_x, double f_y, double c_x,
                                 double c_y, const std::array<double, 4>& distortion) {
-  CameraModel m;
-  m.width_ = width;
-  m.height_ = height;
-  m.fx_ = f_x;
-  m.fy_ = f_y;
-  m.cx_ = c_x;
-  m.cy_ = c_y;
+  CameraModel m = pinhole(width, height, f_x, f_y, c_x, c_y);
   m.distortion_ = distortion;
   m.distorted_ = true;
   m.tabulate();

@@ -157,15 +157,20 @@ Mesh make_car(CarModel model) {
   return mesh;
 }
 
+/// Of a box-shaped body between the corners l and h, driving along x.
+void rear_and_sides(Mesh& m, const Vec3& l, const Vec3& h, int rear, int side) {
+  m.panel({l.x(), h.y(), l.z()}, {l.x(), l.y(), l.z()}, {l.x(), l.y(), h.z()},
+          {l.x(), h.y(), h.z()}, rear);
+  m.panel({l.x(), l.y(), l.z()}, {h.x(), l.y(), l.z()}, {h.x(), l.y(), h.z()},
+          {l.x(), l.y(), h.z()}, side);
+  m.panel({h.x(), h.y(), l.z()}, {l.x(), h.y(), l.z()}, {l.x(), h.y(), h.z()},
+          {h.x(), h.y(), h.z()}, side);
+}
+
 Mesh make_truck() {
   Mesh m;
   const Vec3 l(-4.1, -1.25, 0.95), h(1.9, 1.25, 3.5);
-  m.panel({l.x(), h.y(), l.z()}, {l.x(), l.y(), l.z()}, {l.x(), l.y(), h.z()},
-          {l.x(), h.y(), h.z()}, kTruckRear);
-  m.panel({l.x(), l.y(), l.z()}, {h.x(), l.y(), l.z()}, {h.x(), l.y(), h.z()},
-          {l.x(), l.y(), h.z()}, kTruckSide);
-  m.panel({h.x(), h.y(), l.z()}, {l.x(), h.y(), l.z()}, {l.x(), h.y(), h.z()},
-          {h.x(), h.y(), h.z()}, kTruckSide);
+  rear_and_sides(m, l, h, kTruckRear, kTruckSide);
   m.quad_metric({h.x(), l.y(), l.z()}, {h.x(), h.y(), l.z()}, {h.x(), h.y(), h.z()},
                 {h.x(), l.y(), h.z()}, kMetal);
   m.quad_metric({l.x(), l.y(), h.z()}, {h.x(), l.y(), h.z()}, {h.x(), h.y(), h.z()},
@@ -198,12 +203,7 @@ Mesh make_truck() {
 Mesh make_bus() {
   Mesh m;
   const Vec3 l(-5.5, -1.27, 0.32), h(5.5, 1.27, 3.1);
-  m.panel({l.x(), h.y(), l.z()}, {l.x(), l.y(), l.z()}, {l.x(), l.y(), h.z()},
-          {l.x(), h.y(), h.z()}, kBusRear);
-  m.panel({l.x(), l.y(), l.z()}, {h.x(), l.y(), l.z()}, {h.x(), l.y(), h.z()},
-          {l.x(), l.y(), h.z()}, kBusSide);
-  m.panel({h.x(), h.y(), l.z()}, {l.x(), h.y(), l.z()}, {l.x(), h.y(), h.z()},
-          {h.x(), h.y(), h.z()}, kBusSide);
+  rear_and_sides(m, l, h, kBusRear, kBusSide);
   m.panel({h.x(), l.y(), l.z()}, {h.x(), h.y(), l.z()}, {h.x(), h.y(), h.z()},
           {h.x(), l.y(), h.z()}, kBusFront);
   m.quad_metric({l.x(), l.y(), h.z()}, {h.x(), l.y(), h.z()}, {h.x(), h.y(), h.z()},
