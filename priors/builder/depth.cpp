@@ -2,19 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 namespace kys_slam {
 namespace {
 
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-
 float bilinear(const ImageOf<float>& image, float x, float y) {
   const float fx = std::floor(x), fy = std::floor(y);
   if (!(fx >= 0 && fy >= 0 && fx < static_cast<float>(image.width()) &&
         fy < static_cast<float>(image.height()))) {
-    return kNone;
+    return kNoValue;
   }
   const int x0 = static_cast<int>(fx), y0 = static_cast<int>(fy);
   const int x1 = x0 + 1 < image.width() ? x0 + 1 : x0;
@@ -49,7 +46,7 @@ void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, floa
                               labels[x] == labels[x + right] &&
                               std::abs(a - b) <= kStep * static_cast<float>(left + right);
     const float share = static_cast<float>(left) / static_cast<float>(left + right);
-    out[x] = same_surface ? a + share * (b - a) : kNone;
+    out[x] = same_surface ? a + share * (b - a) : kNoValue;
   }
 }
 
@@ -64,7 +61,7 @@ ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double 
   for (std::size_t i = 0; i < disparity.size(); ++i) {
     const float value = d[i] * scale;
     const float capped = value < least ? least : value;
-    out[i] = d[i] > 0 ? capped : kNone;
+    out[i] = d[i] > 0 ? capped : kNoValue;
   }
   return result;
 }
@@ -74,11 +71,11 @@ ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
                                        const ImageOf<std::uint16_t>* right_labels) {
   const int width = left.width();
   const bool labels = left_labels != nullptr && right_labels != nullptr;
-  ImageOf<float> right(width, left.height(), kNone);
+  ImageOf<float> right(width, left.height(), kNoValue);
   std::vector<float> row(static_cast<std::size_t>(width));
   for (int y = 0; y < left.height(); ++y) {
     const float* in = left.row(y);
-    std::fill(row.begin(), row.end(), kNone);
+    std::fill(row.begin(), row.end(), kNoValue);
     for (int x = 0; x < width; ++x) {
       const float d = in[x];
       if (!(d > 0 && d < static_cast<float>(width))) continue;
@@ -103,7 +100,7 @@ void check_left_right(ImageOf<float>& disparity, const ImageOf<float>& other, in
           std::floor(static_cast<float>(x) + static_cast<float>(sign) * row[x] + 0.5F);
       const bool inside = target >= 0 && target < static_cast<float>(disparity.width());
       if (!inside || !(std::abs(there[static_cast<int>(target)] - row[x]) <= tolerance)) {
-        row[x] = kNone;
+        row[x] = kNoValue;
       }
     }
   }
@@ -118,7 +115,7 @@ void check_forward_backward(FlowField& forward, const FlowField& backward, doubl
       const float tx = static_cast<float>(x) + u, ty = static_cast<float>(y) + v;
       const double du = u + bilinear(backward.u, tx, ty);
       const double dv = v + bilinear(backward.v, tx, ty);
-      if (!(std::hypot(du, dv) < tolerance + relative * std::hypot(u, v))) u = v = kNone;
+      if (!(std::hypot(du, dv) < tolerance + relative * std::hypot(u, v))) u = v = kNoValue;
     }
   }
 }

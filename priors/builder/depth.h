@@ -3,11 +3,14 @@
 #include <kys_slam/image.h>
 
 #include <cstdint>
+#include <limits>
 
 namespace kys_slam {
 
 /// Disparity images are in px, NaN where there is none. Inverse depth images are in 1/m, NaN where
 /// there is none. Flow images are in px, both components NaN where there is none.
+inline constexpr float kNoValue = std::numeric_limits<float>::quiet_NaN();
+
 struct FlowField {
   ImageOf<float> u;
   ImageOf<float> v;

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <limits>
 #include <sstream>
 #include <vector>
 
@@ -19,7 +18,6 @@ namespace kys_slam {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 constexpr float kTooLarge = 1e5F;  ///< px; no disparity or flow is; networks mark "unknown" so
 
 [[noreturn]] void fail(const fs::path& path, const std::string& what) {
@@ -168,8 +166,8 @@ Planes read_flo(const fs::path& path) {
 
 FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
   const Rgb16Image in = read_rgb16(path);
-  FlowField flow{ImageOf<float>(in.width(), in.height(), kNone),
-                 ImageOf<float>(in.width(), in.height(), kNone)};
+  FlowField flow{ImageOf<float>(in.width(), in.height(), kNoValue),
+                 ImageOf<float>(in.width(), in.height(), kNoValue)};
   const bool kitti = encoding == FieldEncoding::kKitti;
   const double sx = kitti ? 1.0 / 64 : 2.0 * (in.width() - 1) / 65535;
   const double sy = kitti ? 1.0 / 64 : 2.0 * (in.height() - 1) / 65535;
@@ -185,7 +183,7 @@ FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
 
 ImageOf<float> read_disparity_png(const fs::path& path, FieldEncoding encoding, double bf) {
   const Image16 in = read_u16(path);
-  ImageOf<float> out(in.width(), in.height(), kNone);
+  ImageOf<float> out(in.width(), in.height(), kNoValue);
   for (std::size_t i = 0; i < in.size(); ++i) {
     const double value = in.data()[i];
     if (value == 0) continue;
@@ -227,7 +225,7 @@ ImageOf<float> read_disparity(const fs::path& path, FieldEncoding encoding, doub
   ImageOf<float> out = std::move((ending == ".pfm" ? read_pfm(path) : read_npy(path, 1)).plane[0]);
   for (std::size_t i = 0; i < out.size(); ++i) {
     float& d = out.data()[i];
-    if (!(d > 0 && d < kTooLarge)) d = kNone;
+    if (!(d > 0 && d < kTooLarge)) d = kNoValue;
   }
   return out;
 }
@@ -241,7 +239,7 @@ FlowField read_flow(const fs::path& path, FieldEncoding encoding) {
   for (std::size_t i = 0; i < flow.u.size(); ++i) {
     float& u = flow.u.data()[i];
     float& v = flow.v.data()[i];
-    if (!(std::abs(u) < kTooLarge && std::abs(v) < kTooLarge)) u = v = kNone;
+    if (!(std::abs(u) < kTooLarge && std::abs(v) < kTooLarge)) u = v = kNoValue;
   }
   return flow;
 }

@@ -4,7 +4,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <limits>
 
 #include "priors/builder/drift.h"
 #include "priors/builder/vectorize.h"
@@ -12,8 +11,6 @@
 
 namespace kys_slam {
 namespace {
-
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 class Stopwatch {
  public:
@@ -339,8 +336,8 @@ void fill_segments(const CameraPerception& in, CameraFusion& fusion) {
 
 void resize(FusionImages& images, int width, int height) {
   for (FlowField* field : {&images.predicted, &images.residual, &images.drift}) {
-    field->u = ImageOf<float>(width, height, kNone);
-    field->v = ImageOf<float>(width, height, kNone);
+    field->u = ImageOf<float>(width, height, kNoValue);
+    field->v = ImageOf<float>(width, height, kNoValue);
   }
 }
 

@@ -31,6 +31,7 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
     }
   }
   std::vector<std::pair<int, KeyFrameId>> order;
+  order.reserve(shared.size());
   for (const auto& [id, count] : shared) order.emplace_back(-count, id);
   std::sort(order.begin(), order.end());
   order.resize(std::min(order.size(), options.max_fixed));

@@ -155,8 +155,8 @@ class TownBuilder {
     const Polygon front = inset(outline, 3.6);
     if (front.size() < 3) return;
     for (std::size_t i = 0; i < front.size(); ++i) {
-      const Vec2 a = front[i];
-      const Vec2 b = front[(i + 1) % front.size()];
+      const Vec2& a = front[i];
+      const Vec2& b = front[(i + 1) % front.size()];
       if (a.cwiseAbs().maxCoeff() > 310 && b.cwiseAbs().maxCoeff() > 310 &&
           (std::abs(a.x() - b.x()) < 1e-6 || std::abs(a.y() - b.y()) < 1e-6)) {
         continue;  // the rim of the world

@@ -1,8 +1,9 @@
 #include "layouts.h"
 
+#include <fmt/printf.h>
+
 #include <cinttypes>
 #include <cmath>
-#include <cstdio>
 
 #include "euroc_rig.h"
 #include "rng.h"
@@ -12,12 +13,6 @@ namespace kys_slam::simulator {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string format(const char* pattern, auto... values) {
-  char text[768];
-  std::snprintf(text, sizeof text, pattern, values...);
-  return text;
-}
 
 constexpr std::int64_t kStartNs = 1700000000000000000;
 
@@ -33,19 +28,19 @@ void write_kitti(const World& world, const fs::path& folder) {
     const Eigen::Matrix<double, 3, 4> M = (T_0_w * world.T_w_c[i]).matrix();
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 4; ++c) {
-        poses += format("%.12e%s", M(r, c), r == 2 && c == 3 ? "\n" : " ");
+        poses += fmt::sprintf("%.12e%s", M(r, c), r == 2 && c == 3 ? "\n" : " ");
       }
     }
-    times += format("%.6e\n", world.times[i]);
+    times += fmt::sprintf("%.6e\n", world.times[i]);
   }
   write_file_atomic(folder / "poses.txt", poses);
   write_file_atomic(folder / "times.txt", times);
   const StereoCamera& k = world.rectified;
   std::string calib;
   for (int i = 0; i < 2; ++i) {
-    calib +=
-        format("P%d: %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e\n", i,
-               k.fx, 0.0, k.cx, i == 0 ? 0.0 : -k.bf(), 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0, 0.0);
+    calib += fmt::sprintf(
+        "P%d: %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e %.12e\n", i, k.fx,
+        0.0, k.cx, i == 0 ? 0.0 : -k.bf(), 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0, 0.0);
   }
   write_file_atomic(folder / "calib.txt", calib);
 }
@@ -57,9 +52,9 @@ void write_euroc(const World& world, const fs::path& folder, int drop_camera, do
     for (int i = 0; i < count; ++i) {
       if (is_dropped(world, i, camera, drop_camera, drop_share)) continue;
       const std::int64_t ns = stamp_ns(world, i);
-      list += format("%" PRId64 ",%" PRId64 ".png\n", ns, ns);
+      list += fmt::sprintf("%" PRId64 ",%" PRId64 ".png\n", ns, ns);
     }
-    const fs::path place = folder / "mav0" / format("cam%d", camera);
+    const fs::path place = folder / "mav0" / fmt::sprintf("cam%d", camera);
     write_file_atomic(place / "data.csv", list);
     write_file_atomic(place / "sensor.yaml",
                       euroc_sensor_yaml(camera, world.rig.left.width(), world.rig.left.height()));
@@ -79,9 +74,10 @@ void write_euroc(const World& world, const fs::path& folder, int drop_camera, do
            world.T_w_b[static_cast<std::size_t>(a)].t()) /
           (world.times[static_cast<std::size_t>(b)] - world.times[static_cast<std::size_t>(a)]);
     }
-    truth += format("%" PRId64 ",%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.6f,%.6f,%.6f,0,0,0,0,0,0\n",
-                    stamp_ns(world, i), T.t().x(), T.t().y(), T.t().z(), T.rotation.w(),
-                    T.rotation.x(), T.rotation.y(), T.rotation.z(), v.x(), v.y(), v.z());
+    truth +=
+        fmt::sprintf("%" PRId64 ",%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.6f,%.6f,%.6f,0,0,0,0,0,0\n",
+                     stamp_ns(world, i), T.t().x(), T.t().y(), T.t().z(), T.rotation.w(),
+                     T.rotation.x(), T.rotation.y(), T.rotation.z(), v.x(), v.y(), v.z());
   }
   const fs::path place = folder / "mav0" / "state_groundtruth_estimate0";
   make_output_folder(place);
@@ -103,8 +99,8 @@ std::vector<fs::path> image_folders(const World& world) {
 
 fs::path image_path(const World& world, int frame, int camera) {
   const fs::path folder = image_folders(world)[static_cast<std::size_t>(camera)];
-  if (world.layout == Layout::kKitti) return folder / format("%06d.png", frame);
-  return folder / format("%" PRId64 ".png", stamp_ns(world, frame));
+  if (world.layout == Layout::kKitti) return folder / fmt::sprintf("%06d.png", frame);
+  return folder / fmt::sprintf("%" PRId64 ".png", stamp_ns(world, frame));
 }
 
 bool is_dropped(const World& world, int frame, int camera, int drop_camera, double drop_share) {
@@ -137,7 +133,7 @@ std::string readme_text(const World& world, const std::string& command, bool wit
         "                     pose of the body frame\n";
     if (with_truth) {
       const StereoCamera& k = world.rectified;
-      text += format(
+      text += fmt::sprintf(
           "What follows refers to the rectified pair: %dx%d px, f %.6f px, c (%.6f, %.6f) px,\n"
           "baseline %.9f m. Files are named by the left image's time stamp.\n",
           k.width, k.height, k.fx, k.cx, k.cy, k.baseline);

@@ -176,8 +176,9 @@ class Painter {
       Canvas door(256, i == 0 ? 0.22F : 0.4F);
       door.noise(next_seed(), 8, 5, 0.03F, 1.0F, 0.3F);
       for (int k = 0; k < 4; ++k) {
-        const float u = 0.12F + 0.42F * static_cast<float>(k % 2);
-        const float v = 0.08F + 0.36F * static_cast<float>(k / 2);
+        const int column = k % 2, row = k / 2;
+        const float u = 0.12F + 0.42F * static_cast<float>(column);
+        const float v = 0.08F + 0.36F * static_cast<float>(row);
         door.rect(u, v, u + 0.34F, v + 0.3F, i == 0 ? 0.14F : 0.55F);
         door.rect(u + 0.03F, v + 0.02F, u + 0.31F, v + 0.28F, i == 0 ? 0.27F : 0.36F);
       }

@@ -1,12 +1,12 @@
 #include "sequence_writer.h"
 
+#include <fmt/printf.h>
 #include <kys_slam/error.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cinttypes>
-#include <cstdio>
 #include <exception>
 #include <mutex>
 #include <thread>
@@ -29,12 +29,6 @@ void write_image(const fs::path& path, const ImageOf<Pixel>& image, int channels
                     Durable::kNo);
 }
 
-std::string format(const char* pattern, auto... values) {
-  char text[512];
-  std::snprintf(text, sizeof text, pattern, values...);
-  return text;
-}
-
 // What a frame adds to the files that cover the sequence.
 struct FrameRecord {
   std::string table;
@@ -47,19 +41,20 @@ const char* kSides[2] = {"left", "right"};
 void describe_segments(const Panoptic& panoptic, const std::string& stem, int frame, int camera,
                        FrameRecord& record) {
   const RgbImage& ids = panoptic.ids;
-  record.images[camera] = format(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})", frame,
-                                 stem.c_str(), ids.width(), ids.height());
+  record.images[camera] = fmt::sprintf(R"({"id":%d,"file_name":"%s.png","width":%d,"height":%d})",
+                                       frame, stem.c_str(), ids.width(), ids.height());
   std::string& text = record.annotations[camera];
-  text = format(R"({"image_id":%d,"file_name":"%s.png","segments_info":[)", frame, stem.c_str());
+  text =
+      fmt::sprintf(R"({"image_id":%d,"file_name":"%s.png","segments_info":[)", frame, stem.c_str());
   bool first = true;
   for (const Segment& s : panoptic.segments) {
-    text += format(
+    text += fmt::sprintf(
         R"(%s{"id":%u,"category_id":%d,"iscrowd":0,"bbox":[%d,%d,%d,%d],"area":%)" PRId64 "}",
         first ? "" : ",", s.id, s.category, s.x0, s.y0, s.x1 - s.x0 + 1, s.y1 - s.y0 + 1, s.area);
     first = false;
-    record.table += format("%d,%s,%u,%d,%s,%d,%d,%d,%" PRId64 "\n", frame, kSides[camera], s.id,
-                           s.object, coco_name(s.category), s.category,
-                           coco_is_thing(s.category) ? 1 : 0, s.moving ? 1 : 0, s.area);
+    record.table += fmt::sprintf("%d,%s,%u,%d,%s,%d,%d,%d,%" PRId64 "\n", frame, kSides[camera],
+                                 s.id, s.object, coco_name(s.category), s.category,
+                                 coco_is_thing(s.category) ? 1 : 0, s.moving ? 1 : 0, s.area);
   }
   text += "]}";
 }
@@ -76,8 +71,8 @@ std::string panoptic_json(const std::vector<FrameRecord>& records, int camera) {
   text += "\n],\"categories\":[\n";
   bool first = true;
   for (const int id : coco_categories()) {
-    text += format(R"(%s{"id":%d,"name":"%s","isthing":%d})", first ? "" : ",\n", id, coco_name(id),
-                   coco_is_thing(id) ? 1 : 0);
+    text += fmt::sprintf(R"(%s{"id":%d,"name":"%s","isthing":%d})", first ? "" : ",\n", id,
+                         coco_name(id), coco_is_thing(id) ? 1 : 0);
     first = false;
   }
   return text + "\n]}\n";
@@ -167,7 +162,7 @@ class Writer {
       for (const FrameRecord& r : records_) table += r.table;
       write_file_atomic(folder_ / "ground_truth.csv", table);
       for (int camera = 0; camera < 2; ++camera) {
-        write_file_atomic(folder_ / format("panoptic_%s.json", kSides[camera]),
+        write_file_atomic(folder_ / fmt::sprintf("panoptic_%s.json", kSides[camera]),
                           panoptic_json(records_, camera));
       }
     }
