@@ -34,7 +34,7 @@ ImageOf<float> disparity_of(const Arguments& a, const Sequence& sequence,
                             int camera) {
   const StereoCamera& k = sequence.camera();
   const std::string& name = sequence.frame(t).name;
-  const ImageOf<float> left = read_disparity(find_disparity(a.disparity, name), a.encoding, k.bf());
+  ImageOf<float> left = read_disparity(find_disparity(a.disparity, name), a.encoding, k.bf());
   if (left.width() != k.width || left.height() != k.height) {
     throw InputError(a.disparity + ": " + name + " has another size than the images");
   }
