@@ -179,15 +179,15 @@ class SequenceBuilder {
       if (!classes.empty()) digest.add_file(classes);
       for (const std::int32_t instance : instances_[c][t]) digest.add(std::to_string(instance));
     }
-    const auto add_source = [&](const std::string& source) {
+    const auto add_source = [&](const std::string& source, auto&& find) {
       const bool folder = !source.empty() && source != "sgbm" && source != "dis";
-      if (folder) digest.add_file(find_field(source, name));
+      if (folder) digest.add_file(find(source, name));
       digest.add(source);
     };
-    add_source(inputs_.disparity);
-    add_source(inputs_.disparity_right);
+    add_source(inputs_.disparity, find_disparity);
+    add_source(inputs_.disparity_right, find_disparity);
     if (t + 1 < frames()) {
-      for (const std::string& source : inputs_.flow) add_source(source);
+      for (const std::string& source : inputs_.flow) add_source(source, find_flow);
       for (const std::string& source : inputs_.flow_back) {
         if (!source.empty()) digest.add_file(back_flow(source, t));
         digest.add(source);
@@ -244,7 +244,7 @@ class SequenceBuilder {
       return d;
     }
     const auto read = [&](const std::string& folder) {
-      const fs::path path = find_field(folder, sequence_.names[t]);
+      const fs::path path = find_disparity(folder, sequence_.names[t]);
       ImageOf<float> field =
           read_disparity(path, inputs_.disparity_encoding, sequence_.camera.bf());
       check_size(path, field);
@@ -277,7 +277,7 @@ class SequenceBuilder {
       check_size(path, field.u);
       return field;
     };
-    FlowField forward = read(find_field(inputs_.flow[c], sequence_.names[t]));
+    FlowField forward = read(find_flow(inputs_.flow[c], sequence_.names[t]));
     if (!inputs_.flow_back[c].empty()) {
       check_forward_backward(forward, read(back_flow(inputs_.flow_back[c], t)), check.tolerance,
                              check.relative_tolerance);

@@ -34,8 +34,8 @@ struct BuildInputs {
   std::array<std::string, 2> flow;  ///< folder, "dis" or ""
   /// Flow from t+1 to t: folder or ""; for the check. File names: find_back_flow().
   std::array<std::string, 2> flow_back;
-  FieldEncoding disparity_encoding = FieldEncoding::kKitti;
-  FieldEncoding flow_encoding = FieldEncoding::kKitti;
+  FieldEncoding disparity_encoding = FieldEncoding::kUnspecified;
+  FieldEncoding flow_encoding = FieldEncoding::kUnspecified;
 };
 
 struct BuildSettings {

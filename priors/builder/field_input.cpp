@@ -164,11 +164,18 @@ Planes read_flo(const fs::path& path) {
   return out;
 }
 
+/// Read as KITTI's, Virtual KITTI's pictures would be nonsense, but of the right kind and size.
+void check_specified(const fs::path& path, FieldEncoding encoding) {
+  if (encoding != FieldEncoding::kUnspecified || !is_vkitti_field(path)) return;
+  fail(path, "has a name of Virtual KITTI 2's; give the encoding, kitti or vkitti");
+}
+
 FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
+  check_specified(path, encoding);
   const Rgb16Image in = read_rgb16(path);
   FlowField flow{ImageOf<float>(in.width(), in.height(), kNoValue),
                  ImageOf<float>(in.width(), in.height(), kNoValue)};
-  const bool kitti = encoding == FieldEncoding::kKitti;
+  const bool kitti = encoding != FieldEncoding::kVkitti;
   const double sx = kitti ? 1.0 / 64 : 2.0 * (in.width() - 1) / 65535;
   const double sy = kitti ? 1.0 / 64 : 2.0 * (in.height() - 1) / 65535;
   const double zero = kitti ? 32768 : 65535.0 / 2;
@@ -182,12 +189,13 @@ FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
 }
 
 ImageOf<float> read_disparity_png(const fs::path& path, FieldEncoding encoding, double bf) {
+  check_specified(path, encoding);
   const Image16 in = read_u16(path);
   ImageOf<float> out(in.width(), in.height(), kNoValue);
   for (std::size_t i = 0; i < in.size(); ++i) {
     const double value = in.data()[i];
     if (value == 0) continue;
-    if (encoding == FieldEncoding::kKitti) {
+    if (encoding != FieldEncoding::kVkitti) {
       out.data()[i] = static_cast<float>(value / 256);
     } else if (value < 65535) {
       out.data()[i] = static_cast<float>(100 * bf / value);
@@ -196,26 +204,33 @@ ImageOf<float> read_disparity_png(const fs::path& path, FieldEncoding encoding, 
   return out;
 }
 
-}  // namespace
-
-fs::path find_field(const fs::path& folder, const std::string& name) {
+/// `vkitti_file` is what Virtual KITTI 2 calls the file.
+fs::path find_field(const fs::path& folder, const std::string& name,
+                    const std::string& vkitti_file) {
   for (const char* ending : {".png", ".pfm", ".npy", ".flo", "_disp.pfm", "_pred.flo"}) {
     fs::path path = folder / (name + ending);
     std::error_code error;
     if (fs::exists(path, error)) return path;
   }
-  for (const char* prefix : {"depth_", "flow_"}) {
-    fs::path path = folder / vkitti_name(prefix, name);
-    std::error_code error;
-    if (name.starts_with("rgb_") && fs::exists(path, error)) return path;
-  }
-  throw InputError((folder / name).string() + ": no .png, .pfm, .npy or .flo file of this frame");
+  const bool vkitti = is_vkitti_frame(name);
+  std::error_code error;
+  if (vkitti && fs::exists(folder / vkitti_file, error)) return folder / vkitti_file;
+  fail(folder / name, "no .png, .pfm, .npy or .flo file of this frame" +
+                          (vkitti ? ", nor " + vkitti_file : std::string()));
+}
+
+}  // namespace
+
+fs::path find_disparity(const fs::path& folder, const std::string& name) {
+  return find_field(folder, name, vkitti_name("depth_", name));
+}
+
+fs::path find_flow(const fs::path& folder, const std::string& name) {
+  return find_field(folder, name, vkitti_name("flow_", name));
 }
 
 fs::path find_back_flow(const fs::path& folder, const std::string& name, const std::string& next) {
-  fs::path path = folder / vkitti_name("backwardFlow_", next);
-  std::error_code error;
-  return fs::exists(path, error) ? path : find_field(folder, name);
+  return find_field(folder, name, vkitti_name("backwardFlow_", next));
 }
 
 ImageOf<float> read_disparity(const fs::path& path, FieldEncoding encoding, double bf) {

@@ -11,14 +11,16 @@ namespace kys_slam {
 
 /// PNG encodings that a file does not tell apart by itself.
 enum class FieldEncoding {
-  kKitti,   ///< disparity u16/256; flow u = (R - 32768)/64, B valid
-  kVkitti,  ///< depth u16 in cm, 65535 sky; flow u = (2 R/65535 - 1)(w - 1), B 0 invalid
+  kKitti,        ///< disparity u16/256; flow u = (R - 32768)/64, B valid
+  kVkitti,       ///< depth u16 in cm, 65535 sky; flow u = (2 R/65535 - 1)(w - 1), B 0 invalid
+  kUnspecified,  ///< kKitti; refused for PNGs that are named as those of Virtual KITTI 2
 };
 
-/// The file of a frame in a folder: <name>.png, .pfm, .npy or .flo, or <name>_disp.pfm,
-/// <name>_pred.flo (UniMatch); of rgb_<number> also depth_<number>.png and flow_<number>.png
-/// (Virtual KITTI 2). \throws InputError when there is none.
-std::filesystem::path find_field(const std::filesystem::path& folder, const std::string& name);
+/// The disparity or the flow of a frame in a folder: <name>.png, .pfm, .npy or .flo, or
+/// <name>_disp.pfm, <name>_pred.flo (UniMatch); of rgb_<number> also depth_<number>.png or
+/// flow_<number>.png (Virtual KITTI 2). \throws InputError when there is none.
+std::filesystem::path find_disparity(const std::filesystem::path& folder, const std::string& name);
+std::filesystem::path find_flow(const std::filesystem::path& folder, const std::string& name);
 
 /// The file with the flow from frame `next` back to frame `name`: Virtual KITTI 2 files it under
 /// `next` (backwardFlow_<number>.png), everybody else under `name`. \throws InputError.

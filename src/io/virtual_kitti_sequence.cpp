@@ -1,10 +1,12 @@
 #include <kys_slam/error.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "io/image_io.h"
 #include "io/sequence_parts.h"
@@ -66,6 +68,14 @@ std::int64_t number_of(const std::string& stem) {
   return begin < stem.size() && stem.size() - begin < 18 ? std::stoll(stem.substr(begin)) : -1;
 }
 
+/// Positions far from the world's origin are rounded to a tenth of a millimetre: one frame's
+/// baseline would be off by as much.
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 }  // namespace
 
 std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
@@ -82,6 +92,7 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
 
   const fs::path extrinsic_file = folder / "extrinsic.txt";
   const Extrinsics extrinsics = read_extrinsics(extrinsic_file);
+  std::vector<double> baselines;
   for (std::size_t i = 0; i < content.frames.size(); ++i) {
     Sequence::Frame& frame = content.frames[i];
     frame.timestamp = static_cast<double>(i) / kFrameRate;
@@ -91,14 +102,15 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
     }
     const Rigid3& T_c_w = *found->second[0];
     const Rigid3 T_r_c = *found->second[1] * T_c_w.inverse();
-    if (i == 0) content.camera.baseline = -T_r_c.t().x();
-    if (std::abs(-T_r_c.t().x() - content.camera.baseline) > 1e-2 ||
+    baselines.push_back(-T_r_c.t().x());
+    if (std::abs(baselines.back() - baselines.front()) > 1e-2 ||
         T_r_c.t().tail<2>().norm() > 1e-2 || rotation_angle(T_r_c) > 1e-2) {
       throw InputError(extrinsic_file.string() + ": the cameras of " + frame.name +
                        " are not a rectified pair");
     }
     content.ground_truth.push_back({frame.timestamp, T_c_w.inverse()});
   }
+  content.camera.baseline = median(std::move(baselines));
   if (!content.camera.is_valid()) {
     throw InputError((folder / "intrinsic.txt").string() + ": invalid calibration");
   }

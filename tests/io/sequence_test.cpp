@@ -177,10 +177,12 @@ TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   for (int i = 0; i < 3; ++i) {
     for (int c = 0; c < 2; ++c) {
       intrinsic += std::to_string(i) + " " + std::to_string(c) + " 725.0 725.0 29.5 19.5\n";
-      // world to camera of a camera at (c * 0.5, 0, 7 + i)
+      // World to camera of a camera at (c * 0.5, 0, 7 + i); the first is rounded badly.
       extrinsic += std::to_string(i) + " " + std::to_string(c) + " 1 0 0 " +
-                   (c == 1 ? "-0.5" : "0") + " 0 1 0 0 0 0 1 " + std::to_string(-7 - i) +
-                   " 0 0 0 1\n";
+                   (c == 0   ? "0"
+                    : i == 0 ? "-0.5002"
+                             : "-0.5") +
+                   " 0 1 0 0 0 0 1 " + std::to_string(-7 - i) + " 0 0 0 1\n";
     }
   }
   write_text(root / "intrinsic.txt", intrinsic);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 
 #include "io/image_io.h"
 #include "priors/builder/field_input.h"
@@ -92,7 +93,7 @@ TEST_F(VkittiTest, DepthIsInCentimetresAndTheSkyHasNone) {
   depth.data()[1] = 65535;
   depth.data()[2] = 0;
   write_png(root_ / "depth/Camera_0/depth_00007.png", depth);
-  const fs::path file = find_field(root_ / "depth/Camera_0", "rgb_00007");
+  const fs::path file = find_disparity(root_ / "depth/Camera_0", "rgb_00007");
   const ImageOf<float> disparity = read_disparity(file, FieldEncoding::kVkitti, 386.0);
   EXPECT_FLOAT_EQ(disparity.at(0, 0), 38.6F);
   EXPECT_TRUE(std::isnan(disparity.at(1, 0)));
@@ -106,7 +107,7 @@ TEST_F(VkittiTest, FlowSpansTheImageAndBlueSaysWhetherThereIsAny) {
   flow.at(1, 0) = {49151, 32768, 65535};  // three quarters of the way: 5 px, about 0
   write_png(root_ / "forwardFlow/Camera_0/flow_00007.png", flow);
   const FlowField read =
-      read_flow(find_field(root_ / "forwardFlow/Camera_0", "rgb_00007"), FieldEncoding::kVkitti);
+      read_flow(find_flow(root_ / "forwardFlow/Camera_0", "rgb_00007"), FieldEncoding::kVkitti);
   EXPECT_NEAR(read.u.at(0, 0), 10, 1e-6);
   EXPECT_NEAR(read.v.at(0, 0), -2, 1e-6);
   EXPECT_NEAR(read.u.at(1, 0), 5, 2e-4);
@@ -121,6 +122,44 @@ TEST_F(VkittiTest, BackwardFlowIsFiledUnderTheLaterFrame) {
   EXPECT_THROW(find_back_flow(folder, "rgb_00008", "rgb_00009"), InputError);
   write_png(folder / "000007.png", Rgb16Image(2, 2));  // everybody else's convention
   EXPECT_EQ(find_back_flow(folder, "000007", "000008"), folder / "000007.png");
+  // The forward flow in its place is none.
+  const fs::path forward = root_ / "forwardFlow/Camera_0";
+  write_png(forward / "flow_00007.png", Rgb16Image(2, 2));
+  EXPECT_THROW(find_back_flow(forward, "rgb_00007", "rgb_00008"), InputError);
+}
+
+std::string message(const std::function<void()>& f) {
+  try {
+    f();
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_F(VkittiTest, AMissingFileIsCalledByItsName) {
+  const std::string depth = message([&] { find_disparity(root_ / "depth", "rgb_00007"); });
+  EXPECT_NE(depth.find("depth_00007.png"), std::string::npos) << depth;
+  const std::string flow = message([&] { find_flow(root_ / "flow", "rgb_00007"); });
+  EXPECT_NE(flow.find("flow_00007.png"), std::string::npos) << flow;
+  const std::string back = message([&] { find_back_flow(root_ / "b", "rgb_00007", "rgb_00008"); });
+  EXPECT_NE(back.find("backwardFlow_00008.png"), std::string::npos) << back;
+  const std::string other = message([&] { find_flow(root_ / "flow", "000007"); });
+  EXPECT_EQ(other.find("flow_"), std::string::npos) << other;
+}
+
+TEST_F(VkittiTest, ItsPicturesAreNotTakenForKittis) {
+  const fs::path depth = root_ / "depth_00007.png", flow = root_ / "flow_00007.png";
+  write_png(depth, Image16(3, 1));
+  write_png(flow, Rgb16Image(3, 1));
+  const FieldEncoding unspecified = FieldEncoding::kUnspecified;
+  EXPECT_NE(message([&] { read_disparity(depth, unspecified, 386.0); }).find("give the encoding"),
+            std::string::npos);
+  EXPECT_NE(message([&] { read_flow(flow, unspecified); }).find("give the encoding"),
+            std::string::npos);
+  EXPECT_NO_THROW(read_disparity(depth, FieldEncoding::kKitti, 386.0));  // asked for
+  write_png(root_ / "000007.png", Image16(3, 1));
+  EXPECT_NO_THROW(read_disparity(root_ / "000007.png", unspecified, 386.0));
 }
 
 }  // namespace

@@ -50,9 +50,11 @@ void declare(CLI::App& app, Arguments& a) {
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   app.add_option("--disparity-encoding", a.inputs.disparity_encoding,
-                 "What PNGs hold: 'kitti' disparity/256, 'vkitti' depth in cm")
+                 "What PNGs hold: 'kitti' disparity/256 (default; not of files with Virtual "
+                 "KITTI's names), 'vkitti' depth in cm")
       ->transform(CLI::CheckedTransformer(encodings));
-  app.add_option("--flow-encoding", a.inputs.flow_encoding, "What flow PNGs hold: kitti, vkitti")
+  app.add_option("--flow-encoding", a.inputs.flow_encoding,
+                 "What flow PNGs hold: kitti (default, likewise), vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
   app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
   app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable");

@@ -17,7 +17,7 @@ int main(int argc, char** argv) {
   std::string input, output, label_space = "coco_panoptic_133";
   double share = 0.1, relative = 0.06, correlation = 0;
   std::uint64_t seed = 1;
-  FieldEncoding encoding = FieldEncoding::kKitti;
+  FieldEncoding encoding = FieldEncoding::kUnspecified;
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   auto* segments = app.add_subcommand("segments", "Relabel thing segments (COCO panoptic folder)");

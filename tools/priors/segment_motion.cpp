@@ -19,7 +19,7 @@ using namespace kys_slam;
 struct Arguments {
   std::string sequence, output, disparity, label_space = "coco_panoptic_133";
   std::string panoptic[2], flow[2];
-  FieldEncoding encoding = FieldEncoding::kKitti;
+  FieldEncoding encoding = FieldEncoding::kUnspecified;
 };
 
 double median(std::vector<double>& values) {
@@ -34,7 +34,7 @@ ImageOf<float> disparity_of(const Arguments& a, const Sequence& sequence,
                             int camera) {
   const StereoCamera& k = sequence.camera();
   const std::string& name = sequence.frame(t).name;
-  ImageOf<float> left = read_disparity(find_field(a.disparity, name), a.encoding, k.bf());
+  ImageOf<float> left = read_disparity(find_disparity(a.disparity, name), a.encoding, k.bf());
   if (left.width() != k.width || left.height() != k.height) {
     throw InputError(a.disparity + ": " + name + " has another size than the images");
   }
@@ -60,7 +60,7 @@ std::string measure(const Arguments& a, const Sequence& sequence,
   const ImageOf<float> now = disparity_of(a, sequence, readers, t, camera);
   const ImageOf<float> next = disparity_of(a, sequence, readers, t + 1, camera);
   const Rigid3 T_w_now = pose_of(sequence, t, camera), T_w_next = pose_of(sequence, t + 1, camera);
-  const FlowField flow = read_flow(find_field(a.flow[camera], name), a.encoding);
+  const FlowField flow = read_flow(find_flow(a.flow[camera], name), a.encoding);
   const PanopticMap map = readers[static_cast<std::size_t>(camera)].read(name, k.width, k.height);
   if (flow.u.width() != k.width || flow.u.height() != k.height) {
     throw InputError(a.flow[camera] + ": " + name + " has another size");

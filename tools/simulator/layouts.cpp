@@ -143,6 +143,7 @@ std::string readme_text(const World& world, const std::string& command, bool wit
     text +=
         "disparity            exact, of the left image: 16-bit PNG, value / 256 px, 0 = none "
         "(sky)\n"
+        "disparity_right      the same of the right image\n"
         "flow_left/right      exact flow to the next frame: 16-bit RGB PNG, u = (R - 32768) / 64,\n"
         "                     v = (G - 32768) / 64, B = 1 valid. Valid also where the end is\n"
         "                     hidden or outside the image. None for the last frame\n"

@@ -106,8 +106,8 @@ class Writer {
   void make_folders() {
     for (const fs::path& name : image_folders(world_)) make_output_folder(folder_ / name);
     if (!truth_) return;
-    for (const char* name :
-         {"disparity", "flow_left", "flow_right", "panoptic_left", "panoptic_right"}) {
+    for (const char* name : {"disparity", "disparity_right", "flow_left", "flow_right",
+                             "panoptic_left", "panoptic_right"}) {
       make_output_folder(folder_ / name);
     }
   }
@@ -141,10 +141,8 @@ class Writer {
   void write_truth(const ViewTruth& truth, const std::vector<bool>& moving, int frame, int camera,
                    FrameRecord& record) {
     const fs::path name = image_path(world_, frame, 0).filename();
-    if (camera == 0) {
-      write_image(folder_ / "disparity" / name, encode_disparity(truth, world_.rectified.bf()), 1,
-                  16);
-    }
+    write_image(folder_ / (camera == 0 ? "disparity" : "disparity_right") / name,
+                encode_disparity(truth, world_.rectified.bf()), 1, 16);
     if (!truth.flow.empty()) {
       write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth),
                   3, 16);
