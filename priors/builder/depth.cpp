@@ -7,6 +7,9 @@
 namespace kys_slam {
 namespace {
 
+constexpr int kReach = 2;      // px
+constexpr float kStep = 1.0F;  // px of disparity; less is the surface's own slope
+
 float bilinear(const ImageOf<float>& image, float x, float y) {
   const float fx = std::floor(x), fy = std::floor(y);
   if (!(fx >= 0 && fy >= 0 && fx < static_cast<float>(image.width()) &&
@@ -25,8 +28,6 @@ float bilinear(const ImageOf<float>& image, float x, float y) {
 /// through them does not belong there. Where the classes (`labels`, may be null) say that the
 /// surface goes on, the gap is filled from its sides.
 void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, float* out) {
-  constexpr int kReach = 2;      // px
-  constexpr float kStep = 1.0F;  // px of disparity; less is the surface's own slope
   const int width = static_cast<int>(row.size());
   const auto at = [&](int x) { return row[static_cast<std::size_t>(x)]; };
   // How far away a nearer surface is (any, when there is none here); 0: not within reach.
@@ -47,6 +48,33 @@ void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, floa
                               std::abs(a - b) <= kStep * static_cast<float>(left + right);
     const float share = static_cast<float>(left) / static_cast<float>(left + right);
     out[x] = same_surface ? a + share * (b - a) : kNoValue;
+  }
+}
+
+/// The surface at the left view's right border, if it has a disparity.
+struct Border {
+  int x = -1;  // px, left view; -1: none
+  float disparity = 0;
+};
+
+Border border_of(const float* left, int width) {
+  for (int x = width - 1; x >= std::max(0, width - 1 - kReach); --x) {
+    if (left[x] > 0) return {x, left[x]};
+  }
+  return {};
+}
+
+/// The right view sees more of the surface at the left view's right border, and nothing tells of
+/// it. What lies behind is not seen there, though the left view knows it.
+void clear_behind_border(const Border& border, const std::uint16_t* left_labels,
+                         const std::uint16_t* right_labels, std::vector<float>& row) {
+  if (border.x < 0) return;
+  const int width = static_cast<int>(row.size());
+  const float end = static_cast<float>(border.x) - border.disparity + 0.5F;
+  for (int x = end < 0 ? 0 : static_cast<int>(end) + 1; x < width; ++x) {
+    const bool same_class = right_labels == nullptr || right_labels[x] == left_labels[border.x];
+    float& d = row[static_cast<std::size_t>(x)];
+    if (same_class && d < border.disparity - kStep) d = kNoValue;
   }
 }
 
@@ -85,6 +113,8 @@ ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
       float& out = row[static_cast<std::size_t>(target)];
       if (!(out > d)) out = d;  // true for NaN as well
     }
+    clear_behind_border(border_of(in, width), labels ? left_labels->row(y) : nullptr,
+                        labels ? right_labels->row(y) : nullptr, row);
     close_gaps(row, labels ? right_labels->row(y) : nullptr, right.row(y));
   }
   return right;

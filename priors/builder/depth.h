@@ -23,7 +23,8 @@ ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double 
 
 /// The right view's disparity from the left one: each pixel moves to u - disparity (rounded), the
 /// nearest surface wins; pixels nothing arrives at are NaN, and so are those where a farther
-/// surface shows through a gap of at most 2 px in a nearer one. \param left_labels,right_labels
+/// surface shows through a gap of at most 2 px in a nearer one, or lies behind the one at the left
+/// view's right border, of which the right view sees more. \param left_labels,right_labels
 /// class of each pixel. Given both, a pixel arrives only at one of its own class: what is hidden in
 /// the right view by something the left view gives no disparity of (too near, or unmatched) would
 /// otherwise land on that.

@@ -17,8 +17,6 @@ using synthetic::kitti_camera;
 using synthetic::motion;
 using synthetic::street;
 
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-
 /// Mean distance (px) of the fitted static flow from the observed one, over stuff.
 double static_error(const BuilderOptions& options, const StereoCamera& camera,
                     const CameraPerception& p, double* p95 = nullptr) {
@@ -108,8 +106,8 @@ TEST(EgoMotion, Se3FindsTheMotionUnderOutliersAndNoise) {
     for (int x = 0; x < camera.width; ++x) {
       p.flow->u.at(x, y) += noise(random) + (random() % 10 == 0 ? 25.0F : 0.0F);
       p.flow->v.at(x, y) += noise(random);
-      if (random() % 20 == 0) p.inverse_depth.at(x, y) = kNone;
-      if (random() % 20 == 0) p.flow->u.at(x, y) = p.flow->v.at(x, y) = kNone;
+      if (random() % 20 == 0) p.inverse_depth.at(x, y) = kNoValue;
+      if (random() % 20 == 0) p.flow->u.at(x, y) = p.flow->v.at(x, y) = kNoValue;
     }
   }
   const std::vector<std::uint8_t> stuff = {0, 1, 1};
@@ -153,7 +151,7 @@ TEST(EgoMotion, TooFewPixelsGiveNoMotion) {
   const std::vector<std::uint8_t> nothing = {0, 0, 0};
   EXPECT_FALSE(
       fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, nothing).has_value());
-  for (std::size_t i = 0; i < p.flow->u.size(); ++i) p.flow->u.data()[i] = kNone;
+  for (std::size_t i = 0; i < p.flow->u.size(); ++i) p.flow->u.data()[i] = kNoValue;
   p.panoptic.segments[0].thing = false;
   const CameraFusion fusion = fuse_camera({}, camera, p);
   EXPECT_FALSE(fusion.ego_motion.has_value());
@@ -188,7 +186,7 @@ TEST(Drift, AgreesWithTheFullSizeGaussian) {
     for (int x = 0; x < width; ++x) {
       const bool hole = (x > 100 && x < 180 && y > 40 && y < 110) || random() % 7 == 0;
       r.at(x, y) =
-          hole ? kNone
+          hole ? kNoValue
                : static_cast<float>(std::sin(0.02 * x) + 0.01 * y + 0.5 * (random() % 1000) * 1e-3);
     }
   }
@@ -289,7 +287,7 @@ TEST(Depth, InverseDepthCapsAndRefuses) {
   d.at(0, 0) = 10;
   d.at(1, 0) = 1e-3F;
   d.at(2, 0) = 0;
-  d.at(3, 0) = kNone;
+  d.at(3, 0) = kNoValue;
   const ImageOf<float> rho = inverse_depth(d, 386.0, 255.0);
   EXPECT_FLOAT_EQ(rho.at(0, 0), 10.0F / 386.0F);
   EXPECT_FLOAT_EQ(rho.at(1, 0), 1.0F / 255.0F);
@@ -298,7 +296,7 @@ TEST(Depth, InverseDepthCapsAndRefuses) {
 }
 
 TEST(Depth, NearestSurfaceWinsInTheRightView) {
-  ImageOf<float> left(10, 1, kNone);
+  ImageOf<float> left(10, 1, kNoValue);
   left.at(5, 0) = 2;  // to 3
   left.at(8, 0) = 5;  // to 3, nearer
   left.at(9, 0) = 2;  // to 7
@@ -315,7 +313,7 @@ TEST(Depth, NearestSurfaceWinsInTheRightView) {
 
 TEST(Depth, WarpingClosesGapsAndHeedsClasses) {
   // A near wall with a hole of 2 px at 4 and 5, through which a far surface shows.
-  ImageOf<float> left(20, 1, kNone);
+  ImageOf<float> left(20, 1, kNoValue);
   for (int x = 8; x < 18; ++x) {
     if (x != 12 && x != 13) left.at(x, 0) = 8;  // to 0..3 and 6..9
   }
@@ -336,6 +334,27 @@ TEST(Depth, WarpingClosesGapsAndHeedsClasses) {
   right_labels.at(4, 0) = 3;
   EXPECT_TRUE(std::isnan(warp_disparity_to_right(left, &left_labels, &right_labels).at(4, 0)));
   EXPECT_TRUE(std::isnan(labelled.at(17, 0)));
+}
+
+TEST(Depth, WhatIsBehindTheSurfaceAtTheBorderIsNotSeenInTheRightView) {
+  // A near car goes on beyond the left view; the right view sees more of it, before a farther car
+  // that the left view sees beside it.
+  ImageOf<float> left(20, 1, kNoValue);
+  for (int x = 14; x < 20; ++x) left.at(x, 0) = 8;  // to 6..11
+  left.at(13, 0) = 1;                               // to 12, where the near car is
+  left.at(3, 0) = 1;                                // to 2
+  const ImageOf<float> right = warp_disparity_to_right(left);
+  EXPECT_EQ(right.at(11, 0), 8.0F);
+  EXPECT_TRUE(std::isnan(right.at(12, 0)));
+  EXPECT_EQ(right.at(2, 0), 1.0F);
+  // Of another class than the car, it is beside it in the right view as well.
+  const ImageOf<std::uint16_t> left_labels = [] {
+    ImageOf<std::uint16_t> labels(20, 1, 3);
+    for (int x = 14; x < 20; ++x) labels.at(x, 0) = 7;
+    return labels;
+  }();
+  const ImageOf<std::uint16_t> right_labels(20, 1, 3);
+  EXPECT_EQ(warp_disparity_to_right(left, &left_labels, &right_labels).at(12, 0), 1.0F);
 }
 
 TEST(FlowCheck, KeepsConsistentFlowOnly) {
