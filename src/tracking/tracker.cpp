@@ -14,7 +14,6 @@ namespace kys_slam {
 
 namespace {
 
-
 /// Gives matched features their landmarks; returns how many.
 int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
            std::vector<LandmarkId>& landmarks) {
