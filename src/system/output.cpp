@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -96,6 +97,30 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   return text;
 }
 
+/// Keyframes that see the same landmarks, the spanning tree, and loops; keyframes by time stamp,
+/// the later one first.
+std::string graph_csv(const Map& map) {
+  std::string text = "timestamp,other,shared_landmarks,spanning_tree,loop\n";
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    const std::vector<KeyFrameId>& loops = keyframe.loop_edges;
+    std::map<KeyFrameId, int> shared;
+    for (const Covisible& c : keyframe.covisible) shared[c.keyframe] = c.weight;
+    if (keyframe.parent.valid()) shared.try_emplace(keyframe.parent, 0);
+    for (const KeyFrameId child : keyframe.children) shared.try_emplace(child, 0);
+    for (const KeyFrameId other : loops) shared.try_emplace(other, 0);
+    for (const auto& [other, weight] : shared) {
+      if (!(other < id)) continue;
+      const KeyFrame& earlier = map.keyframe(other);
+      const bool tree = keyframe.parent == other || earlier.parent == id;
+      const bool loop = std::binary_search(loops.begin(), loops.end(), other);
+      if (weight < Map::kCovisibilityMin && !tree && !loop) continue;
+      text += fmt::format("{:.9f},{:.9f},{},{:d},{:d}\n", keyframe.timestamp, earlier.timestamp,
+                          weight, tree, loop);
+    }
+  });
+  return text;
+}
+
 std::string map_ply(const std::vector<Eigen::Vector3d>& landmarks) {
   std::string text = fmt::format(
       "ply\nformat ascii 1.0\ncomment landmarks, m, world frame\nelement vertex {}\n"
@@ -181,6 +206,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
     write_tum_poses(folder / "ground_truth.tum", info.ground_truth);
   }
   write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory));
+  write_file_atomic(folder / "graph.csv", graph_csv(system.map()));
   write_file_atomic(folder / "config.yaml", settings.to_yaml());
   write_file_atomic(folder / "map.ply", map_ply(system.landmarks()));
   write_file_atomic(folder / "summary.json",

@@ -134,7 +134,7 @@ TEST_F(MapPrograms, CtrlCAfterALoopSavesEverything) {
   EXPECT_LT(std::chrono::steady_clock::now() - sent, std::chrono::seconds(10))
       << "a hang; the time itself is a benchmark's matter";
   for (const char* file : {"trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv",
-                           "summary.json", "config.yaml", "map.ply"}) {
+                           "graph.csv", "summary.json", "config.yaml", "map.ply"}) {
     EXPECT_TRUE(fs::exists(output / file)) << file;
   }
   EXPECT_TRUE(fs::exists(map));

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
 """Which loops of a run exist, and which of those that exist it found.
 
-Reads `frames.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or run_stereo_euroc.
+Reads `frames.csv`, `graph.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or run_stereo_euroc.
 
 A *revisit* begins at a frame from which, for at least --least seconds, the camera is within --radius
 of a place where it was at least --gap seconds before, looking the same way within --angle. Frames
-less than --gap seconds apart belong to one revisit. A revisit is *found* when a loop was closed (or
-two sub-maps merged) by one of its frames or within --gap seconds of it. A closed loop is *true* when
-the distance of its two frames, as verified when it was closed, differs from the true one by no more
-than --error. Revisits in which old landmarks were never lost from view need no loop; they count.
+less than --gap seconds apart belong to one revisit. A revisit is *linked* when a keyframe from it, or
+from --gap seconds after it, shares landmarks (at least 15) with one that is --gap seconds older and
+was truly within twice --radius of it: after a loop was closed, or because the tracker recognised what
+it had seen before and no loop was needed. A closed loop is *true* when the distance of its two frames,
+as verified when it was closed, differs from the true one by no more than --error.
 """
 
 import argparse
@@ -43,6 +44,17 @@ def revisits(times, positions, forward, options):
     return [(times[a], times[b]) for a, b in groups if times[b] - times[a] >= options.least]
 
 
+def linked(revisit, edges, times, positions, options):
+    """Whether the map ties a revisit to the earlier visit."""
+    begin, end = revisit[0], revisit[1] + options.gap
+    for later, earlier, shared in edges:
+        if begin <= later <= end and later - earlier >= options.gap and shared >= 15:
+            a, b = (int(np.argmin(abs(times - t))) for t in (later, earlier))
+            if np.linalg.norm(positions[a] - positions[b]) < 2 * options.radius:
+                return True
+    return False
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -53,7 +65,7 @@ def main():
     parser.add_argument("--least", type=float, default=3.0, help="s (default 3)")
     parser.add_argument("--error", type=float, default=0.5, help="m (default 0.5)")
     options = parser.parse_args()
-    print("| run | loops closed | true | revisits | found | largest gap [m] |")
+    print("| run | loops closed | true | revisits | linked | largest gap [m] |")
     print("| --- | --- | --- | --- | --- | --- |")
     totals = np.zeros(4, int)
     for run in options.run:
@@ -61,6 +73,7 @@ def main():
             times, positions, forward = read_truth(run / "ground_truth.tum")
             with open(run / "frames.csv", newline="") as file:
                 rows = list(csv.DictReader(file))
+            edges = np.loadtxt(run / "graph.csv", delimiter=",", skiprows=1, ndmin=2)[:, :3]
         except (OSError, ValueError, IndexError) as error:
             print(f"loop_recall.py: {run}: {error}", file=sys.stderr)
             return 2
@@ -78,8 +91,7 @@ def main():
             b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
             error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
             true += bool(error <= options.error)
-        found = sum(any(a - options.gap <= t <= b + options.gap for t in closed)
-                    for a, b in exist)
+        found = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
         print(f"| {run.name} | {len(closed)} | {true} | {len(exist)} | {found} | {gap:.2f} |")
         totals += [len(closed), true, len(exist), found]
     print(f"| all | {totals[0]} | {totals[1]} | {totals[2]} | {totals[3]} | |")
