@@ -48,6 +48,7 @@ void Canvas::noise(std::uint64_t seed, int cells, int octaves, float amplitude, 
       return Between{k, (k + 1) % count, smooth(g - std::floor(g))};
     };
     std::vector<Between> columns;
+    columns.reserve(static_cast<std::size_t>(side_));
     for (int x = 0; x < side_; ++x) columns.push_back(between(x, cx));
     std::vector<float> row(static_cast<std::size_t>(cx));
     for (int y = 0; y < side_; ++y) {
