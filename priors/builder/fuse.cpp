@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 
 #include "priors/builder/drift.h"
 #include "priors/builder/vectorize.h"
@@ -65,9 +66,9 @@ class ResidualStage {
         corrected_(width_, height_) {
     for (std::vector<float>* row :
          {&fm_u_, &fm_v_, &r_u_, &r_v_, &d_u_, &d_v_, &cover_, &radial_, &depth_}) {
-      row->resize(static_cast<std::size_t>(width_));
+      row->resize(static_cast<std::size_t>(width_ + kPadding));
     }
-    for (std::vector<float>& row : terms_) row.resize(static_cast<std::size_t>(width_));
+    for (std::vector<float>& row : terms_) row.resize(static_cast<std::size_t>(width_ + kPadding));
   }
 
   void accumulate_drift() {
@@ -87,7 +88,7 @@ class ResidualStage {
       drift_.row(y, d_u_.data(), d_v_.data(), cover_.data());
       if (images != nullptr) keep(y, *images);
       correct_row(y);
-      for_runs(y, [&](const SegmentRun& run) { add_run(run, sums[run.segment]); });
+      add_row(y, sums);
     }
   }
 
@@ -169,45 +170,51 @@ class ResidualStage {
     }
   }
 
-  /// Sums of pixels x0..x1, four partial ones each: a single one waits for itself at every pixel.
-  struct Lanes {
-    float sum[4] = {};
-    [[nodiscard]] float total() const { return (sum[0] + sum[1]) + (sum[2] + sum[3]); }
-  };
-  static float sum_of(const std::vector<float>& row, int x0, int x1) {
-    const float* __restrict p = row.data();
-    Lanes lanes;
-    int x = x0;
-    for (; x + 4 <= x1; x += 4) {
-      for (int lane = 0; lane < 4; ++lane) lanes.sum[lane] += p[x + lane];
+  /// Adds the row's pixels to the sums of their segments: eight partial sums of each quantity, all
+  /// quantities in one go. A single sum would wait for itself at every pixel.
+  KYS_ROW_LOOP void add_row(int y, std::vector<Sums>& sums) const {
+    using Eight = float __attribute__((vector_size(32)));
+    using Mask = std::int32_t __attribute__((vector_size(32)));
+    constexpr Mask kLane = {0, 1, 2, 3, 4, 5, 6, 7};
+    const float* const rows[6] = {depth_.data(),    terms_[0].data(), terms_[1].data(),
+                                  terms_[2].data(), terms_[3].data(), cover_.data()};
+    const auto row = static_cast<std::size_t>(y);
+    for (std::uint32_t i = runs_.row_begin[row]; i < runs_.row_begin[row + 1]; ++i) {
+      const SegmentRun& run = runs_.runs[i];
+      Eight sum[7] = {};
+      for (int x = run.x0; x < run.x1; x += 8) {
+        // Rows are longer by kPadding; what is behind the run's end counts as 0.
+        const Mask inside = kLane < Mask{} + (run.x1 - x);
+        Eight value[6];
+#pragma GCC unroll 6
+        for (int k = 0; k < 6; ++k) {
+          Mask bits;
+          std::memcpy(&bits, rows[k] + x, sizeof bits);
+          value[k] = reinterpret_cast<Eight>(bits & inside);
+          sum[k] += value[k];
+        }
+        sum[6] += value[4] * value[4];
+      }
+      float total[7];
+#pragma GCC unroll 7
+      for (int k = 0; k < 7; ++k) {
+        total[k] = ((sum[k][0] + sum[k][1]) + (sum[k][2] + sum[k][3])) +
+                   ((sum[k][4] + sum[k][5]) + (sum[k][6] + sum[k][7]));
+      }
+      Sums& s = sums[run.segment];
+      s.depth += total[0];
+      s.depth_count += static_cast<std::uint32_t>(total[1]);
+      s.residual += total[2];
+      s.flow_count += static_cast<std::uint32_t>(total[3]);
+      s.radial += total[4];
+      s.coverage += total[5];
+      s.radial_squared += total[6];
     }
-    for (; x < x1; ++x) lanes.sum[0] += p[x];
-    return lanes.total();
-  }
-  static float sum_of_squares(const std::vector<float>& row, int x0, int x1) {
-    const float* __restrict p = row.data();
-    Lanes lanes;
-    int x = x0;
-    for (; x + 4 <= x1; x += 4) {
-      for (int lane = 0; lane < 4; ++lane) lanes.sum[lane] += p[x + lane] * p[x + lane];
-    }
-    for (; x < x1; ++x) lanes.sum[0] += p[x] * p[x];
-    return lanes.total();
-  }
-
-  void add_run(const SegmentRun& run, Sums& s) const {
-    s.depth += sum_of(depth_, run.x0, run.x1);
-    s.depth_count += static_cast<std::uint32_t>(sum_of(terms_[0], run.x0, run.x1));
-    s.residual += sum_of(terms_[1], run.x0, run.x1);
-    s.flow_count += static_cast<std::uint32_t>(sum_of(terms_[2], run.x0, run.x1));
-    s.radial += sum_of(terms_[3], run.x0, run.x1);
-    s.radial_squared += sum_of_squares(terms_[3], run.x0, run.x1);
-    s.coverage += sum_of(cover_, run.x0, run.x1);
   }
 
   void keep(int y, FusionImages& images) const {
     const auto copy = [y](const std::vector<float>& from, ImageOf<float>& to) {
-      std::copy(from.begin(), from.end(), to.row(y));
+      std::copy(from.begin(), from.begin() + to.width(), to.row(y));
     };
     copy(fm_u_, images.predicted.u);
     copy(fm_v_, images.predicted.v);
@@ -216,6 +223,8 @@ class ResidualStage {
     copy(d_u_, images.drift.u);
     copy(d_v_, images.drift.v);
   }
+
+  static constexpr int kPadding = 8;  // px
 
   const CameraPerception& in_;
   const EgoMotion& motion_;
