@@ -38,13 +38,24 @@ KYS_ROW_LOOP void smooth_lines(std::vector<float>& field, int lines, int length,
   std::vector<float> out(field.size(), 0.0F);
   for (int line = 0; line < lines; ++line) {
     float* to = out.data() + static_cast<std::size_t>(line) * n;
-    for (int i = -radius; i <= radius; ++i) {
-      const float w = kernel[static_cast<std::size_t>(std::abs(i))];
-      const float* from = field.data() + static_cast<std::size_t>(reflect(line + i, lines)) * n;
-      for (std::size_t x = 0; x < n; ++x) to[x] += w * from[x];
+    const auto at = [&](int i) {
+      return field.data() + static_cast<std::size_t>(reflect(line + i, lines)) * n;
+    };
+    const float* middle = at(0);
+    for (std::size_t x = 0; x < n; ++x) to[x] = kernel[0] * middle[x];
+    for (int i = 1; i <= radius; ++i) {
+      const float w = kernel[static_cast<std::size_t>(i)];
+      const float* before = at(-i);
+      const float* after = at(i);
+      for (std::size_t x = 0; x < n; ++x) to[x] += w * (before[x] + after[x]);
     }
   }
   field = std::move(out);
+}
+
+KYS_ROW_LOOP void mix_rows(const float* __restrict p, const float* __restrict q, float share,
+                           std::size_t n, float* __restrict out) {
+  for (std::size_t x = 0; x < n; ++x) out[x] = p[x] + share * (q[x] - p[x]);
 }
 
 std::vector<float> transpose(const std::vector<float>& in, int rows, int columns) {
@@ -104,25 +115,22 @@ void DriftField::smooth() {
   const int cell = options_.cell;
   // Cells at the right and bottom edge are smaller: they count by their area, and the coverage is
   // relative to what a mask of ones would give.
-  std::vector<float> area(mask_.size(), 1.0F);
   const float scale = 1.0F / static_cast<float>(cell * cell);
-  for (int cy = 0; cy < cells_y_; ++cy) {
-    const int rows = std::min(cell, height_ - cy * cell);
-    for (int cx = 0; cx < cells_x_; ++cx) {
-      const int columns = std::min(cell, width_ - cx * cell);
-      const std::size_t at = static_cast<std::size_t>(cy) * static_cast<std::size_t>(cells_x_) +
-                             static_cast<std::size_t>(cx);
-      u_[at] *= scale;
-      v_[at] *= scale;
-      mask_[at] *= scale;
-      area[at] = static_cast<float>(rows * columns) * scale;
-    }
+  for (std::vector<float>* field : {&u_, &v_, &mask_}) {
+    for (float& value : *field) value *= scale;
   }
   // Averaging in cells and interpolating between them smooth as well: take their variance off.
   const double own = cell > 1 ? (cell * cell - 1) / 12.0 + cell * cell / 6.0 : 0.0;
   const double sigma = std::sqrt(std::max(0.25, options_.sigma * options_.sigma - own)) / cell;
   const std::vector<float> kernel = make_kernel(sigma);
-  for (std::vector<float>* field : {&u_, &v_, &mask_, &area}) {
+  const auto lengths = [&](int cells, int pixels) {
+    std::vector<float> length(static_cast<std::size_t>(cells), 1.0F);
+    length.back() = static_cast<float>(pixels - (cells - 1) * cell) / static_cast<float>(cell);
+    smooth_lines(length, cells, 1, kernel);
+    return length;
+  };
+  const std::vector<float> columns = lengths(cells_x_, width_), rows = lengths(cells_y_, height_);
+  for (std::vector<float>* field : {&u_, &v_, &mask_}) {
     smooth_lines(*field, cells_y_, cells_x_, kernel);
     *field = transpose(*field, cells_y_, cells_x_);
     smooth_lines(*field, cells_x_, cells_y_, kernel);
@@ -132,7 +140,9 @@ void DriftField::smooth() {
     const float inverse = mask_[i] > 1e-6F && options_.enabled ? 1.0F / mask_[i] : 0.0F;
     u_[i] *= inverse;
     v_[i] *= inverse;
-    mask_[i] = std::min(1.0F, mask_[i] / area[i]);
+    const std::size_t cx = i % static_cast<std::size_t>(cells_x_);
+    const std::size_t cy = i / static_cast<std::size_t>(cells_x_);
+    mask_[i] = std::min(1.0F, mask_[i] / (rows[cy] * columns[cx]));
   }
   for (std::vector<float>* field : {&u_, &v_, &mask_}) widen(*field);
 }
@@ -158,12 +168,10 @@ void DriftField::row(int y, float* drift_u, float* drift_v, float* coverage) con
   const int upper = static_cast<int>(row);
   const int lower = std::min(upper + 1, cells_y_ - 1);
   const float b = row - static_cast<float>(upper);
-  const auto mix = [&](const std::vector<float>& field, float* __restrict out) {
-    const float* __restrict p =
-        field.data() + static_cast<std::size_t>(upper) * static_cast<std::size_t>(width_);
-    const float* __restrict q =
-        field.data() + static_cast<std::size_t>(lower) * static_cast<std::size_t>(width_);
-    for (int x = 0; x < width_; ++x) out[x] = p[x] + b * (q[x] - p[x]);
+  const auto n = static_cast<std::size_t>(width_);
+  const auto mix = [&](const std::vector<float>& field, float* out) {
+    mix_rows(field.data() + static_cast<std::size_t>(upper) * n,
+             field.data() + static_cast<std::size_t>(lower) * n, b, n, out);
   };
   mix(u_, drift_u);
   mix(v_, drift_v);

@@ -147,22 +147,17 @@ class ResidualStage {
       const float direction = flow < 1e-3F ? 0.0F : 1.0F;
       radial[x] = direction * (a * fu[x] + b * fv[x]) / (flow + 1e-20F);
     }
-    for (int x = 0; x < width_; ++x) depth[x] = 1.0F / rho[x];
-    to_terms(corrected);
-  }
-
-  /// What is summed over segments: values with 0 for "none", and counts.
-  KYS_ROW_LOOP void to_terms(const float* __restrict corrected) {
-    const float* __restrict radial = radial_.data();
-    float* __restrict depth = depth_.data();
+    // What is summed over segments: values with 0 for "none", and counts.
     float* __restrict has_depth = terms_[0].data();
     float* __restrict residual = terms_[1].data();
     float* __restrict has_flow = terms_[2].data();
     float* __restrict along = terms_[3].data();
+#pragma GCC ivdep
     for (int x = 0; x < width_; ++x) {
-      has_depth[x] = depth[x] == depth[x] ? 1.0F : 0.0F;
-      depth[x] = depth[x] == depth[x] ? depth[x] : 0.0F;
+      has_depth[x] = rho[x] == rho[x] ? 1.0F : 0.0F;
+      depth[x] = rho[x] == rho[x] ? 1.0F / rho[x] : 0.0F;
     }
+#pragma GCC ivdep
     for (int x = 0; x < width_; ++x) {
       has_flow[x] = corrected[x] == corrected[x] ? 1.0F : 0.0F;
       residual[x] = corrected[x] == corrected[x] ? corrected[x] : 0.0F;
