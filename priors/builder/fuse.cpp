@@ -9,6 +9,7 @@
 #include "priors/builder/drift.h"
 #include "priors/builder/vectorize.h"
 #include "priors/format/prior_format.h"
+#include "util/median.h"
 
 namespace kys_slam {
 namespace {
@@ -106,6 +107,7 @@ class ResidualStage {
  private:
   template <typename Function>
   void for_runs(int y, Function&& function) const {
+    // Not for_runs: its function would be compiled for the default processor alone.
     const auto row = static_cast<std::size_t>(y);
     for (std::uint32_t i = runs_.row_begin[row]; i < runs_.row_begin[row + 1]; ++i) {
       function(runs_.runs[i]);
@@ -265,12 +267,6 @@ BackgroundReferences moments(const std::vector<Sums>& sums,
   return bg;
 }
 
-double median(std::vector<float>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Median, median and 1.4826 MAD over every fourth stuff pixel of every fourth row.
 BackgroundReferences robust(ResidualStage& stage, const ImageOf<std::uint16_t>& map,
                             const std::vector<std::uint8_t>& is_stuff) {
@@ -290,7 +286,7 @@ BackgroundReferences robust(ResidualStage& stage, const ImageOf<std::uint16_t>& 
   bg.m_bg = median(lengths);
   bg.mu_par = median(radial);
   for (float& value : radial) value = std::abs(value - static_cast<float>(bg.mu_par));
-  bg.sigma_par = 1.4826 * median(radial);
+  bg.sigma_par = 1.4826 * static_cast<double>(median(radial));
   return bg;
 }
 

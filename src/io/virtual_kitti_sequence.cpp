@@ -1,6 +1,5 @@
 #include <kys_slam/error.h>
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
@@ -12,6 +11,7 @@
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
 #include "io/trajectory_file.h"
+#include "util/median.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -68,14 +68,6 @@ std::int64_t number_of(const std::string& stem) {
   return begin < stem.size() && stem.size() - begin < 18 ? std::stoll(stem.substr(begin)) : -1;
 }
 
-/// Positions far from the world's origin are rounded to a tenth of a millimetre: one frame's
-/// baseline would be off by as much.
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
@@ -110,7 +102,9 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
     }
     content.ground_truth.push_back({frame.timestamp, T_c_w.inverse()});
   }
-  content.camera.baseline = median(std::move(baselines));
+  // Positions far from the world's origin are rounded to a tenth of a millimetre: one frame's
+  // baseline would be off by as much.
+  content.camera.baseline = median(baselines);
   if (!content.camera.is_valid()) {
     throw InputError((folder / "intrinsic.txt").string() + ": invalid calibration");
   }

@@ -14,7 +14,6 @@ namespace kys_slam {
 
 namespace {
 
-
 /// Standard deviations are taken to be twice those of pixels alone: the map a frame is compared
 /// with bends a little over what it sees, and no local adjustment has brought the two together yet.
 constexpr float kSharpness = 0.5f;

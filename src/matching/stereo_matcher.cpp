@@ -9,6 +9,8 @@
 #include <limits>
 #include <optional>
 
+#include "util/median.h"
+
 namespace kys_slam {
 
 namespace {
@@ -245,9 +247,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
     u_right[i] = l.x - std::max(disparity, 0.01f);
   }
   if (!differences.empty()) {
-    const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
-    std::nth_element(differences.begin(), middle, differences.end());
-    const float bound = options.median_cut * static_cast<float>(*middle);
+    const float bound = options.median_cut * static_cast<float>(median(differences));
     for (std::size_t i = 0; i < n; ++i) {
       if (static_cast<float>(difference[i]) > bound) u_right[i] = kNone;
     }

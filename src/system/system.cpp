@@ -208,7 +208,7 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
       break;
   }
   report.reason = tracked.reason;
-  report.relocalised = tracked.relocalised && tracked.status != TrackingStatus::kLost;
+  report.relocalised = tracked.relocalised;
   if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
     report.reason = "the image has no corners";
   }

@@ -162,7 +162,8 @@ class VirtualKitti(unittest.TestCase):
         self.assertIn(file, done.stderr)
 
     def test_bad_pictures_are_named(self):
-        files = ["depth/Camera_0/depth", "depth/Camera_1/depth", "forwardFlow/Camera_0/flow", "forwardFlow/Camera_1/flow",
+        files = ["depth/Camera_0/depth", "depth/Camera_1/depth",
+                 "forwardFlow/Camera_0/flow", "forwardFlow/Camera_1/flow",
                  "instanceSegmentation/Camera_0/instancegt", "classSegmentation/Camera_1/classgt"]
         for file in files:
             for kind in ("missing", "truncated"):

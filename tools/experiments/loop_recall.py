@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Which loops of a run exist, and which of those that exist it found.
 
-Reads `frames.csv`, `graph.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or run_stereo_euroc.
+Reads `frames.csv`, `graph.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or
+run_stereo_euroc.
 
 A *revisit* begins at a frame from which, for at least --least seconds, the camera is within --radius
 of a place where it was at least --gap seconds before, looking the same way within --angle. Frames
@@ -91,9 +92,9 @@ def main():
             b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
             error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
             true += bool(error <= options.error)
-        found = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
-        print(f"| {run.name} | {len(closed)} | {true} | {len(exist)} | {found} | {gap:.2f} |")
-        totals += [len(closed), true, len(exist), found]
+        tied = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
+        print(f"| {run.name} | {len(closed)} | {true} | {len(exist)} | {tied} | {gap:.2f} |")
+        totals += [len(closed), true, len(exist), tied]
     print(f"| all | {totals[0]} | {totals[1]} | {totals[2]} | {totals[3]} | |")
     return 0
 

@@ -11,6 +11,7 @@
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
 #include "util/atomic_file.h"
+#include "util/median.h"
 
 namespace {
 
@@ -21,12 +22,6 @@ struct Arguments {
   std::string panoptic[2], flow[2];
   FieldEncoding encoding = FieldEncoding::kUnspecified;
 };
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// The disparity of a camera at a frame, px.
 ImageOf<float> disparity_of(const Arguments& a, const Sequence& sequence,

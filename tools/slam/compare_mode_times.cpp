@@ -1,10 +1,8 @@
 #include <fmt/format.h>
-#include <kys/mode_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
 
 #include <CLI/CLI.hpp>
-#include <array>
 #include <exception>
 #include <memory>
 #include <opencv2/core/utility.hpp>
@@ -41,6 +39,7 @@ struct Sums {
     stereo += report.times.stereo;
     track += report.times.track;
     total += report.times.total;
+    pairs += static_cast<double>(report.statistics.total());
     inliers += report.inliers;
   }
   [[nodiscard]] double compare() const { return stereo + track; }
@@ -54,13 +53,17 @@ Settings settings_of(const Arguments& a, const std::string& mode) {
   return settings;
 }
 
+std::unique_ptr<Sequence> open_frames(const Arguments& a) {
+  SequenceOptions options;
+  if (a.frames > 0) options.frames = a.frames;
+  return open_sequence(a.sequence, options);
+}
+
 /// One pass over the sequence; every frame goes through all systems before the next is read, in an
 /// order that moves on by one, so that all meet the same state of machine and caches.
 std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& progress,
                        std::int64_t done) {
-  SequenceOptions options;
-  if (a.frames > 0) options.frames = a.frames;
-  const auto sequence = open_sequence(a.sequence, options);
+  const auto sequence = open_frames(a);
   std::vector<std::unique_ptr<System>> systems;
   for (const std::string& mode : a.modes) {
     const Settings settings = settings_of(a, mode);
@@ -73,15 +76,13 @@ std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& pr
   while (const auto frame = source.next()) {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const std::size_t m = (k + static_cast<std::size_t>(done)) % systems.size();
-      sums[m].add(systems[m]->feed(*frame));
+      systems[m]->feed(*frame);
     }
     progress.update(++done);
   }
   for (std::size_t m = 0; m < systems.size(); ++m) {
     systems[m]->finish();
-    for (const FrameReport& report : systems[m]->reports()) {
-      sums[m].pairs += static_cast<double>(report.statistics.total());
-    }
+    for (const FrameReport& report : systems[m]->reports()) sums[m].add(report);
   }
   return done;
 }
@@ -89,9 +90,7 @@ std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& pr
 int run(const Arguments& a) {
   cv::setNumThreads(1);
   std::vector<Sums> sums(a.modes.size());
-  SequenceOptions options;
-  if (a.frames > 0) options.frames = a.frames;
-  const std::int64_t total = open_sequence(a.sequence, options)->frame_count() * a.rounds;
+  const std::int64_t total = open_frames(a)->frame_count() * a.rounds;
   Progress progress("comparing", total, a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   for (int round = 0; round < a.rounds; ++round) done = one_round(a, sums, progress, done);
