@@ -18,6 +18,7 @@
 #include "priors/format/calibration_hash.h"
 #include "priors/format/prior_format.h"
 #include "util/atomic_file.h"
+#include "util/stopwatch.h"
 
 namespace kys_slam {
 namespace {
@@ -29,6 +30,15 @@ constexpr const char* kSegmentsHeader =
 constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
+
+/// What the function returns; adds the time it took, ms.
+template <typename Function>
+auto timed(double& ms, Function&& function) {
+  const Stopwatch watch;
+  auto result = function();
+  ms += watch.elapsed_ms();
+  return result;
+}
 
 /// Runs function(i) for i in 0..count-1 on `jobs` threads. Of several failures the one of the
 /// lowest i is thrown, after all threads have stopped.
@@ -92,7 +102,7 @@ class SequenceBuilder {
       readers_.emplace_back(inputs.panoptic[c], labels, inputs.panoptic_encoding);
     }
     if (inputs.panoptic[0].empty()) throw InputError("the left camera's segmentation is missing");
-    instances_.assign(readers_.size(), std::vector<std::vector<std::int32_t>>(frames()));
+    associators_.assign(readers_.size(), InstanceAssociator(settings.options.association));
   }
 
   BuildSummary run() {
@@ -100,12 +110,11 @@ class SequenceBuilder {
     make_output_folder(settings_.output / ".rows");
     if (settings_.debug_images) make_output_folder(settings_.output / "debug");
     summary_.frames = frames();
-    for (std::size_t c = 0; c < readers_.size(); ++c) associate(c);
-    std::atomic<std::size_t> done{0};
-    for_each_index(frames(), settings_.jobs, [&](std::size_t t) {
-      build_frame(t);
-      report("priors", ++done, frames());
-    });
+    const std::size_t step = 4 * static_cast<std::size_t>(settings_.jobs);
+    for (std::size_t t = 0; t < frames(); t += step) build_frames(t, std::min(t + step, frames()));
+    for (std::size_t c = 0; c < readers_.size(); ++c) {
+      summary_.tracks[c] = associators_[c].identities_given();
+    }
     write_tables();
     return summary_;
   }
@@ -113,46 +122,61 @@ class SequenceBuilder {
  private:
   [[nodiscard]] std::size_t frames() const { return sequence_.names.size(); }
 
-  void report(const std::string& stage, std::size_t done, std::size_t total) {
-    if (!settings_.progress) return;
-    const std::lock_guard lock(mutex_);
-    settings_.progress(stage, done, total);
-  }
+  /// The left and the right camera at one frame; flow and depth come later.
+  using FramePerception = std::vector<CameraPerception>;
 
-  [[nodiscard]] PanopticMap read_panoptic(std::size_t c, std::size_t t) const {
-    return readers_[c].read(sequence_.names[t], sequence_.camera.width, sequence_.camera.height);
-  }
-
-  /// Identities of every segment of one camera's stream. Centroids are taken in parallel, the
-  /// association itself runs in order.
-  void associate(std::size_t c) {
-    struct Seen {
-      std::vector<InputSegment> segments;
-      std::vector<SegmentShape> shapes;
-    };
-    std::vector<Seen> seen(frames());
-    std::atomic<std::size_t> done{0};
-    for_each_index(frames(), settings_.jobs, [&](std::size_t t) {
-      const PanopticMap map = read_panoptic(c, t);
-      seen[t] = {map.segments, segment_shapes(find_runs(map.map), map.segments.size())};
-      report(c == 0 ? "segments, left" : "segments, right", ++done, frames());
-    });
-    InstanceAssociator associator(settings_.options.association);
-    const std::int32_t base = c == 0 ? 0 : prior_format::kRightInstances;
-    for (std::size_t t = 0; t < frames(); ++t) {
-      std::vector<Detection> detections;
-      for (std::size_t k = 0; k < seen[t].segments.size(); ++k) {
-        const InputSegment& s = seen[t].segments[k];
-        if (s.thing) detections.push_back({s.label, seen[t].shapes[k].u, seen[t].shapes[k].v});
+  /// Frames from begin to end: only identities need them in order.
+  void build_frames(std::size_t begin, std::size_t end) {
+    std::vector<FramePerception> perceptions(end - begin);
+    std::vector<std::vector<std::vector<SegmentShape>>> shapes(end - begin);
+    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
+      for (const PanopticReader& reader : readers_) {
+        CameraPerception& in = perceptions[i].emplace_back();
+        in.panoptic = reader.read(sequence_.names[begin + i], sequence_.camera.width,
+                                  sequence_.camera.height);
+        const Stopwatch watch;
+        in.runs = find_runs(in.panoptic.map);
+        shapes[i].push_back(segment_shapes(in.runs, in.panoptic.segments.size()));
+        add_time(watch.elapsed_ms(), &BuildTimes::association);
       }
-      const std::vector<std::int32_t> identities = associator.next_frame(detections);
-      std::size_t d = 0;
-      // Stuff has one identity per class, below those of things.
-      for (const InputSegment& s : seen[t].segments) {
-        instances_[c][t].push_back(base + (s.thing ? 65536 + identities[d++] : s.label));
+    });
+    const Stopwatch watch;
+    for (std::size_t i = 0; i < perceptions.size(); ++i) {
+      for (std::size_t c = 0; c < readers_.size(); ++c) {
+        perceptions[i][c].instances = identify(c, perceptions[i][c].panoptic, shapes[i][c]);
       }
     }
-    summary_.tracks[c] = associator.identities_given();
+    add_time(watch.elapsed_ms(), &BuildTimes::association);
+    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
+      build_frame(begin + i, std::move(perceptions[i]));
+      const std::lock_guard lock(mutex_);
+      ++done_;
+      if (settings_.progress) settings_.progress("priors", done_, frames());
+    });
+  }
+
+  void add_time(double ms, double BuildTimes::*stage) {
+    const std::lock_guard lock(mutex_);
+    summary_.times.*stage += ms;
+  }
+
+  /// Identities of the segments of one camera's next frame.
+  std::vector<std::int32_t> identify(std::size_t c, const PanopticMap& panoptic,
+                                     const std::vector<SegmentShape>& shapes) {
+    std::vector<Detection> things;
+    for (std::size_t k = 0; k < shapes.size(); ++k) {
+      const InputSegment& s = panoptic.segments[k];
+      if (s.thing) things.push_back({s.label, shapes[k].u, shapes[k].v});
+    }
+    const std::vector<std::int32_t> identities = associators_[c].next_frame(things);
+    // Stuff has one identity per class, below those of things.
+    const std::int32_t base = c == 0 ? 0 : prior_format::kRightInstances;
+    std::vector<std::int32_t> instances;
+    std::size_t next = 0;
+    for (const InputSegment& s : panoptic.segments) {
+      instances.push_back(base + (s.thing ? 65536 + identities[next++] : s.label));
+    }
+    return instances;
   }
 
   [[nodiscard]] bool needs_images() const {
@@ -165,10 +189,10 @@ class SequenceBuilder {
   }
 
   /// Digest of everything the file of frame t depends on.
-  [[nodiscard]] std::uint64_t content_key(std::size_t t) const {
+  [[nodiscard]] std::uint64_t content_key(std::size_t t, const FramePerception& perception) const {
     const std::string& name = sequence_.names[t];
     Digest digest;
-    digest.add("kysp builder 2\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 3\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -177,7 +201,7 @@ class SequenceBuilder {
       digest.add_file(readers_[c].path_of(name));
       const fs::path classes = readers_[c].class_path_of(name);
       if (!classes.empty()) digest.add_file(classes);
-      for (const std::int32_t instance : instances_[c][t]) digest.add(std::to_string(instance));
+      for (const std::int32_t i : perception[c].instances) digest.add(std::to_string(i));
     }
     const auto add_source = [&](const std::string& source, auto&& find) {
       const bool folder = !source.empty() && source != "sgbm" && source != "dis";
@@ -223,25 +247,13 @@ class SequenceBuilder {
 
   using Pair = std::pair<GrayImage, GrayImage>;
 
-  [[nodiscard]] ImageOf<float> warp(const ImageOf<float>& left,
-                                    const std::vector<PanopticMap>& maps) const {
-    if (maps.size() < 2) return {};
-    if (!settings_.options.depth.match_labels) return warp_disparity_to_right(left);
-    const ImageOf<std::uint16_t> left_labels = label_image(maps[0]);
-    const ImageOf<std::uint16_t> right_labels = label_image(maps[1]);
-    return warp_disparity_to_right(left, &left_labels, &right_labels);
-  }
-
-  [[nodiscard]] std::array<ImageOf<float>, 2> disparities(
-      std::size_t t, const Pair& now, const std::vector<PanopticMap>& maps) const {
+  /// Disparity (px) of both views; of the right one only where it is read or estimated.
+  [[nodiscard]] std::array<ImageOf<float>, 2> disparities(std::size_t t, const Pair& now) const {
     std::array<ImageOf<float>, 2> d;
     if (inputs_.disparity.empty()) return d;
-    const double tolerance = settings_.options.depth.left_right_tolerance;
     if (inputs_.disparity == "sgbm") {
-      d[0] = estimate_disparity(now.first, now.second, false);
-      check_left_right(d[0], estimate_disparity(now.first, now.second, true), -1, tolerance);
-      d[1] = warp(d[0], maps);
-      return d;
+      return {estimate_disparity(now.first, now.second, false),
+              estimate_disparity(now.first, now.second, true)};
     }
     const auto read = [&](const std::string& folder) {
       const fs::path path = find_disparity(folder, sequence_.names[t]);
@@ -251,14 +263,32 @@ class SequenceBuilder {
       return field;
     };
     d[0] = read(inputs_.disparity);
-    if (inputs_.disparity_right.empty()) {
-      d[1] = warp(d[0], maps);
-      return d;
+    if (!inputs_.disparity_right.empty()) d[1] = read(inputs_.disparity_right);
+    return d;
+  }
+
+  [[nodiscard]] ImageOf<float> warp(const ImageOf<float>& left, const FramePerception& in) const {
+    if (!settings_.options.depth.match_labels) return warp_disparity_to_right(left);
+    const ClassImage left_classes = class_image(in[0].panoptic);
+    const ClassImage right_classes = class_image(in[1].panoptic);
+    return warp_disparity_to_right(left, &left_classes, &right_classes);
+  }
+
+  /// Inverse depth (1/m) of every camera, from disparities that agree.
+  [[nodiscard]] std::array<ImageOf<float>, 2> depths(std::array<ImageOf<float>, 2> d,
+                                                     const FramePerception& in) const {
+    if (d[0].empty()) return d;
+    const BuilderOptions::Depth& options = settings_.options.depth;
+    const bool right_is_read = !inputs_.disparity_right.empty();
+    if (!d[1].empty()) {
+      const ImageOf<float> left = right_is_read ? d[0] : ImageOf<float>();
+      check_left_right(d[0], d[1], -1, options.left_right_tolerance);
+      if (right_is_read) check_left_right(d[1], left, +1, options.left_right_tolerance);
     }
-    d[1] = read(inputs_.disparity_right);
-    const ImageOf<float> left = d[0];
-    check_left_right(d[0], d[1], -1, tolerance);
-    check_left_right(d[1], left, +1, tolerance);
+    if (in.size() == 2 && !right_is_read) d[1] = warp(d[0], in);
+    for (ImageOf<float>& image : d) {
+      to_inverse_depth(image, sequence_.camera.bf(), options.max_depth);
+    }
     return d;
   }
 
@@ -285,11 +315,11 @@ class SequenceBuilder {
     return forward;
   }
 
-  void build_frame(std::size_t t) {
+  void build_frame(std::size_t t, FramePerception perception) {
     const std::string& name = sequence_.names[t];
     const fs::path file = settings_.output / (name + ".kysp");
     const fs::path rows_file = settings_.output / ".rows" / (name + ".csv");
-    const std::uint64_t key = content_key(t);
+    const std::uint64_t key = content_key(t, perception);
     if (is_current(file, rows_file, key)) {
       const std::lock_guard lock(mutex_);
       ++summary_.kept;
@@ -298,73 +328,60 @@ class SequenceBuilder {
     Pair now, next;
     if (needs_images()) now = sequence_.read(t);
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
-    std::vector<PanopticMap> maps;
-    for (std::size_t c = 0; c < readers_.size(); ++c) maps.push_back(read_panoptic(c, t));
-    std::array<ImageOf<float>, 2> disparity = disparities(t, now, maps);
+    std::array<ImageOf<float>, 2> disparity = disparities(t, now);
+    BuildTimes times;
+    std::array<ImageOf<float>, 2> inverse_depth =
+        timed(times.depth, [&] { return depths(std::move(disparity), perception); });
 
     FramePriors priors;
     priors.label_space = labels_.name();
     priors.calibration_hash = calibration_hash(sequence_.camera);
     priors.content_key = key;
     std::string rows;
-    std::vector<CameraFusion> fusions;
-    for (std::size_t c = 0; c < readers_.size(); ++c) {
-      CameraPerception in;
-      in.panoptic = std::move(maps[c]);
-      in.instances = instances_[c][t];
-      if (!disparity[c].empty()) {
-        in.inverse_depth =
-            inverse_depth(disparity[c], sequence_.camera.bf(), settings_.options.depth.max_depth);
-      }
+    bool without_motion = false;
+    for (std::size_t c = 0; c < perception.size(); ++c) {
+      CameraPerception& in = perception[c];
+      in.inverse_depth = std::move(inverse_depth[c]);
       in.flow = flow(c, t, c == 0 ? now.first : now.second, c == 0 ? next.first : next.second);
       FusionImages images;
-      CameraFusion fusion = fuse_camera(settings_.options, sequence_.camera, in,
+      CameraFusion fusion = fuse_camera(settings_.options, sequence_.camera, std::move(in),
                                         settings_.debug_images ? &images : nullptr);
       if (settings_.debug_images) {
         write_png(settings_.output / "debug" / (name + (c == 0 ? "_left.png" : "_right.png")),
-                  draw_stages(c == 0 ? now.first : now.second, in, fusion, images));
+                  draw_stages(c == 0 ? now.first : now.second, fusion, images));
       }
       priors.has_motion = priors.has_motion || fusion.ego_motion.has_value();
-      rows += table_rows(name, c, in, fusion);
+      rows += table_rows(name, c, fusion);
+      times.fusion += fusion.times;
+      without_motion |= c == 0 && !fusion.ego_motion;
       priors.cameras.push_back(std::move(fusion.priors));
-      fusions.push_back(std::move(fusion));
     }
     MotionCoding coding;
     coding.tolerance_steps = settings_.options.exported.motion_tolerance_steps;
-    const std::vector<std::uint8_t> bytes = encode_priors(priors, file.string(), coding);
+    const std::vector<std::uint8_t> bytes =
+        timed(times.encoding, [&] { return encode_priors(priors, file.string(), coding); });
     write_file_atomic(rows_file, rows, Durable::kNo);
     write_file_atomic(file, bytes, Durable::kNo);
-    count(fusions);
-  }
-
-  void count(const std::vector<CameraFusion>& fusions) {
     const std::lock_guard lock(mutex_);
     ++summary_.built;
-    if (!fusions[0].ego_motion) ++summary_.frames_without_motion;
-    for (const CameraFusion& f : fusions) {
-      summary_.times.runs += f.times.runs;
-      summary_.times.fit += f.times.fit;
-      summary_.times.residual += f.times.residual;
-      summary_.times.drift += f.times.drift;
-      summary_.times.statistics += f.times.statistics;
-      summary_.times.decide_export += f.times.decide_export;
-    }
+    summary_.frames_without_motion += without_motion;
+    summary_.times += times;
   }
 
-  std::string table_rows(const std::string& name, std::size_t c, const CameraPerception& in,
-                         const CameraFusion& f) const {
+  static std::string table_rows(const std::string& name, std::size_t c, const CameraFusion& f) {
     const char* camera = c == 0 ? "left" : "right";
     std::string rows;
     char line[512];
-    for (std::size_t k = 0; k < in.panoptic.segments.size(); ++k) {
-      const InputSegment& s = in.panoptic.segments[k];
+    for (std::size_t k = 0; k < f.segments.size(); ++k) {
+      const InputSegment& s = f.segments[k];
       if (!s.thing) continue;
       const SegmentStatistics& m = f.statistics[k];
       const MotionDecision& d = f.decisions[k];
       std::snprintf(line, sizeof line,
                     "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f\n", name.c_str(),
-                    camera, s.input_id, in.instances[k], s.label, m.area, m.mean_depth, m.residual,
-                    m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test, d.rho, d.score);
+                    camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
+                    m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test,
+                    d.radial_test, d.rho, d.score);
       rows += line;
     }
     if (!f.ego_motion) return rows;
@@ -419,9 +436,10 @@ class SequenceBuilder {
   const BuildInputs& inputs_;
   const BuildSettings& settings_;
   std::vector<PanopticReader> readers_;
-  std::vector<std::vector<std::vector<std::int32_t>>> instances_;  ///< camera, frame, segment
-  std::mutex mutex_;
+  std::vector<InstanceAssociator> associators_;
+  std::mutex mutex_;  ///< of what follows, while frames are built
   BuildSummary summary_;
+  std::size_t done_ = 0;  ///< frames
 };
 
 }  // namespace

@@ -47,6 +47,22 @@ struct BuildSettings {
   std::function<void(const std::string& stage, std::size_t done, std::size_t total)> progress;
 };
 
+/// Where the time went, ms, both cameras; reading and perception apart.
+struct BuildTimes {
+  double association = 0, depth = 0;
+  FusionTimes fusion;
+  double encoding = 0;
+
+  [[nodiscard]] double total() const { return association + depth + fusion.total() + encoding; }
+  BuildTimes& operator+=(const BuildTimes& other) {
+    association += other.association;
+    depth += other.depth;
+    fusion += other.fusion;
+    encoding += other.encoding;
+    return *this;
+  }
+};
+
 struct BuildSummary {
   std::size_t frames = 0, built = 0, kept = 0;
   std::array<std::int64_t, 2> tracks{};  ///< identities given, left and right
@@ -56,7 +72,7 @@ struct BuildSummary {
   double labelled_pixels = 0;
   std::size_t frames_without_motion = 0;  ///< no flow, or no fit, left camera
   std::uint64_t bytes = 0;                ///< of all prior files
-  FusionTimes times;                      ///< ms, sums over built frames and both cameras
+  BuildTimes times;                       ///< sums over built frames (association: all frames)
 };
 
 /// Makes the prior files of a sequence: <output>/<name>.kysp, segments.csv, background.csv.

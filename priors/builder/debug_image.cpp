@@ -68,10 +68,10 @@ std::string text_of(const char* format, double a, double b) {
   return text;
 }
 
-void annotate(cv::Mat& picture, const CameraPerception& in, const CameraFusion& fusion) {
-  const auto shapes = segment_shapes(find_runs(in.panoptic.map), in.panoptic.segments.size());
-  for (std::size_t k = 0; k < in.panoptic.segments.size(); ++k) {
-    if (!in.panoptic.segments[k].thing || fusion.statistics[k].area < 150) continue;
+void annotate(cv::Mat& picture, const CameraFusion& fusion) {
+  const auto shapes = segment_shapes(find_runs(fusion.priors.segment_map), fusion.segments.size());
+  for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
+    if (!fusion.segments[k].thing || fusion.statistics[k].area < 150) continue;
     const SegmentStatistics& s = fusion.statistics[k];
     const cv::Point at(static_cast<int>(shapes[k].u) - 30, static_cast<int>(shapes[k].v));
     title(picture, text_of("C %.2f R %.2f", s.residual, s.radial), at, 0.34);
@@ -82,15 +82,15 @@ void annotate(cv::Mat& picture, const CameraPerception& in, const CameraFusion& 
 
 }  // namespace
 
-RgbImage draw_stages(const GrayImage& image, const CameraPerception& in, const CameraFusion& fusion,
+RgbImage draw_stages(const GrayImage& image, const CameraFusion& fusion,
                      const FusionImages& images) {
-  const ImageOf<std::uint16_t>& map = in.panoptic.map;
+  const ImageOf<std::uint16_t>& map = fusion.priors.segment_map;
   const int width = map.width(), height = map.height();
   const cv::Mat base = base_picture(image, width, height);
   std::vector<cv::Mat> panels(6);
   for (cv::Mat& panel : panels) panel = base.clone();
   tint(panels[0], map, [&](int k, int, int, cv::Vec3b& c) {
-    c = colour_of(in.instances[static_cast<std::size_t>(k)]);
+    c = colour_of(fusion.priors.segments[static_cast<std::size_t>(k)].instance);
     return true;
   });
   title(panels[0], "segments and identities");
@@ -108,9 +108,9 @@ RgbImage draw_stages(const GrayImage& image, const CameraPerception& in, const C
     c = d.radial_only ? cv::Vec3b(255, 160, 0)
         : d.dynamic   ? cv::Vec3b(255, 0, 0)
                       : cv::Vec3b(0, 200, 0);
-    return in.panoptic.segments[i].thing;
+    return fusion.segments[i].thing;
   });
-  annotate(panels[4], in, fusion);
+  annotate(panels[4], fusion);
   const BackgroundReferences& bg = fusion.background;
   title(panels[4], text_of("decision: red moving, orange radial only; m_bg %.2f px, sigma %.2f px",
                            bg.m_bg, bg.sigma_par));

@@ -8,7 +8,7 @@ namespace kys_slam {
 /// A picture of one camera's stages like the paper's pipeline figure: the image with its segments,
 /// predicted flow, residual, drift, decisions (Corr, Radial, Cov, Scale of each thing), exported
 /// score.
-RgbImage draw_stages(const GrayImage& image, const CameraPerception& perception,
-                     const CameraFusion& fusion, const FusionImages& images);
+RgbImage draw_stages(const GrayImage& image, const CameraFusion& fusion,
+                     const FusionImages& images);
 
 }  // namespace kys_slam

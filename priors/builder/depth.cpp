@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "util/lanes.h"
+
 namespace kys_slam {
 namespace {
 
@@ -24,32 +26,101 @@ float bilinear(const ImageOf<float>& image, float x, float y) {
          b * ((1 - a) * image.at(x0, y1) + a * image.at(x1, y1));
 }
 
-/// A surface that is wider in the right view arrives with gaps of a pixel or two. What is seen
-/// through them does not belong there. Where the classes (`labels`, may be null) say that the
-/// surface goes on, the gap is filled from its sides.
-void close_gaps(const std::vector<float>& row, const std::uint16_t* labels, float* out) {
-  const int width = static_cast<int>(row.size());
-  const auto at = [&](int x) { return row[static_cast<std::size_t>(x)]; };
-  // How far away a nearer surface is (any, when there is none here); 0: not within reach.
-  const auto nearer = [&](int x, int step) {
-    for (int i = 1; i <= kReach && x + i * step >= 0 && x + i * step < width; ++i) {
-      const float side = at(x + i * step);
-      if (side > at(x) + kStep || (std::isnan(at(x)) && !std::isnan(side))) return i;
-    }
-    return 0;
-  };
-  for (int x = 0; x < width; ++x) {
-    out[x] = at(x);
-    const int left = nearer(x, -1), right = left == 0 ? 0 : nearer(x, 1);
-    if (right == 0) continue;
-    const float a = at(x - left), b = at(x + right);
-    const bool same_surface = labels != nullptr && labels[x] == labels[x - left] &&
-                              labels[x] == labels[x + right] &&
-                              std::abs(a - b) <= kStep * static_cast<float>(left + right);
-    const float share = static_cast<float>(left) / static_cast<float>(left + right);
-    out[x] = same_surface ? a + share * (b - a) : kNoValue;
-  }
+/// The classes of a row, if they are known.
+struct ClassRow {
+  const std::uint16_t* segment = nullptr;
+  const std::uint16_t* class_of = nullptr;
+
+  [[nodiscard]] bool known() const { return segment != nullptr; }
+  std::uint16_t operator[](int x) const { return class_of[segment[x]]; }
+};
+
+ClassRow row_of(const ClassImage* image, int y) {
+  if (image == nullptr) return {};
+  return {image->segment_map->row(y), image->class_of.data()};
 }
+
+/// A row of the right view being filled: columns 0..width-1, and room for what is looked at beside
+/// them. kNone is farther than every surface.
+class WarpedRow {
+ public:
+  static constexpr float kNone = -1e30F;
+
+  explicit WarpedRow(int width)
+      : width_(width),
+        row_(static_cast<std::size_t>(width + 2 * kReach), kNone),
+        target_(static_cast<std::size_t>(width)),
+        gap_(static_cast<std::size_t>(width)) {}
+
+  [[nodiscard]] float* data() { return row_.data() + kReach; }
+
+  /// Pixels of the left view move to u - disparity, from left to right: of two that arrive at the
+  /// same place the later one is nearer.
+  void fill(const float* left, const ClassRow& left_class, const ClassRow& right_class) {
+    find_targets(left);
+    std::fill(row_.begin(), row_.end(), kNone);
+    float* row = data();
+    for (int x = 0; x < width_; ++x) {
+      const int target = target_[static_cast<std::size_t>(x)];
+      if (target < 0) continue;
+      if (right_class.known() && left_class[x] != right_class[target]) continue;
+      row[target] = left[x];
+    }
+  }
+
+  /// A surface that is wider in the right view arrives with gaps of a pixel or two. What is seen
+  /// through them does not belong there. Where the classes say that the surface goes on, the gap is
+  /// filled from its sides.
+  void close_gaps(const ClassRow& classes, float* out) {
+    find_gaps(out);
+    const float* row = data();
+    for (int x = 0; classes.known() && x < width_; ++x) {
+      if (gap_[static_cast<std::size_t>(x)] == 0) continue;
+      const int left = nearer(x, -1), right = nearer(x, 1);
+      const float a = row[x - left], b = row[x + right];
+      const bool same_surface = classes[x] == classes[x - left] &&
+                                classes[x] == classes[x + right] &&
+                                std::abs(a - b) <= kStep * static_cast<float>(left + right);
+      const float share = static_cast<float>(left) / static_cast<float>(left + right);
+      if (same_surface) out[x] = a + share * (b - a);
+    }
+  }
+
+ private:
+  /// Where each pixel goes; -1: it has no disparity, or leaves the image.
+  KYS_VECTOR_CLONES void find_targets(const float* __restrict left) {
+    int* __restrict target = target_.data();
+    const int width = width_;
+    const auto largest = static_cast<float>(width);
+    for (int x = 0; x < width; ++x) {
+      const float place = static_cast<float>(x) - left[x] + 0.5F;
+      const bool inside = left[x] > 0 && left[x] < largest && place >= 0;
+      target[x] = static_cast<int>(inside ? place : -1.0F);
+    }
+  }
+
+  /// Marks where a nearer surface is within reach on both sides. Nothing is seen there.
+  KYS_VECTOR_CLONES void find_gaps(float* __restrict out) {
+    const float* __restrict row = data();
+    int* __restrict gap = gap_.data();
+    const int width = width_;
+    for (int x = 0; x < width; ++x) {
+      const float least = row[x] + kStep;
+      const bool left = (row[x - 1] > least) | (row[x - 2] > least);
+      const bool right = (row[x + 1] > least) | (row[x + 2] > least);
+      gap[x] = left & right ? 1 : 0;
+      out[x] = (left & right) | (row[x] == kNone) ? kNoValue : row[x];
+    }
+  }
+  static_assert(kReach == 2);
+
+  /// How far away the nearer surface of a gap is on one side.
+  [[nodiscard]] int nearer(int x, int step) { return data()[x + step] > data()[x] + kStep ? 1 : 2; }
+
+  int width_;
+  std::vector<float> row_;
+  std::vector<int> target_, gap_;
+};
 
 /// The surface at the left view's right border, if it has a disparity.
 struct Border {
@@ -66,56 +137,48 @@ Border border_of(const float* left, int width) {
 
 /// The right view sees more of the surface at the left view's right border, and nothing tells of
 /// it. What lies behind is not seen there, though the left view knows it.
-void clear_behind_border(const Border& border, const std::uint16_t* left_labels,
-                         const std::uint16_t* right_labels, std::vector<float>& row) {
+void clear_behind_border(const Border& border, const ClassRow& left_class,
+                         const ClassRow& right_class, int width, float* row) {
   if (border.x < 0) return;
-  const int width = static_cast<int>(row.size());
   const float end = static_cast<float>(border.x) - border.disparity + 0.5F;
   for (int x = end < 0 ? 0 : static_cast<int>(end) + 1; x < width; ++x) {
-    const bool same_class = right_labels == nullptr || right_labels[x] == left_labels[border.x];
-    float& d = row[static_cast<std::size_t>(x)];
-    if (same_class && d < border.disparity - kStep) d = kNoValue;
+    const bool same_class = !right_class.known() || right_class[x] == left_class[border.x];
+    if (same_class && row[x] < border.disparity - kStep) row[x] = WarpedRow::kNone;
   }
 }
 
 }  // namespace
 
-ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth) {
-  ImageOf<float> result(disparity.width(), disparity.height());
+KYS_VECTOR_CLONES void to_inverse_depth(ImageOf<float>& disparity, double bf, double max_depth) {
   const auto scale = static_cast<float>(1.0 / bf);
   const auto least = static_cast<float>(1.0 / max_depth);
-  const float* d = disparity.data();
-  float* out = result.data();
-  for (std::size_t i = 0; i < disparity.size(); ++i) {
-    const float value = d[i] * scale;
+  float* pixel = disparity.data();
+  const std::size_t size = disparity.size();
+  for (std::size_t i = 0; i < size; ++i) {
+    const float value = pixel[i] * scale;
     const float capped = value < least ? least : value;
-    out[i] = d[i] > 0 ? capped : kNoValue;
+    pixel[i] = pixel[i] > 0 ? capped : kNoValue;
   }
-  return result;
 }
 
-ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
-                                       const ImageOf<std::uint16_t>* left_labels,
-                                       const ImageOf<std::uint16_t>* right_labels) {
+ClassImage class_image(const PanopticMap& map) {
+  ClassImage classes{&map.map, {0xFFFF}};
+  for (const InputSegment& segment : map.segments) classes.class_of.push_back(segment.label);
+  return classes;
+}
+
+ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left, const ClassImage* left_classes,
+                                       const ClassImage* right_classes) {
   const int width = left.width();
-  const bool labels = left_labels != nullptr && right_labels != nullptr;
-  ImageOf<float> right(width, left.height(), kNoValue);
-  std::vector<float> row(static_cast<std::size_t>(width));
+  const bool both = left_classes != nullptr && right_classes != nullptr;
+  auto right = ImageOf<float>::for_overwrite(width, left.height());
+  WarpedRow row(width);
   for (int y = 0; y < left.height(); ++y) {
-    const float* in = left.row(y);
-    std::fill(row.begin(), row.end(), kNoValue);
-    for (int x = 0; x < width; ++x) {
-      const float d = in[x];
-      if (!(d > 0 && d < static_cast<float>(width))) continue;
-      const int target = static_cast<int>(static_cast<float>(x) - d + 0.5F);
-      if (static_cast<float>(x) - d + 0.5F < 0) continue;
-      if (labels && left_labels->at(x, y) != right_labels->at(target, y)) continue;
-      float& out = row[static_cast<std::size_t>(target)];
-      if (!(out > d)) out = d;  // true for NaN as well
-    }
-    clear_behind_border(border_of(in, width), labels ? left_labels->row(y) : nullptr,
-                        labels ? right_labels->row(y) : nullptr, row);
-    close_gaps(row, labels ? right_labels->row(y) : nullptr, right.row(y));
+    const ClassRow from = row_of(both ? left_classes : nullptr, y);
+    const ClassRow to = row_of(both ? right_classes : nullptr, y);
+    row.fill(left.row(y), from, to);
+    clear_behind_border(border_of(left.row(y), width), from, to, width, row.data());
+    row.close_gaps(to, right.row(y));
   }
   return right;
 }

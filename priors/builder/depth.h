@@ -4,6 +4,9 @@
 
 #include <cstdint>
 #include <limits>
+#include <vector>
+
+#include "priors/builder/panoptic.h"
 
 namespace kys_slam {
 
@@ -16,21 +19,29 @@ struct FlowField {
   ImageOf<float> v;
 };
 
-/// 1/Z = disparity / (f B), at least 1 / max_depth. Disparities that are not positive numbers have
-/// no depth.
+/// Makes a disparity image an inverse depth image: 1/Z = disparity / (f B), at least 1 / max_depth.
+/// Disparities that are not positive numbers have no depth.
 /// \param bf focal length times baseline, px m.  \param max_depth m.
-ImageOf<float> inverse_depth(const ImageOf<float>& disparity, double bf, double max_depth);
+void to_inverse_depth(ImageOf<float>& disparity, double bf, double max_depth);
+
+/// The class of every pixel: that of the segment it lies in.
+struct ClassImage {
+  const ImageOf<std::uint16_t>* segment_map = nullptr;
+  std::vector<std::uint16_t> class_of;  ///< by segment number
+};
+/// The map must outlive what is returned. Void is a class of its own, 65535.
+ClassImage class_image(const PanopticMap& map);
 
 /// The right view's disparity from the left one: each pixel moves to u - disparity (rounded), the
 /// nearest surface wins; pixels nothing arrives at are NaN, and so are those where a farther
 /// surface shows through a gap of at most 2 px in a nearer one, or lies behind the one at the left
-/// view's right border, of which the right view sees more. \param left_labels,right_labels
-/// class of each pixel. Given both, a pixel arrives only at one of its own class: what is hidden in
-/// the right view by something the left view gives no disparity of (too near, or unmatched) would
-/// otherwise land on that.
+/// view's right border, of which the right view sees more. \param left_classes,right_classes
+/// Given both, a pixel arrives only at one of its own class: what is hidden in the right view by
+/// something the left view gives no disparity of (too near, or unmatched) would otherwise land on
+/// that.
 ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
-                                       const ImageOf<std::uint16_t>* left_labels = nullptr,
-                                       const ImageOf<std::uint16_t>* right_labels = nullptr);
+                                       const ClassImage* left_classes = nullptr,
+                                       const ClassImage* right_classes = nullptr);
 
 /// Sets to NaN what the other view's disparity contradicts by more than `tolerance` px or cannot
 /// confirm. `sign` -1 for the left view (its pixel u is at u - d in the right), +1 for the right.

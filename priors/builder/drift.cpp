@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-
-#include "priors/builder/vectorize.h"
+#include <cstddef>
+#include <cstring>
 
 namespace kys_slam {
 namespace {
@@ -29,46 +29,61 @@ int reflect(int i, int n) {
   return i < n ? i : period - 1 - i;
 }
 
-/// Rows of `lines` x `length` values smoothed along the first index (across lines), whole rows at a
-/// time so that the compiler can vectorise.
-KYS_ROW_LOOP void smooth_lines(std::vector<float>& field, int lines, int length,
-                               const std::vector<float>& kernel) {
-  const int radius = static_cast<int>(kernel.size()) - 1;
-  const auto n = static_cast<std::size_t>(length);
-  std::vector<float> out(field.size(), 0.0F);
-  for (int line = 0; line < lines; ++line) {
-    float* to = out.data() + static_cast<std::size_t>(line) * n;
-    const auto at = [&](int i) {
-      return field.data() + static_cast<std::size_t>(reflect(line + i, lines)) * n;
-    };
-    const float* middle = at(0);
-    for (std::size_t x = 0; x < n; ++x) to[x] = kernel[0] * middle[x];
-    for (int i = 1; i <= radius; ++i) {
+/// out[x] = sum over i of kernel[|i|] in[x + i stride], for x = 0..n-1.
+KYS_VECTOR_CLONES void convolve(const float* in, std::ptrdiff_t stride, int n,
+                                const std::vector<float>& kernel, float* out) {
+  constexpr int kBlock = 32;  // sums that stay in registers
+  const auto radius = static_cast<std::ptrdiff_t>(kernel.size()) - 1;
+  const auto sum_at = [&](int x) {
+    float sum = kernel[0] * in[x];
+    for (std::ptrdiff_t i = 1; i <= radius; ++i) {
+      sum += kernel[static_cast<std::size_t>(i)] * (in[x - i * stride] + in[x + i * stride]);
+    }
+    return sum;
+  };
+  for (int x = 0; n < kBlock && x < n; ++x) out[x] = sum_at(x);
+  for (int begin = 0; n >= kBlock && begin < n; begin += kBlock) {
+    const int x = std::min(begin, n - kBlock);  // the last ones may be done twice
+    float sum[kBlock];
+    for (int k = 0; k < kBlock; ++k) sum[k] = kernel[0] * in[x + k];
+    for (std::ptrdiff_t i = 1; i <= radius; ++i) {
       const float w = kernel[static_cast<std::size_t>(i)];
-      const float* before = at(-i);
-      const float* after = at(i);
-      for (std::size_t x = 0; x < n; ++x) to[x] += w * (before[x] + after[x]);
+      const float* before = in + x - i * stride;
+      const float* after = in + x + i * stride;
+      for (int k = 0; k < kBlock; ++k) sum[k] += w * (before[k] + after[k]);
     }
+    for (int k = 0; k < kBlock; ++k) out[x + k] = sum[k];
   }
-  field = std::move(out);
 }
 
-KYS_ROW_LOOP void mix_rows(const float* __restrict p, const float* __restrict q, float share,
-                           std::size_t n, float* __restrict out) {
-  for (std::size_t x = 0; x < n; ++x) out[x] = p[x] + share * (q[x] - p[x]);
+/// Smooths every line of a field of cells along it.
+void smooth_along(float* cells, int lines, int length, const std::vector<float>& kernel) {
+  const int radius = static_cast<int>(kernel.size()) - 1;
+  std::vector<float> padded(static_cast<std::size_t>(length + 2 * radius));
+  float* middle = padded.data() + radius;
+  for (int line = 0; line < lines; ++line) {
+    float* row = cells + static_cast<std::ptrdiff_t>(line) * length;
+    std::copy(row, row + length, middle);
+    for (int i = 0; i < radius; ++i) {
+      middle[-1 - i] = row[reflect(-1 - i, length)];
+      middle[length + i] = row[reflect(length + i, length)];
+    }
+    convolve(middle, 1, length, kernel, row);
+  }
 }
 
-std::vector<float> transpose(const std::vector<float>& in, int rows, int columns) {
-  std::vector<float> out(in.size());
-  for (int y = 0; y < rows; ++y) {
-    for (int x = 0; x < columns; ++x) {
-      out[static_cast<std::size_t>(x) * static_cast<std::size_t>(rows) +
-          static_cast<std::size_t>(y)] =
-          in[static_cast<std::size_t>(y) * static_cast<std::size_t>(columns) +
-             static_cast<std::size_t>(x)];
-    }
+/// Smooths a field of cells across its lines.
+void smooth_across(float* cells, int lines, int length, const std::vector<float>& kernel) {
+  const int radius = static_cast<int>(kernel.size()) - 1;
+  const std::ptrdiff_t n = length;
+  std::vector<float> padded(static_cast<std::size_t>((lines + 2 * radius) * n));
+  for (int i = -radius; i < lines + radius; ++i) {
+    const float* row = cells + reflect(i, lines) * n;
+    std::copy(row, row + n, padded.data() + (i + radius) * n);
   }
-  return out;
+  for (int line = 0; line < lines; ++line) {
+    convolve(padded.data() + (line + radius) * n, n, length, kernel, cells + line * n);
+  }
 }
 
 }  // namespace
@@ -78,104 +93,125 @@ DriftField::DriftField(const BuilderOptions::Drift& options, int width, int heig
       width_(width),
       height_(height),
       cells_x_((width + options.cell - 1) / options.cell),
-      cells_y_((height + options.cell - 1) / options.cell) {
-  const auto count = static_cast<std::size_t>(cells_x_) * static_cast<std::size_t>(cells_y_);
-  u_.assign(count, 0.0F);
-  v_.assign(count, 0.0F);
-  mask_.assign(count, 0.0F);
-  const float half = 0.5F * static_cast<float>(options.cell - 1);
-  for (int x = 0; x < width; ++x) {
-    const float at = std::clamp((static_cast<float>(x) - half) / static_cast<float>(options.cell),
-                                0.0F, static_cast<float>(cells_x_ - 1));
-    const int left = static_cast<int>(at);
-    places_.push_back({left, std::min(left + 1, cells_x_ - 1), at - static_cast<float>(left)});
+      cells_y_((height + options.cell - 1) / options.cell),
+      stride_((cells_x_ + 1) * options.cell + kFloatLanes) {
+  for (Field* field : {&u_, &v_, &mask_}) {
+    field->columns.assign(static_cast<std::size_t>(width), 0.0F);
+    field->cells.reserve(static_cast<std::size_t>(cells_x_) * static_cast<std::size_t>(cells_y_));
   }
 }
 
-void DriftField::add(int y, int x0, int x1, const float* residual_u, const float* residual_v) {
+int DriftField::rows_of_line(int line) const {
+  return std::min(options_.cell, height_ - line * options_.cell);
+}
+
+bool DriftField::uses(int y) const {
+  const int last = rows_of_line(y / options_.cell) - 1, row = y % options_.cell;
+  return row == last / 4 || row == last - last / 4;
+}
+
+DriftField::Columns DriftField::columns(int y) {
+  while (line_ < y / options_.cell) finish_line();
+  return {u_.columns.data(), v_.columns.data(), mask_.columns.data()};
+}
+
+void DriftField::finish_line() {
+  // Cells at the right and bottom edge are smaller: they count by their area.
   const int cell = options_.cell;
-  const auto row = static_cast<std::size_t>(y / cell) * static_cast<std::size_t>(cells_x_);
-  for (int x = x0; x < x1;) {
-    const int end = std::min(x1, (x / cell + 1) * cell);
-    const std::size_t at = row + static_cast<std::size_t>(x / cell);
-    float sum_u = 0, sum_v = 0, count = 0;
-    for (; x < end; ++x) {
-      const bool valid = residual_u[x] == residual_u[x];
-      sum_u += valid ? residual_u[x] : 0.0F;
-      sum_v += valid ? residual_v[x] : 0.0F;
-      count += valid ? 1.0F : 0.0F;
+  const int rows = rows_of_line(line_), used = rows == 1 ? 1 : 2;
+  const float scale = static_cast<float>(rows) / static_cast<float>(used * cell * cell);
+  for (Field* field : {&u_, &v_, &mask_}) {
+    for (int x = 0; x < width_; x += cell) {
+      float sum = 0;
+      for (int i = x; i < std::min(x + cell, width_); ++i) {
+        sum += field->columns[static_cast<std::size_t>(i)];
+      }
+      field->cells.push_back(scale * sum);
     }
-    u_[at] += sum_u;
-    v_[at] += sum_v;
-    mask_[at] += count;
+    std::fill(field->columns.begin(), field->columns.end(), 0.0F);
   }
+  ++line_;
 }
 
 void DriftField::smooth() {
+  while (line_ < cells_y_) finish_line();
   const int cell = options_.cell;
-  // Cells at the right and bottom edge are smaller: they count by their area, and the coverage is
-  // relative to what a mask of ones would give.
-  const float scale = 1.0F / static_cast<float>(cell * cell);
-  for (std::vector<float>* field : {&u_, &v_, &mask_}) {
-    for (float& value : *field) value *= scale;
-  }
   // Averaging in cells and interpolating between them smooth as well: take their variance off.
   const double own = cell > 1 ? (cell * cell - 1) / 12.0 + cell * cell / 6.0 : 0.0;
   const double sigma = std::sqrt(std::max(0.25, options_.sigma * options_.sigma - own)) / cell;
   const std::vector<float> kernel = make_kernel(sigma);
-  const auto lengths = [&](int cells, int pixels) {
-    std::vector<float> length(static_cast<std::size_t>(cells), 1.0F);
-    length.back() = static_cast<float>(pixels - (cells - 1) * cell) / static_cast<float>(cell);
-    smooth_lines(length, cells, 1, kernel);
-    return length;
+  // The coverage is relative to what a mask of ones would give.
+  const auto ones = [&](int cells, int pixels) {
+    std::vector<float> line(static_cast<std::size_t>(cells), 1.0F);
+    line.back() = static_cast<float>(pixels - (cells - 1) * cell) / static_cast<float>(cell);
+    smooth_along(line.data(), 1, cells, kernel);
+    return line;
   };
-  const std::vector<float> columns = lengths(cells_x_, width_), rows = lengths(cells_y_, height_);
-  for (std::vector<float>* field : {&u_, &v_, &mask_}) {
-    smooth_lines(*field, cells_y_, cells_x_, kernel);
-    *field = transpose(*field, cells_y_, cells_x_);
-    smooth_lines(*field, cells_x_, cells_y_, kernel);
-    *field = transpose(*field, cells_x_, cells_y_);
+  const std::vector<float> columns = ones(cells_x_, width_), rows = ones(cells_y_, height_);
+  for (Field* field : {&u_, &v_, &mask_}) {
+    smooth_across(field->cells.data(), cells_y_, cells_x_, kernel);
+    smooth_along(field->cells.data(), cells_y_, cells_x_, kernel);
   }
-  for (std::size_t i = 0; i < mask_.size(); ++i) {
-    const float inverse = mask_[i] > 1e-6F && options_.enabled ? 1.0F / mask_[i] : 0.0F;
-    u_[i] *= inverse;
-    v_[i] *= inverse;
-    const std::size_t cx = i % static_cast<std::size_t>(cells_x_);
-    const std::size_t cy = i / static_cast<std::size_t>(cells_x_);
-    mask_[i] = std::min(1.0F, mask_[i] / (rows[cy] * columns[cx]));
-  }
-  for (std::vector<float>* field : {&u_, &v_, &mask_}) widen(*field);
-}
-
-void DriftField::widen(std::vector<float>& cells) const {
-  std::vector<float> wide(static_cast<std::size_t>(cells_y_) * static_cast<std::size_t>(width_));
-  for (int cy = 0; cy < cells_y_; ++cy) {
-    const float* from =
-        cells.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(cells_x_);
-    float* to = wide.data() + static_cast<std::size_t>(cy) * static_cast<std::size_t>(width_);
-    for (int x = 0; x < width_; ++x) {
-      const Place& p = places_[static_cast<std::size_t>(x)];
-      to[x] = from[p.left] + p.weight * (from[p.right] - from[p.left]);
+  std::size_t i = 0;
+  for (const float row : rows) {
+    for (const float column : columns) {
+      const float mask = mask_.cells[i];
+      const float inverse = mask > 1e-6F && options_.enabled ? 1.0F / mask : 0.0F;
+      u_.cells[i] *= inverse;
+      v_.cells[i] *= inverse;
+      mask_.cells[i] = std::min(1.0F, mask / (row * column));
+      ++i;
     }
   }
-  cells = std::move(wide);
+  for (Field* field : {&u_, &v_, &mask_}) widen(*field);
 }
 
-void DriftField::row(int y, float* drift_u, float* drift_v, float* coverage) const {
+/// Between the middles of two cells values change linearly; outside the outermost they stay.
+KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
+  const int cell = options_.cell;
+  // Of the right one of two cells, for the columns between their middles.
+  const int vectors = (cell + kFloatLanes - 1) / kFloatLanes;
+  std::vector<float> shares(static_cast<std::size_t>(vectors * kFloatLanes));
+  const float offset = static_cast<float>(cell / 2) - 0.5F * static_cast<float>(cell - 1);
+  for (std::size_t k = 0; k < shares.size(); ++k) {
+    shares[k] = (static_cast<float>(k) + offset) / static_cast<float>(cell);
+  }
+  field.lines.resize(static_cast<std::size_t>(cells_y_) * static_cast<std::size_t>(stride_));
+  for (int cy = 0; cy < cells_y_; ++cy) {
+    const float* from = field.cells.data() + static_cast<std::ptrdiff_t>(cy) * cells_x_;
+    float* to = field.lines.data() + static_cast<std::ptrdiff_t>(cy) * stride_;
+    std::fill(to, to + cell / 2, from[0]);
+    to += cell / 2;
+    for (int c = 0; c + 1 < cells_x_; ++c, to += cell) {
+      // What is beyond the cell is overwritten by the next one.
+      for (int k = 0; k < vectors * kFloatLanes; k += kFloatLanes) {
+        FloatLanes lanes;
+        std::memcpy(&lanes, shares.data() + k, sizeof lanes);
+        lanes = from[c] + lanes * (from[c + 1] - from[c]);
+        std::memcpy(to + k, &lanes, sizeof lanes);
+      }
+    }
+    std::fill(to, field.lines.data() + static_cast<std::ptrdiff_t>(cy + 1) * stride_,
+              from[cells_x_ - 1]);
+  }
+}
+
+DriftField::Row DriftField::row(int y) const {
   const float half = 0.5F * static_cast<float>(options_.cell - 1);
   const float row = std::clamp((static_cast<float>(y) - half) / static_cast<float>(options_.cell),
                                0.0F, static_cast<float>(cells_y_ - 1));
   const int upper = static_cast<int>(row);
   const int lower = std::min(upper + 1, cells_y_ - 1);
-  const float b = row - static_cast<float>(upper);
-  const auto n = static_cast<std::size_t>(width_);
-  const auto mix = [&](const std::vector<float>& field, float* out) {
-    mix_rows(field.data() + static_cast<std::size_t>(upper) * n,
-             field.data() + static_cast<std::size_t>(lower) * n, b, n, out);
+  const auto line = [this](const Field& field, int i) {
+    return field.lines.data() + static_cast<std::ptrdiff_t>(i) * stride_;
   };
-  mix(u_, drift_u);
-  mix(v_, drift_v);
-  mix(mask_, coverage);
+  return {line(u_, upper),
+          line(v_, upper),
+          line(mask_, upper),
+          line(u_, lower),
+          line(v_, lower),
+          line(mask_, lower),
+          row - static_cast<float>(upper)};
 }
 
 }  // namespace kys_slam

@@ -2,30 +2,52 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
+#include <limits>
 
-#include "priors/builder/vectorize.h"
+#include "util/lanes.h"
 
 namespace kys_slam {
 namespace {
 
-/// A pixel of the fit: its place, inverse depth and observed flow.
-struct Sample {
-  double u, v;            // px
-  double inverse_z;       // 1/m
-  double flow_u, flow_v;  // px
+/// px; steps that change the predicted flow by less are not worth another.
+constexpr double kConverged = 1e-4;
+
+/// Pixels of the fit, kLanes at a time.
+struct SampleLanes {
+  Lanes u{}, v{};            // px
+  Lanes inverse_z{};         // 1/m
+  Lanes flow_u{}, flow_v{};  // px, observed
+  Lanes present{};           // 1; 0 in lanes past the end
 };
 
-std::vector<Sample> take_samples(const BuilderOptions::EgoMotion& options, const FlowField& flow,
-                                 const ImageOf<float>& inverse_depth,
-                                 const ImageOf<std::uint16_t>& segment_map,
-                                 const std::vector<std::uint8_t>& is_stuff) {
+struct Samples {
+  std::vector<SampleLanes> lanes;
+  int count = 0;
+
+  void add(int x, int y, float inverse_z, float flow_u, float flow_v) {
+    const int lane = count++ % kLanes;
+    if (lane == 0) lanes.emplace_back();
+    SampleLanes& to = lanes.back();
+    to.u[lane] = x;
+    to.v[lane] = y;
+    to.inverse_z[lane] = inverse_z;
+    to.flow_u[lane] = flow_u;
+    to.flow_v[lane] = flow_v;
+    to.present[lane] = 1;
+  }
+};
+
+Samples take_samples(const BuilderOptions::EgoMotion& options, const FlowField& flow,
+                     const ImageOf<float>& inverse_depth, const ImageOf<std::uint16_t>& segment_map,
+                     const std::vector<std::uint8_t>& is_stuff) {
   const int width = segment_map.width(), height = segment_map.height();
+  const double pixels = static_cast<double>(width) * height;
   int step = 1;
   if (options.grid_samples > 0) {
-    const double pixels = static_cast<double>(width) * height;
     step = std::max(1, static_cast<int>(std::lround(std::sqrt(pixels / options.grid_samples))));
   }
-  std::vector<Sample> samples;
+  Samples samples;
+  samples.lanes.reserve(static_cast<std::size_t>(pixels / (step * step)) / kLanes + 1);
   for (int y = options.border; y < height - options.border; y += step) {
     // Each row of the grid starts elsewhere, so that vertical structures are not missed.
     const int first = options.border + (y / step * 5) % step;
@@ -34,220 +56,291 @@ std::vector<Sample> take_samples(const BuilderOptions::EgoMotion& options, const
       if (!is_stuff[segment_map.at(x, y)] || !(rho > 0) || !std::isfinite(u) || !std::isfinite(v)) {
         continue;
       }
-      samples.push_back({static_cast<double>(x), static_cast<double>(y), rho, u, v});
+      samples.add(x, y, rho, u, v);
     }
   }
   return samples;
 }
 
-double length(double a, double b) {
-  return std::sqrt(a * a + b * b);
-}
-
-/// Huber weight of a residual of this length.
-double weight(double length, double delta) {
-  return length <= delta ? 1.0 : delta / length;
-}
-
-/// Normal equations of N unknowns with two residuals per sample.
+/// Residuals (px) of a model of N unknowns and the derivatives of the prediction.
 template <int N>
-class NormalEquations {
- public:
-  using Vector = Eigen::Matrix<double, N, 1>;
+struct Linearized {
+  Lanes ru, rv;
+  Lanes ju[N], jv[N];
+  Lanes present;  ///< 1, or 0 for samples without a prediction
+};
 
-  void add(const Vector& ju, const Vector& jv, double ru, double rv, double w) {
-    const Vector wu = w * ju, wv = w * jv;
-    for (int column = 0; column < N; ++column) {
-      for (int row = 0; row <= column; ++row) {
-        A_(row, column) += wu(row) * ju(column) + wv(row) * jv(column);
-      }
+/// The exact model, and its derivatives by [w; t] of plus().
+class Se3Model {
+ public:
+  static constexpr int kUnknowns = 6;
+
+  Se3Model(const StereoCamera& camera, const Rigid3& T)
+      : fx_(camera.fx), fy_(camera.fy), cx_(camera.cx), cy_(camera.cy) {
+    const Eigen::Matrix3d R = T.R();
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) R_[i][j] = R(i, j);
+      t_[i] = T.t()(i);
     }
-    b_ += ru * wu + rv * wv;
   }
-  /// Solution of the least squares problem; nothing when the equations are singular.
-  [[nodiscard]] std::optional<Vector> solve() const {
-    // Unknowns of very different size (rad, m, 1/m): scale the diagonal to one first.
-    const Vector scale = (A_.diagonal().array() + 1e-30).rsqrt();
-    Eigen::Matrix<double, N, N> M = A_.template selfadjointView<Eigen::Upper>();
-    M = (scale.asDiagonal() * M * scale.asDiagonal()).eval();
-    M.diagonal().array() += 1e-12;
-    const Vector x = scale.cwiseProduct(M.ldlt().solve(scale.cwiseProduct(b_)));
-    if (!x.allFinite()) return std::nullopt;
-    return x;
+
+  KYS_ALWAYS_INLINE void linearize(const SampleLanes& s, Linearized<6>& out) const {
+    // Everything divided by Z, as flow does not change when scene and translation are scaled.
+    const Lanes x = (s.u - cx_) / fx_, y = (s.v - cy_) / fy_;
+    const Lanes a = R_[0][0] * x + R_[0][1] * y + R_[0][2];
+    const Lanes b = R_[1][0] * x + R_[1][1] * y + R_[1][2];
+    const Lanes c = R_[2][0] * x + R_[2][1] * y + R_[2][2];
+    const Lanes depth = c + s.inverse_z * t_[2];
+    const LaneMask in_front = depth > broadcast(1e-3);
+    out.present = in_front ? s.present : broadcast(0.0);
+    const Lanes inverse = 1.0 / (in_front ? depth : broadcast(1.0));
+    const Lanes next_x = (a + s.inverse_z * t_[0]) * inverse;
+    const Lanes next_y = (b + s.inverse_z * t_[1]) * inverse;
+    out.ru = s.flow_u - fx_ * (next_x - x);
+    out.rv = s.flow_v - fy_ * (next_y - y);
+    // Derivatives of the two by the point: (u0, 0, u2) and (0, v1, v2). The point changes by
+    // w x (a, b, c) + inverse_z dt.
+    const Lanes u0 = fx_ * inverse, u2 = -u0 * next_x;
+    const Lanes v1 = fy_ * inverse, v2 = -v1 * next_y;
+    out.ju[0] = b * u2;
+    out.ju[1] = c * u0 - a * u2;
+    out.ju[2] = -b * u0;
+    out.ju[3] = s.inverse_z * u0;
+    out.ju[4] = Lanes{};
+    out.ju[5] = s.inverse_z * u2;
+    out.jv[0] = b * v2 - c * v1;
+    out.jv[1] = -a * v2;
+    out.jv[2] = a * v1;
+    out.jv[3] = Lanes{};
+    out.jv[4] = s.inverse_z * v1;
+    out.jv[5] = s.inverse_z * v2;
   }
 
  private:
-  Eigen::Matrix<double, N, N> A_ = Eigen::Matrix<double, N, N>::Zero();
-  Vector b_ = Vector::Zero();
+  double fx_, fy_, cx_, cy_;
+  double R_[3][3], t_[3];
 };
 
-/// Residual of the exact model and its derivatives by [w; t] of plus(), px.
-struct Se3Residual {
-  double ru, rv;
-  Eigen::Matrix<double, 6, 1> ju, jv;
+/// What the two models of eight parameters differ in.
+struct LinearFactors {
+  double roll_u, roll_v, pitch_u;
 };
 
-bool evaluate_se3(const StereoCamera& k, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
-                  const Sample& s, Se3Residual& out) {
-  // Everything divided by Z, as flow does not change when scene and translation are scaled.
-  const Eigen::Vector3d ray((s.u - k.cx) / k.fx, (s.v - k.cy) / k.fy, 1.0);
-  const Eigen::Vector3d turned = R * ray;
-  const Eigen::Vector3d q = turned + s.inverse_z * t;
-  if (q.z() < 1e-3) return false;
-  const double iz = 1.0 / q.z(), x = q.x() * iz, y = q.y() * iz;
-  out.ru = s.flow_u - (k.fx * x + k.cx - s.u);
-  out.rv = s.flow_v - (k.fy * y + k.cy - s.v);
-  // d(u,v)/dq, and dq = w x turned + inverse_z dt.
-  const Eigen::Vector3d du(k.fx * iz, 0, -k.fx * x * iz), dv(0, k.fy * iz, -k.fy * y * iz);
-  out.ju << turned.cross(du), s.inverse_z * du;
-  out.jv << turned.cross(dv), s.inverse_z * dv;
-  return true;
+LinearFactors linear_factors(const EgoMotion& motion) {
+  if (motion.model == EgoMotionModel::kAsPrinted) return {-1, -1, -1};
+  const double aspect = static_cast<double>(motion.camera.width) / motion.camera.height;
+  return {-1 / aspect, aspect, 1};
 }
 
-/// One Gauss-Newton step over every stride-th sample. False when it cannot be made.
-bool step_se3(const StereoCamera& camera, const std::vector<Sample>& samples, std::size_t stride,
-              double delta, Rigid3& T) {
-  NormalEquations<6> equations;
-  const Eigen::Matrix3d R = T.R();
-  Se3Residual e;
-  for (std::size_t i = 0; i < samples.size(); i += stride) {
-    if (!evaluate_se3(camera, R, T.t(), samples[i], e)) continue;
-    equations.add(e.ju, e.jv, e.ru, e.rv, weight(length(e.ru, e.rv), delta));
+/// The two rows of Eq. 6 in px: flow = row . c.
+class LinearModel {
+ public:
+  static constexpr int kUnknowns = 8;
+
+  explicit LinearModel(const EgoMotion& motion)
+      : c_(motion.c),
+        factors_(linear_factors(motion)),
+        width_(motion.camera.width),
+        height_(motion.camera.height) {}
+
+  KYS_ALWAYS_INLINE void linearize(const SampleLanes& s, Linearized<8>& out) const {
+    const Lanes x = s.u / width_ - 0.5, y = s.v / height_ - 0.5;
+    const Lanes w = broadcast(width_), h = broadcast(height_);
+    out.ju[0] = w;
+    out.ju[1] = w * s.inverse_z;
+    out.ju[2] = -w * x * s.inverse_z;
+    out.ju[3] = w * factors_.roll_u * y;
+    out.ju[4] = w * x * x;
+    out.ju[5] = w * factors_.pitch_u * x * y;
+    out.ju[6] = out.ju[7] = Lanes{};
+    out.jv[0] = out.jv[1] = Lanes{};
+    out.jv[2] = -h * y * s.inverse_z;
+    out.jv[3] = h * factors_.roll_v * x;
+    out.jv[4] = h * x * y;
+    out.jv[5] = h * y * y;
+    out.jv[6] = h;
+    out.jv[7] = h * s.inverse_z;
+    out.ru = s.flow_u;
+    out.rv = s.flow_v;
+    for (int i = 0; i < 8; ++i) {
+      out.ru -= c_[static_cast<std::size_t>(i)] * out.ju[i];
+      out.rv -= c_[static_cast<std::size_t>(i)] * out.jv[i];
+    }
+    out.present = s.present;
   }
-  const auto x = equations.solve();
-  if (!x) return false;
-  T = plus(T, *x);
-  return true;
+
+ private:
+  std::array<double, 8> c_;
+  LinearFactors factors_;
+  double width_, height_;
+};
+
+/// Normal equations of N unknowns: the upper triangle, row by row, and the right side.
+template <int N>
+struct NormalSums {
+  Lanes A[N * (N + 1) / 2] = {};
+  Lanes b[N] = {};
+  Lanes weight = {};
+};
+
+KYS_ALWAYS_INLINE Lanes length(const Lanes& u, const Lanes& v) {
+  return sqrt_lanes(u * u + v * v);
 }
 
-bool fit_se3(const BuilderOptions::EgoMotion& options, const std::vector<Sample>& samples,
-             EgoMotion& motion) {
-  // The linearisation point first, on a few samples and with a wide kernel; then the five steps.
-  const std::size_t stride = std::max<std::size_t>(1, samples.size() / 800);
-  double delta = 20 * options.huber_delta;
-  for (int i = 0; i < 5; ++i, delta = std::max(options.huber_delta, delta / 3)) {
-    if (!step_se3(motion.camera, samples, stride, delta, motion.T_next_now)) return false;
+template <typename Model, int N>
+KYS_ALWAYS_INLINE void accumulate(const Model& model, const Samples& samples, std::size_t stride,
+                                  double delta, NormalSums<N>& sums) {
+  Linearized<N> e;
+  for (std::size_t k = 0; k < samples.lanes.size(); k += stride) {
+    model.linearize(samples.lanes[k], e);
+    // Huber's weight.
+    const Lanes norm = length(e.ru, e.rv);
+    const Lanes w = e.present * (norm > broadcast(delta) ? delta / norm : broadcast(1.0));
+    sums.weight += w;
+    int at = 0;
+    for (int i = 0; i < N; ++i) {
+      const Lanes wu = w * e.ju[i], wv = w * e.jv[i];
+      for (int j = i; j < N; ++j) sums.A[at++] += wu * e.ju[j] + wv * e.jv[j];
+      sums.b[i] += wu * e.ru + wv * e.rv;
+    }
+  }
+}
+
+template <typename Model>
+KYS_ALWAYS_INLINE double total_residual(const Model& model, const Samples& samples) {
+  Lanes sum = {};
+  Linearized<Model::kUnknowns> e;
+  for (const SampleLanes& s : samples.lanes) {
+    model.linearize(s, e);
+    sum += e.present * length(e.ru, e.rv);
+  }
+  return lane_sum(sum);
+}
+
+// What templates instantiate cannot be cloned; what these inline is.
+KYS_VECTOR_CLONES void sum_up(const Se3Model& model, const Samples& samples, std::size_t stride,
+                              double delta, NormalSums<6>& sums) {
+  accumulate(model, samples, stride, delta, sums);
+}
+KYS_VECTOR_CLONES void sum_up(const LinearModel& model, const Samples& samples, std::size_t stride,
+                              double delta, NormalSums<8>& sums) {
+  accumulate(model, samples, stride, delta, sums);
+}
+
+/// Solves the least squares problem and applies the solution. \return how much it changes the
+/// prediction, px, root of the weighted mean square; nothing when the equations are singular.
+template <int N, typename Apply>
+std::optional<double> solve(const NormalSums<N>& sums, const Apply& apply) {
+  using Vector = Eigen::Matrix<double, N, 1>;
+  Eigen::Matrix<double, N, N> A;
+  Vector b;
+  int at = 0;
+  for (int i = 0; i < N; ++i) {
+    for (int j = i; j < N; ++j) A(i, j) = A(j, i) = lane_sum(sums.A[at++]);
+    b(i) = lane_sum(sums.b[i]);
+  }
+  // Unknowns of very different size (rad, m, 1/m): scale the diagonal to one first.
+  const Vector scale = (A.diagonal().array() + 1e-30).rsqrt();
+  Eigen::Matrix<double, N, N> M = scale.asDiagonal() * A * scale.asDiagonal();
+  M.diagonal().array() += 1e-12;
+  const Vector x = scale.cwiseProduct(M.ldlt().solve(scale.cwiseProduct(b)));
+  if (!x.allFinite()) return std::nullopt;
+  apply(x);
+  return std::sqrt(std::max(0.0, x.dot(b)) / std::max(1.0, lane_sum(sums.weight)));
+}
+
+/// One re-weighted step over every stride-th group of samples: by how much it changed the predicted
+/// flow (px, root mean square); nothing when it cannot be made.
+std::optional<double> step(const Samples& samples, std::size_t stride, double delta,
+                           EgoMotion& motion) {
+  const auto solve_with = [&](const auto& model, auto sums, const auto& apply) {
+    sum_up(model, samples, stride, delta, sums);
+    return solve(sums, apply);
+  };
+  if (motion.model == EgoMotionModel::kSe3) {
+    return solve_with(Se3Model(motion.camera, motion.T_next_now), NormalSums<6>(),
+                      [&](const auto& x) { motion.T_next_now = plus(motion.T_next_now, x); });
+  }
+  return solve_with(LinearModel(motion), NormalSums<8>(), [&](const auto& x) {
+    Eigen::Map<Eigen::Matrix<double, 8, 1>>(motion.c.data()) += x;
+  });
+}
+
+bool fit(const BuilderOptions::EgoMotion& options, const Samples& samples, EgoMotion& motion) {
+  if (motion.model == EgoMotionModel::kSe3) {
+    // The linearisation point first, on a few samples and with a wide kernel.
+    const std::size_t stride = std::max<std::size_t>(1, samples.lanes.size() / 200);
+    double delta = 20 * options.huber_delta;
+    for (int i = 0; i < 5; ++i, delta = std::max(options.huber_delta, delta / 3)) {
+      if (!step(samples, stride, delta, motion)) return false;
+    }
+  } else if (!step(samples, 1, std::numeric_limits<double>::infinity(), motion)) {
+    return false;  // the first solution is unweighted
   }
   for (int i = 0; i < options.iterations; ++i) {
-    if (!step_se3(motion.camera, samples, 1, options.huber_delta, motion.T_next_now)) return false;
+    const std::optional<double> change = step(samples, 1, options.huber_delta, motion);
+    if (!change) return false;
+    if (*change < kConverged) break;
   }
   return motion.T_next_now.is_finite();
 }
 
-using Row8 = Eigen::Matrix<double, 8, 1>;
-
-/// The two rows of Eq. 6 in px: flow = row . c.
-struct LinearRows {
-  Row8 u, v;
-};
-
-LinearRows linear_rows(EgoMotionModel model, double width, double height, double px, double py,
-                       double rho) {
-  const double x = (px - 0.5 * width) / width, y = (py - 0.5 * height) / height;
-  const bool printed = model == EgoMotionModel::kAsPrinted;
-  const double roll_u = printed ? -y : -(height / width) * y;
-  const double roll_v = printed ? -x : (width / height) * x;
-  const double pitch_u = printed ? -x * y : x * y;
-  LinearRows rows;
-  rows.u << 1, rho, -x * rho, roll_u, x * x, pitch_u, 0, 0;
-  rows.v << 0, 0, -y * rho, roll_v, x * y, y * y, 1, rho;
-  rows.u *= width;
-  rows.v *= height;
-  return rows;
+double mean_residual(const EgoMotion& motion, const Samples& samples) {
+  const double sum = motion.model == EgoMotionModel::kSe3
+                         ? total_residual(Se3Model(motion.camera, motion.T_next_now), samples)
+                         : total_residual(LinearModel(motion), samples);
+  return samples.count == 0 ? 0 : sum / samples.count;
 }
 
-bool fit_linear(const BuilderOptions::EgoMotion& options, const std::vector<Sample>& samples,
-                EgoMotion& motion) {
-  Row8 c = Row8::Zero();
-  for (int i = 0; i <= options.iterations; ++i) {  // the first solution is unweighted
-    NormalEquations<8> equations;
-    for (const Sample& s : samples) {
-      const LinearRows rows = linear_rows(motion.model, motion.camera.width, motion.camera.height,
-                                          s.u, s.v, s.inverse_z);
-      const double norm = length(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
-      equations.add(rows.u, rows.v, s.flow_u, s.flow_v,
-                    i == 0 ? 1.0 : weight(norm, options.huber_delta));
-    }
-    const auto x = equations.solve();
-    if (!x) return false;
-    c = *x;
-  }
-  Eigen::Map<Row8>(motion.c.data()) = c;
-  return true;
-}
-
-KYS_ROW_LOOP void predict_row_se3(const EgoMotion& m, int y, const float* __restrict rho,
-                                  float* __restrict u, float* __restrict v) {
+Se3FlowRow se3_row(const EgoMotion& m, int y) {
   const StereoCamera& k = m.camera;
   const Eigen::Matrix3d R = m.T_next_now.R();
-  const double yn = (y - k.cy) / k.fy;
-  // q = step * x + base + rho * t; the first two in units of the ray at depth 1.
+  const Eigen::Vector3d t = m.T_next_now.t();
+  // The point at unit depth is step x + base + rho t.
   const Eigen::Vector3d step = R.col(0) / k.fx;
-  const Eigen::Vector3d base = R.col(1) * yn + R.col(2) - R.col(0) * (k.cx / k.fx);
-  const float sx = static_cast<float>(step.x()), sy = static_cast<float>(step.y()),
-              sz = static_cast<float>(step.z());
-  const float bx = static_cast<float>(base.x()), by = static_cast<float>(base.y()),
-              bz = static_cast<float>(base.z());
-  const Eigen::Vector3f t = m.T_next_now.t().cast<float>();
-  const float tx = t.x(), ty = t.y(), tz = t.z();
-  const float fx = static_cast<float>(k.fx), fy = static_cast<float>(k.fy),
-              cx = static_cast<float>(k.cx), cy = static_cast<float>(k.cy - y);
-  for (int x = 0; x < k.width; ++x) {
-    const auto px = static_cast<float>(x);
-    const float iz = 1.0F / (sz * px + bz + tz * rho[x]);
-    u[x] = fx * ((sx * px + bx + tx * rho[x]) * iz) + (cx - px);
-    v[x] = fy * ((sy * px + by + ty * rho[x]) * iz) + cy;
-  }
+  const Eigen::Vector3d base = R.col(1) * ((y - k.cy) / k.fy) + R.col(2) - R.col(0) * (k.cx / k.fx);
+  const auto f = [](double value) { return static_cast<float>(value); };
+  return {f(k.fx * step.x()), f(k.fx * base.x()),
+          f(k.fx * t.x()),    f(k.fy * step.y()),
+          f(k.fy * base.y()), f(k.fy * t.y()),
+          f(step.z()),        f(base.z()),
+          f(t.z()),           f(k.cx),
+          f(k.cy - y)};
 }
 
-KYS_ROW_LOOP void predict_row_linear(const EgoMotion& m, int y, const float* __restrict rho,
-                                     float* __restrict u, float* __restrict v) {
-  // Each component is a + b x + d x^2 + rho (e + g x) along a row, x in pixels.
+LinearFlowRow linear_row(const EgoMotion& m, int y) {
   const double w = m.camera.width, h = m.camera.height;
   const double yn = (y - 0.5 * h) / h;
-  const bool printed = m.model == EgoMotionModel::kAsPrinted;
+  const LinearFactors k = linear_factors(m);
   const auto& c = m.c;
-  const double ru = printed ? -yn : -(h / w) * yn, rv = printed ? -1.0 : w / h;
-  const double pu = printed ? -yn : yn;
-  const float u0 = static_cast<float>(w * (c[0] + c[3] * ru)),
-              u1 = static_cast<float>(w * c[5] * pu), u2 = static_cast<float>(w * c[4]),
-              ur = static_cast<float>(w * c[1]), urx = static_cast<float>(-w * c[2]);
-  const float v0 = static_cast<float>(h * (c[6] + c[5] * yn * yn)),
-              v1 = static_cast<float>(h * (c[3] * rv + c[4] * yn)),
-              vr = static_cast<float>(h * (c[7] - c[2] * yn));
-  const auto inverse_w = static_cast<float>(1.0 / w);
-  for (int i = 0; i < m.camera.width; ++i) {
-    const float x = static_cast<float>(i) * inverse_w - 0.5F;
-    u[i] = u0 + x * (u1 + u2 * x) + rho[i] * (ur + urx * x);
-    v[i] = v0 + x * v1 + rho[i] * vr;
-  }
+  const auto f = [](double value) { return static_cast<float>(value); };
+  return {f(1.0 / w),
+          f(w * (c[0] + c[3] * k.roll_u * yn)),
+          f(w * c[5] * k.pitch_u * yn),
+          f(w * c[4]),
+          f(w * c[1]),
+          f(-w * c[2]),
+          f(h * (c[6] + c[5] * yn * yn)),
+          f(h * (c[3] * k.roll_v + c[4] * yn)),
+          f(h * (c[7] - c[2] * yn))};
 }
 
-double mean_residual(const EgoMotion& motion, const std::vector<Sample>& samples) {
-  double sum = 0;
-  const Eigen::Matrix3d R = motion.T_next_now.R();
-  const Eigen::Map<const Row8> c(motion.c.data());
-  for (const Sample& s : samples) {
-    if (motion.model == EgoMotionModel::kSe3) {
-      Se3Residual e;
-      if (evaluate_se3(motion.camera, R, motion.T_next_now.t(), s, e)) sum += length(e.ru, e.rv);
-    } else {
-      const LinearRows rows = linear_rows(motion.model, motion.camera.width, motion.camera.height,
-                                          s.u, s.v, s.inverse_z);
-      sum += length(s.flow_u - rows.u.dot(c), s.flow_v - rows.v.dot(c));
-    }
-  }
-  return samples.empty() ? 0 : sum / static_cast<double>(samples.size());
+template <typename Flow>
+KYS_ALWAYS_INLINE void predict(const Flow& flow, int width, const float* __restrict rho,
+                               float* __restrict u, float* __restrict v) {
+  for (int x = 0; x < width; ++x) flow.at(static_cast<float>(x), rho[x], u[x], v[x]);
 }
 
 }  // namespace
 
+FlowRow EgoMotion::flow_row(int y) const {
+  if (model == EgoMotionModel::kSe3) return se3_row(*this, y);
+  return linear_row(*this, y);
+}
+
 void EgoMotion::predict_row(int y, const float* inverse_depth, float* u, float* v) const {
-  if (model == EgoMotionModel::kSe3) {
-    predict_row_se3(*this, y, inverse_depth, u, v);
-  } else {
-    predict_row_linear(*this, y, inverse_depth, u, v);
-  }
+  std::visit([&](const auto& flow) { predict(flow, camera.width, inverse_depth, u, v); },
+             flow_row(y));
 }
 
 std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,
@@ -255,16 +348,13 @@ std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options
                                         const ImageOf<float>& inverse_depth,
                                         const ImageOf<std::uint16_t>& segment_map,
                                         const std::vector<std::uint8_t>& is_stuff) {
-  const std::vector<Sample> samples =
-      take_samples(options, flow, inverse_depth, segment_map, is_stuff);
-  if (static_cast<int>(samples.size()) < options.min_samples) return std::nullopt;
+  const Samples samples = take_samples(options, flow, inverse_depth, segment_map, is_stuff);
+  if (samples.count < options.min_samples) return std::nullopt;
   EgoMotion motion;
   motion.model = options.model;
   motion.camera = camera;
-  motion.samples = static_cast<int>(samples.size());
-  const bool fitted = options.model == EgoMotionModel::kSe3 ? fit_se3(options, samples, motion)
-                                                            : fit_linear(options, samples, motion);
-  if (!fitted) return std::nullopt;
+  motion.samples = samples.count;
+  if (!fit(options, samples, motion)) return std::nullopt;
   motion.mean_residual = mean_residual(motion, samples);
   return motion;
 }

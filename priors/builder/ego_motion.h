@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "priors/builder/depth.h"
+#include "priors/builder/flow_row.h"
 #include "priors/builder/options.h"
 #include "priors/builder/panoptic.h"
 
@@ -22,6 +23,8 @@ struct EgoMotion {
   int samples = 0;            ///< pixels used
   double mean_residual = 0;   ///< px, over the samples, after the fit
 
+  /// The predicted flow along row y.
+  [[nodiscard]] FlowRow flow_row(int y) const;
   /// Predicted flow (px) of row y from its inverse depths (1/m); NaN where these are.
   void predict_row(int y, const float* inverse_depth, float* u, float* v) const;
 };

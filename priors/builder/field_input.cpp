@@ -173,17 +173,16 @@ void check_specified(const fs::path& path, FieldEncoding encoding) {
 FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
   check_specified(path, encoding);
   const Rgb16Image in = read_rgb16(path);
-  FlowField flow{ImageOf<float>(in.width(), in.height(), kNoValue),
-                 ImageOf<float>(in.width(), in.height(), kNoValue)};
+  FlowField flow{ImageOf<float>::for_overwrite(in.width(), in.height()),
+                 ImageOf<float>::for_overwrite(in.width(), in.height())};
   const bool kitti = encoding != FieldEncoding::kVkitti;
   const double sx = kitti ? 1.0 / 64 : 2.0 * (in.width() - 1) / 65535;
   const double sy = kitti ? 1.0 / 64 : 2.0 * (in.height() - 1) / 65535;
   const double zero = kitti ? 32768 : 65535.0 / 2;
   for (std::size_t i = 0; i < in.size(); ++i) {
     const Rgb16Pixel& p = in.data()[i];
-    if (p[2] == 0) continue;
-    flow.u.data()[i] = static_cast<float>((p[0] - zero) * sx);
-    flow.v.data()[i] = static_cast<float>((p[1] - zero) * sy);
+    flow.u.data()[i] = p[2] == 0 ? kNoValue : static_cast<float>((p[0] - zero) * sx);
+    flow.v.data()[i] = p[2] == 0 ? kNoValue : static_cast<float>((p[1] - zero) * sy);
   }
   return flow;
 }
@@ -191,15 +190,13 @@ FlowField read_flow_png(const fs::path& path, FieldEncoding encoding) {
 ImageOf<float> read_disparity_png(const fs::path& path, FieldEncoding encoding, double bf) {
   check_specified(path, encoding);
   const Image16 in = read_u16(path);
-  ImageOf<float> out(in.width(), in.height(), kNoValue);
+  auto out = ImageOf<float>::for_overwrite(in.width(), in.height());
+  const bool vkitti = encoding == FieldEncoding::kVkitti;  // depth in cm, 65535 is the sky
   for (std::size_t i = 0; i < in.size(); ++i) {
     const double value = in.data()[i];
-    if (value == 0) continue;
-    if (encoding != FieldEncoding::kVkitti) {
-      out.data()[i] = static_cast<float>(value / 256);
-    } else if (value < 65535) {
-      out.data()[i] = static_cast<float>(100 * bf / value);
-    }
+    const bool known = value > 0 && !(vkitti && value == 65535);
+    const double disparity = vkitti ? 100 * bf / value : value / 256;
+    out.data()[i] = known ? static_cast<float>(disparity) : kNoValue;
   }
   return out;
 }

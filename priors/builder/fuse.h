@@ -12,6 +12,7 @@
 #include "priors/builder/ego_motion.h"
 #include "priors/builder/options.h"
 #include "priors/builder/panoptic.h"
+#include "priors/builder/residual.h"
 #include "priors/format/prior_writer.h"
 
 namespace kys_slam {
@@ -19,6 +20,7 @@ namespace kys_slam {
 /// Perception of one camera at one frame.
 struct CameraPerception {
   PanopticMap panoptic;
+  SegmentRuns runs;                     ///< of the map; left empty, they are found
   std::vector<std::int32_t> instances;  ///< of the segments, as they go into the file
   ImageOf<float> inverse_depth;         ///< 1/m, NaN where unknown; empty: no depth
   std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
@@ -27,14 +29,25 @@ struct CameraPerception {
 /// Where the time of one camera went, ms.
 struct FusionTimes {
   double runs = 0, fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
+
   [[nodiscard]] double total() const {
     return runs + fit + residual + drift + statistics + decide_export;
+  }
+  FusionTimes& operator+=(const FusionTimes& other) {
+    runs += other.runs;
+    fit += other.fit;
+    residual += other.residual;
+    drift += other.drift;
+    statistics += other.statistics;
+    decide_export += other.decide_export;
+    return *this;
   }
 };
 
 /// What fusion found out, for the tables and the pictures.
 struct CameraFusion {
   CameraPriors priors;
+  std::vector<InputSegment> segments;         ///< as they were given
   std::vector<SegmentStatistics> statistics;  ///< per segment
   std::vector<MotionDecision> decisions;      ///< per segment; of stuff: nothing
   std::optional<EgoMotion> ego_motion;        ///< none: no flow, or too few pixels
@@ -42,15 +55,10 @@ struct CameraFusion {
   FusionTimes times;
 };
 
-/// Images of the intermediate stages; filled only when asked for.
-struct FusionImages {
-  FlowField predicted, residual, drift;
-  ImageOf<float> corrected;  ///< px, length of the corrected residual
-};
-
 /// Secs. 3.2 (scale) and 3.3 for one camera and frame: perception in, priors out. A pixel of a
 /// flagged segment without a residual of its own gets the segment's mean.
+/// \param images when given, what the stages in between gave.
 CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& camera,
-                         const CameraPerception& perception, FusionImages* images = nullptr);
+                         CameraPerception perception, FusionImages* images = nullptr);
 
 }  // namespace kys_slam

@@ -1,15 +1,8 @@
 #include "priors/builder/panoptic.h"
 
-namespace kys_slam {
+#include "priors/format/run_end.h"
 
-ImageOf<std::uint16_t> label_image(const PanopticMap& map) {
-  ImageOf<std::uint16_t> labels(map.map.width(), map.map.height(), 0xFFFF);
-  for (std::size_t i = 0; i < labels.size(); ++i) {
-    const std::uint16_t segment = map.map.data()[i];
-    if (segment != 0) labels.data()[i] = map.segments[segment - 1u].label;
-  }
-  return labels;
-}
+namespace kys_slam {
 
 SegmentRuns find_runs(const ImageOf<std::uint16_t>& map) {
   SegmentRuns result;
@@ -20,8 +13,7 @@ SegmentRuns find_runs(const ImageOf<std::uint16_t>& map) {
     result.row_begin.push_back(static_cast<std::uint32_t>(result.runs.size()));
     const std::uint16_t* row = map.row(y);
     for (int x = 0; x < width;) {
-      int end = x + 1;
-      while (end < width && row[end] == row[x]) ++end;
+      const int end = run_end(row, x, width);
       result.runs.push_back(
           {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(end), row[x]});
       x = end;

@@ -3,6 +3,7 @@
 #include <kys_slam/image.h>
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace kys_slam {
@@ -32,10 +33,12 @@ struct SegmentRun {
 struct SegmentRuns {
   std::vector<SegmentRun> runs;
   std::vector<std::uint32_t> row_begin;
-};
 
-/// Class of every pixel, 65535 where void.
-ImageOf<std::uint16_t> label_image(const PanopticMap& map);
+  [[nodiscard]] std::span<const SegmentRun> row(int y) const {
+    const auto at = static_cast<std::size_t>(y);
+    return {runs.data() + row_begin[at], runs.data() + row_begin[at + 1]};
+  }
+};
 
 SegmentRuns find_runs(const ImageOf<std::uint16_t>& map);
 

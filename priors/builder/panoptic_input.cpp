@@ -8,6 +8,7 @@
 
 #include "io/image_io.h"
 #include "priors/builder/vkitti_names.h"
+#include "priors/format/run_end.h"
 
 namespace kys_slam {
 namespace {
@@ -46,6 +47,48 @@ std::uint32_t vkitti_class(const RgbPixel& colour, const fs::path& path) {
   throw InputError(path.string() + ": colour (" + std::to_string(colour[0]) + ", " +
                    std::to_string(colour[1]) + ", " + std::to_string(colour[2]) +
                    ") is no class of Virtual KITTI 2");
+}
+
+/// Brings per-pixel keys into the convention of PanopticMap. `key` has 0 for void; `segment_of`
+/// gives label and id of a key (and may throw for one it does not know).
+/// \throws InputError, starting with `name`, when there are more segments than a map can tell
+/// apart.
+template <typename SegmentOf>
+PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, const std::string& name,
+                              SegmentOf&& segment_of) {
+  struct Run {
+    std::uint32_t key;
+    int length;
+  };
+  std::vector<Run> runs;
+  std::map<std::uint32_t, InputSegment> found;  // by key
+  for (int y = 0; y < keys.height(); ++y) {
+    const std::uint32_t* row = keys.row(y);
+    for (int x = 0, end = 0; x < keys.width(); x = end) {
+      end = run_end(row, x, keys.width());
+      runs.push_back({row[x], end - x});
+      if (row[x] != 0 && !found.contains(row[x])) found.emplace(row[x], segment_of(row[x]));
+    }
+  }
+  // In order of (label, input id); stuff has input id 0, so that a class is one segment.
+  std::map<std::pair<std::uint16_t, std::uint32_t>, std::uint16_t> number;
+  for (const auto& [key, s] : found) number[{s.label, s.input_id}] = 0;
+  if (number.size() > 65535) throw InputError(name + ": has more than 65535 segments");
+  PanopticMap out;
+  for (auto& [id, index] : number) {
+    index = static_cast<std::uint16_t>(out.segments.size() + 1);
+    out.segments.push_back({});
+  }
+  std::map<std::uint32_t, std::uint16_t> index_of = {{0, std::uint16_t{0}}};
+  for (const auto& [key, s] : found) {
+    const std::uint16_t index = number[{s.label, s.input_id}];
+    out.segments[index - 1u] = s;
+    index_of[key] = index;
+  }
+  out.map = ImageOf<std::uint16_t>::for_overwrite(keys.width(), keys.height());
+  std::uint16_t* to = out.map.data();
+  for (const Run& run : runs) to = std::fill_n(to, run.length, index_of[run.key]);
+  return out;
 }
 
 }  // namespace
@@ -148,12 +191,12 @@ PanopticMap PanopticReader::read_coco(const std::string& name) const {
                        " is listed with two categories");
     }
   }
-  ImageOf<std::uint32_t> keys(rgb.width(), rgb.height());
+  auto keys = ImageOf<std::uint32_t>::for_overwrite(rgb.width(), rgb.height());
   for (std::size_t i = 0; i < rgb.size(); ++i) {
     const RgbPixel& p = rgb.data()[i];
     keys.data()[i] = p[0] + 256u * p[1] + 65536u * p[2];
   }
-  return make_panoptic_map(keys, [&](std::uint32_t id) {
+  return make_panoptic_map(keys, path.string(), [&](std::uint32_t id) {
     const auto category = category_of.find(id);
     if (category == category_of.end()) {
       throw InputError(path.string() + ": segment " + std::to_string(id) + " is not in " +
@@ -168,12 +211,12 @@ PanopticMap PanopticReader::read_coco(const std::string& name) const {
 PanopticMap PanopticReader::read_two_channel(const std::string& name) const {
   const fs::path path = path_of(name);
   const RgbImage rgb = read_rgb(path);
-  ImageOf<std::uint32_t> keys(rgb.width(), rgb.height());
+  auto keys = ImageOf<std::uint32_t>::for_overwrite(rgb.width(), rgb.height());
   for (std::size_t i = 0; i < rgb.size(); ++i) {
     const RgbPixel& p = rgb.data()[i];
     keys.data()[i] = p[0] == 0 ? 0 : p[0] + 256u * p[1];
   }
-  return make_panoptic_map(keys, [&](std::uint32_t key) {
+  return make_panoptic_map(keys, path.string(), [&](std::uint32_t key) {
     const std::uint16_t label = label_of(key % 256, path.string());
     const bool thing = labels_->at(label).thing;
     return InputSegment{thing ? key : 0, label, thing};
@@ -183,11 +226,11 @@ PanopticMap PanopticReader::read_two_channel(const std::string& name) const {
 PanopticMap PanopticReader::read_class_map(const std::string& name) const {
   const fs::path path = path_of(name);
   const ImageOf<std::uint8_t> classes = read_indexed(path);
-  ImageOf<std::uint32_t> keys(classes.width(), classes.height());
+  auto keys = ImageOf<std::uint32_t>::for_overwrite(classes.width(), classes.height());
   for (std::size_t i = 0; i < classes.size(); ++i) {
     keys.data()[i] = classes.data()[i] == 255 ? 0u : classes.data()[i];
   }
-  return make_panoptic_map(keys, [&](std::uint32_t key) {
+  return make_panoptic_map(keys, path.string(), [&](std::uint32_t key) {
     // Without instances every class is one segment, and nothing of it moves.
     return InputSegment{0, label_of(key, path.string()), false};
   });
@@ -212,7 +255,7 @@ PanopticMap PanopticReader::read_vkitti(const std::string& name) const {
                        " is not in label space " + labels_->name() + " (vkitti2 has it)");
     }
   }
-  ImageOf<std::uint32_t> keys(classes.width(), classes.height());
+  auto keys = ImageOf<std::uint32_t>::for_overwrite(classes.width(), classes.height());
   RgbPixel last_colour = {0, 0, 0};
   std::uint32_t last = 0;
   for (std::size_t i = 0; i < keys.size(); ++i) {
@@ -224,7 +267,7 @@ PanopticMap PanopticReader::read_vkitti(const std::string& name) const {
     const bool nobody = label_of[last].second && instance == 0;
     keys.data()[i] = last == 0 || nobody ? 0 : last + 256u * instance;
   }
-  return make_panoptic_map(keys, [&](std::uint32_t key) {
+  return make_panoptic_map(keys, path.string(), [&](std::uint32_t key) {
     const auto& [label, thing] = label_of[key % 256];
     return InputSegment{key / 256, label, thing};
   });

@@ -61,42 +61,4 @@ class PanopticReader {
   std::map<std::string, std::vector<std::pair<std::uint32_t, std::int64_t>>> annotations_;
 };
 
-/// Brings per-pixel keys into the convention of PanopticMap. `key` has 0 for void; `segment_of`
-/// gives label and id of a key (and may throw for one it does not know).
-template <typename SegmentOf>
-PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, SegmentOf&& segment_of) {
-  PanopticMap out;
-  out.map = ImageOf<std::uint16_t>(keys.width(), keys.height());
-  std::map<std::uint32_t, InputSegment> found;  // by key
-  std::uint32_t last = 0;
-  for (std::size_t i = 0; i < keys.size(); ++i) {
-    const std::uint32_t key = keys.data()[i];
-    if (key == last) continue;
-    last = key;
-    if (key != 0 && !found.contains(key)) found.emplace(key, segment_of(key));
-  }
-  // In order of (label, input id); stuff has input id 0, so that a class is one segment.
-  std::map<std::pair<std::uint16_t, std::uint32_t>, std::uint16_t> number;
-  for (const auto& [key, s] : found) number[{s.label, s.input_id}] = 0;
-  for (auto& [id, index] : number) {
-    index = static_cast<std::uint16_t>(out.segments.size() + 1);
-    out.segments.push_back({});
-  }
-  std::map<std::uint32_t, std::uint16_t> index_of;
-  for (const auto& [key, s] : found) {
-    const std::uint16_t index = number[{s.label, s.input_id}];
-    out.segments[index - 1u] = s;
-    index_of[key] = index;
-  }
-  last = 0;
-  std::uint16_t index = 0;
-  for (std::size_t i = 0; i < keys.size(); ++i) {
-    const std::uint32_t key = keys.data()[i];
-    if (key != last) index = key == 0 ? std::uint16_t{0} : index_of[key];
-    last = key;
-    out.map.data()[i] = index;
-  }
-  return out;
-}
-
 }  // namespace kys_slam

@@ -9,6 +9,7 @@
 #include <cstdlib>
 
 #include "priors/format/prior_format.h"
+#include "priors/format/run_end.h"
 
 namespace kys_slam {
 namespace {
@@ -35,7 +36,7 @@ void put_varint(Bytes& out, std::uint32_t value) {
 /// logarithm is not taken per pixel.
 class MotionCoder {
  public:
-  explicit MotionCoder(const MotionCoding& coding) : tolerance_(coding.tolerance_steps) {
+  explicit MotionCoder(const MotionCoding& coding) {
     const auto& values = pf::motion_of_code();
     for (std::size_t q = 0; q < 256; ++q) {
       side_[q] = side_of(values[q], coding.keep_sides);
@@ -49,6 +50,9 @@ class MotionCoder {
       }
     }
     upper_[255] = 100.0F;
+    for (int run = 0; run < 256; ++run) {
+      ranges_[static_cast<std::size_t>(run)] = make_range(run, coding.tolerance_steps);
+    }
     std::size_t q = 0;
     for (std::size_t i = 0; i < start_.size(); ++i) {
       while (q < 255 && static_cast<float>(i) / 32.0F > upper_[q]) ++q;
@@ -61,18 +65,37 @@ class MotionCoder {
     while (q < 255 && mu > upper_[q]) ++q;
     return static_cast<std::uint8_t>(q);
   }
-  [[nodiscard]] bool continues(std::uint8_t run, std::uint8_t next) const {
-    return std::abs(int{run} - int{next}) <= tolerance_ && side_[run] == side_[next];
-  }
+  /// Values that go on a run of this code: codes within the tolerance, on the same side of the
+  /// kept values.
+  struct Range {
+    float least = 0, most = -1;
+    [[nodiscard]] bool contains(float mu) const { return mu >= least && mu <= most; }
+  };
+  [[nodiscard]] Range range_of(std::uint8_t code) const { return ranges_[code]; }
 
  private:
   static int side_of(float mu, const std::vector<float>& kept) {
     return static_cast<int>(
         std::count_if(kept.begin(), kept.end(), [mu](float k) { return mu > k; }));
   }
-  int tolerance_;
+  [[nodiscard]] Range make_range(int run, int tolerance) const {
+    const auto same = [&](int q) {
+      return q >= 0 && q < 256 && std::abs(q - run) <= tolerance &&
+             side_[static_cast<std::size_t>(q)] == side_[static_cast<std::size_t>(run)];
+    };
+    int first = run, last = run;
+    while (same(first - 1)) --first;
+    while (same(last + 1)) ++last;
+    Range range;
+    if (first > 0)
+      range.least = std::nextafter(upper_[static_cast<std::size_t>(first - 1)], 200.0F);
+    range.most = upper_[static_cast<std::size_t>(last)];
+    return range;
+  }
+
   std::array<int, 256> side_{};
   std::array<float, 256> upper_{};
+  std::array<Range, 256> ranges_{};
   std::array<std::uint8_t, 3201> start_{};
 };
 
@@ -93,6 +116,13 @@ void check_segments(const CameraPriors& camera, std::size_t index, const std::st
   }
 }
 
+// Not inlined: it stays in registers, and most of the pixels pass here.
+[[gnu::noinline]] const float* first_outside(MotionCoder::Range range, const float* mu,
+                                             const float* end) {
+  while (mu != end && range.contains(*mu)) ++mu;
+  return mu;
+}
+
 /// One row: its segment runs, then the motion runs over its dynamic pixels.
 class RowEncoder {
  public:
@@ -104,18 +134,16 @@ class RowEncoder {
     const std::uint16_t* row = camera_.segment_map.row(y);
     const float* motion = camera_.motion.empty() ? nullptr : camera_.motion.row(y);
     motion_runs_.clear();
-    length_ = 0;
     for (int x = 0; x < width;) {
       const std::uint16_t segment = row[x];
       if (segment >= area_.size()) fail(name_, "the map has a segment that is not in the table");
-      int end = x + 1;
-      while (end < width && row[end] == segment) ++end;
+      const int end = run_end(row, x, width);
       put_varint(out, static_cast<std::uint32_t>(end - x));
       put_varint(out, segment);
       area_[segment] += static_cast<std::uint32_t>(end - x);
       if (segment > 0 && (camera_.segments[segment - 1u].flags & pf::kDynamic)) {
         if (motion == nullptr) fail(name_, "a dynamic segment has no motion image");
-        for (int u = x; u < end; ++u) add_motion(motion[u]);
+        add_motion(motion + x, motion + end);
       }
       x = end;
     }
@@ -126,17 +154,24 @@ class RowEncoder {
   [[nodiscard]] std::uint32_t area(std::size_t segment) const { return area_[segment]; }
 
  private:
-  void add_motion(float mu) {
-    if (!(mu >= 0.0F && mu <= 100.0F)) fail(name_, "a motion value is not in 0..100");
-    const std::uint8_t code = coder_.code(mu);
-    if (length_ > 0 && !coder_.continues(run_, code)) flush_motion();
-    if (length_++ == 0) run_ = code;
+  void add_motion(const float* mu, const float* end) {
+    while (mu != end) {
+      const float* next = first_outside(range_, mu, end);
+      length_ += static_cast<std::uint32_t>(next - mu);
+      mu = next;
+      if (mu == end) break;
+      if (!(*mu >= 0.0F && *mu <= 100.0F)) fail(name_, "a motion value is not in 0..100");
+      flush_motion();
+      run_ = coder_.code(*mu);
+      range_ = coder_.range_of(run_);
+    }
   }
   void flush_motion() {
     if (length_ == 0) return;
     put_varint(motion_runs_, length_);
     motion_runs_.push_back(run_);
     length_ = 0;
+    range_ = {};
   }
 
   const CameraPriors& camera_;
@@ -146,6 +181,7 @@ class RowEncoder {
   Bytes motion_runs_;
   std::uint32_t length_ = 0;
   std::uint8_t run_ = 0;
+  MotionCoder::Range range_;
 };
 
 void encode_camera(const CameraPriors& camera, std::size_t index, const MotionCoder& coder,

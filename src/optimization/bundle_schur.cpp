@@ -7,7 +7,7 @@
 #include "geometry/reprojection.h"
 #include "optimization/block_cholesky.h"
 #include "optimization/bundle_solver.h"
-#include "optimization/lanes.h"
+#include "util/lanes.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
 // (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1). The reduced system is dense
@@ -108,9 +108,9 @@ KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* 
 }
 
 /// Takes the products Z_row Z_col^T of one point's observations off the reduced system.
-KYS_AVX2_CLONES void subtract_products(const SchurObservation* observations, const Matrix63* Z,
-                                       std::int32_t count, const BlockPlaces& places,
-                                       Matrix6d* reduced) {
+KYS_VECTOR_CLONES void subtract_products(const SchurObservation* observations, const Matrix63* Z,
+                                         std::int32_t count, const BlockPlaces& places,
+                                         Matrix6d* reduced) {
   for (std::int32_t row = 0; row < count; ++row) {
     const std::int32_t r = observations[row].free;
     for (std::int32_t col = 0; col <= row; ++col) {

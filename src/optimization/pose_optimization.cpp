@@ -5,7 +5,7 @@
 #include <stdexcept>
 
 #include "geometry/reprojection.h"
-#include "optimization/lanes.h"
+#include "util/lanes.h"
 
 namespace kys_slam {
 namespace {
@@ -149,9 +149,9 @@ KYS_ALWAYS_INLINE void accumulate(const ObservationLanes& o, const CameraNumbers
   sums.gradient[5] += g2;
 }
 
-KYS_AVX2_CLONES void accumulate_all(const ObservationLanes* lanes, int count,
-                                    const CameraNumbers& camera, const double* T, bool robust,
-                                    NormalLanes& sums) {
+KYS_VECTOR_CLONES void accumulate_all(const ObservationLanes* lanes, int count,
+                                      const CameraNumbers& camera, const double* T, bool robust,
+                                      NormalLanes& sums) {
   for (int i = 0; i < count; ++i) accumulate(lanes[i], camera, T, robust, sums);
 }
 

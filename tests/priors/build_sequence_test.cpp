@@ -156,5 +156,30 @@ TEST_F(BuildSequenceTest, BadInputsAreNamed) {
   EXPECT_NE(message().find("pan.json: is not a COCO panoptic file"), std::string::npos);
 }
 
+TEST_F(BuildSequenceTest, MoreSegmentsThanCanBeToldApartAreRefused) {
+  // 70 000 cars of a pixel each: numbers of segments have 16 bits.
+  RgbImage rgb(280, 250);
+  std::string segments;
+  for (std::uint32_t i = 0; i < rgb.size(); ++i) {
+    const std::uint32_t id = i + 1;
+    rgb.data()[i] = {static_cast<std::uint8_t>(id), static_cast<std::uint8_t>(id >> 8),
+                     static_cast<std::uint8_t>(id >> 16)};
+    segments +=
+        (i > 0 ? "," : "") + std::string(R"({"id":)") + std::to_string(id) + R"(,"category_id":3})";
+  }
+  write_png(root_ / "pan" / "many.png", rgb);
+  std::ofstream(root_ / "pan.json") << R"({"annotations":[{"file_name":"many.png",)"
+                                    << R"("segments_info":[)" << segments << "]}]}";
+  const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+  try {
+    (void)reader.read("many", rgb.width(), rgb.height());
+    FAIL() << "70000 segments were accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("many.png: has more than 65535 segments"),
+              std::string::npos)
+        << error.what();
+  }
+}
+
 }  // namespace
 }  // namespace kys_slam

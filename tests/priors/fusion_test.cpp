@@ -158,6 +158,102 @@ TEST(EgoMotion, TooFewPixelsGiveNoMotion) {
   EXPECT_GT(fusion.priors.segments[0].scale, 0.0F);
 }
 
+TEST(EgoMotion, AStaticPointThatWouldBeBehindTheCameraHasNoPrediction) {
+  EgoMotion motion;
+  motion.camera = kitti_camera();
+  motion.T_next_now = Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -1));
+  const std::vector<float> rho = [&] {
+    std::vector<float> row(static_cast<std::size_t>(motion.camera.width), 1.0F / 0.9F);
+    row[700] = 1.0F / 2.0F;
+    row[701] = kNoValue;
+    return row;
+  }();
+  std::vector<float> u(rho.size()), v(rho.size());
+  motion.predict_row(100, rho.data(), u.data(), v.data());
+  EXPECT_TRUE(std::isnan(u[0]) && std::isnan(v[0]));
+  EXPECT_TRUE(std::isnan(u[701]) && std::isnan(v[701]));
+  // At half the depth everything is twice as far from the principal point.
+  EXPECT_NEAR(u[700], 700 - motion.camera.cx, 1e-2);
+  EXPECT_NEAR(v[700], 100 - motion.camera.cy, 1e-2);
+}
+
+TEST(Residual, SumsAndReferencesAreThoseOfThePixels) {
+  // Pure rotation, so that depth plays no part; what is added to the flow comes back as residual.
+  const StereoCamera camera = kitti_camera(310, 94);
+  const CameraPerception p = street(camera, motion(0, 0.004, 0, 0, 0, 0),
+                                    {{100, 40, 153, 70, 10, Eigen::Vector3d(0, 0, 0)}});
+  EgoMotion ego;
+  ego.camera = camera;
+  ego.T_next_now = motion(0, 0.004, 0, 0, 0, 0);
+  FlowField flow = *p.flow;
+  for (int y = 40; y < 70; ++y) {
+    for (int x = 100; x < 153; ++x) flow.v.at(x, y) += x % 2 == 0 ? 3.0F : 5.0F;
+  }
+  for (int y = 0; y < 10; ++y) flow.u.at(5, y) = flow.v.at(5, y) = kNoValue;
+  const SegmentRuns runs = find_runs(p.panoptic.map);
+  const std::vector<std::uint8_t> is_stuff = {0, 1, 1, 0};
+  BuilderOptions::Drift options;
+  options.enabled = false;
+  ResidualField field(options, ego, flow, p.inverse_depth, runs);
+  field.add_to_drift(is_stuff);
+  field.smooth_drift();
+  std::vector<SegmentSums> sums(4);
+  const ImageOf<float> lengths = field.add_to_segments(is_stuff, sums);
+  EXPECT_EQ(sums[3].flow_count, 53u * 30u);
+  EXPECT_EQ(sums[3].depth_count, 53u * 30u);
+  EXPECT_NEAR(sums[3].residual, 30 * (27 * 3 + 26 * 5), 0.05);
+  EXPECT_NEAR(sums[3].depth, 53 * 30 * 10.0, 0.1);
+  EXPECT_EQ(sums[1].flow_count + sums[2].flow_count, 310u * 94u - 53u * 30u - 10u);
+  EXPECT_NEAR(lengths.at(100, 40), 3, 1e-3);
+  EXPECT_NEAR(lengths.at(101, 69), 5, 1e-3);
+  const FusionImages images = field.images();
+  EXPECT_TRUE(std::isnan(images.corrected.at(5, 3)));
+  EXPECT_NEAR(images.corrected.at(152, 50), 3, 1e-3);
+  EXPECT_NEAR(images.residual.v.at(101, 50), 5, 1e-3);
+  EXPECT_EQ(images.drift.u.at(101, 50), 0);
+  double radial = 0, radial_squared = 0;
+  for (int y = 40; y < 70; ++y) {
+    for (int x = 100; x < 153; ++x) {
+      const Eigen::Vector2d predicted(images.predicted.u.at(x, y), images.predicted.v.at(x, y));
+      const Eigen::Vector2d residual(images.residual.u.at(x, y), images.residual.v.at(x, y));
+      const double along = residual.dot(predicted.normalized());
+      radial += along;
+      radial_squared += along * along;
+    }
+  }
+  EXPECT_GT(radial_squared, 1);
+  EXPECT_NEAR(sums[3].radial, radial, 0.01);
+  EXPECT_NEAR(sums[3].radial_squared, radial_squared, 0.01);
+  // Outliers in the background move its moments, not its medians.
+  for (int y = 80; y < 94; ++y) {
+    for (int x = 0; x < 100; ++x) flow.v.at(x, y) += 40;
+  }
+  const BackgroundReferences robust = field.robust_references(p.panoptic.map, is_stuff);
+  EXPECT_LT(robust.m_bg, 1e-3);
+  EXPECT_LT(robust.sigma_par, 1e-3);
+  EXPECT_GT(robust.pixels, 1000);
+}
+
+TEST(Panoptic, RunsCoverEveryRow) {
+  std::mt19937 random(4);
+  ImageOf<std::uint16_t> map(101, 40);
+  for (std::size_t i = 0; i < map.size(); ++i) {
+    const bool stays = i % 101 != 0 && random() % 5 != 0;
+    map.data()[i] = stays ? map.data()[i - 1] : static_cast<std::uint16_t>(random() % 3);
+  }
+  const SegmentRuns runs = find_runs(map);
+  for (int y = 0; y < map.height(); ++y) {
+    int x = 0;
+    for (const SegmentRun& run : runs.row(y)) {
+      ASSERT_EQ(run.x0, x);
+      ASSERT_GT(run.x1, run.x0);
+      for (; x < run.x1; ++x) ASSERT_EQ(map.at(x, y), run.segment);
+      ASSERT_TRUE(x == map.width() || map.at(x, y) != run.segment);
+    }
+    ASSERT_EQ(x, map.width());
+  }
+}
+
 /// The drift field at full size, straight from its definition.
 double exact_drift(const ImageOf<float>& r, double sigma, int u, int v) {
   double sum = 0, weight = 0;
@@ -192,15 +288,24 @@ TEST(Drift, AgreesWithTheFullSizeGaussian) {
   }
   BuilderOptions::Drift options;
   DriftField drift(options, width, height);
-  for (int y = 0; y < height; ++y) drift.add(y, 0, width, r.row(y), r.row(y));
+  for (int y = 0; y < height; ++y) {
+    if (!drift.uses(y)) continue;
+    const DriftField::Columns sums = drift.columns(y);
+    for (int x = 0; x < width; ++x) {
+      if (std::isnan(r.at(x, y))) continue;
+      sums.u[x] += r.at(x, y);
+      sums.v[x] -= r.at(x, y);
+      sums.count[x] += 1;
+    }
+  }
   drift.smooth();
-  std::vector<float> u(width), v(width), c(width);
   double worst = 0;
   for (int y : {0, 37, 75, 149}) {
-    drift.row(y, u.data(), v.data(), c.data());
     for (int x : {0, 3, 140, 200, 316}) {
-      worst = std::max(
-          worst, std::abs(exact_drift(r, options.sigma, x, y) - u[static_cast<std::size_t>(x)]));
+      float u = 0, v = 0, coverage = 0;
+      drift.row(y).at(x, u, v, coverage);
+      worst = std::max(worst, std::abs(exact_drift(r, options.sigma, x, y) - u));
+      EXPECT_NEAR(u, -v, 1e-6);
     }
   }
   EXPECT_LT(worst, 0.02);  // of a field with values up to 2.5 px
@@ -208,15 +313,25 @@ TEST(Drift, AgreesWithTheFullSizeGaussian) {
 }
 
 TEST(Drift, CoverageIsOneOverFullStuff) {
-  BuilderOptions::Drift options;
-  DriftField drift(options, 100, 60);
-  std::vector<float> ones(100, 1.0F), u(100), v(100), c(100);
-  for (int y = 0; y < 60; ++y) drift.add(y, 0, 100, ones.data(), ones.data());
-  drift.smooth();
-  drift.row(59, u.data(), v.data(), c.data());
-  for (std::size_t x = 0; x < 100; ++x) {
-    EXPECT_NEAR(c[x], 1.0F, 1e-4);
-    EXPECT_NEAR(u[x], 1.0F, 1e-4);
+  for (const int cell : {1, 5, 8}) {
+    BuilderOptions::Drift options;
+    options.cell = cell;
+    DriftField drift(options, 100, 60);
+    for (int y = 0; y < 60; ++y) {
+      if (!drift.uses(y)) continue;
+      const DriftField::Columns sums = drift.columns(y);
+      for (float* sum : {sums.u, sums.v, sums.count}) {
+        for (int x = 0; x < 100; ++x) sum[x] += 1;
+      }
+    }
+    drift.smooth();
+    for (int x = 0; x < 100; ++x) {
+      float u = 0, v = 0, coverage = 0;
+      drift.row(59).at(x, u, v, coverage);
+      EXPECT_NEAR(coverage, 1.0F, 1e-4);
+      EXPECT_NEAR(u, 1.0F, 1e-4);
+      EXPECT_NEAR(v, 1.0F, 1e-4);
+    }
   }
 }
 
@@ -283,12 +398,12 @@ TEST(Scale, IsAreaTimesSquaredDepth) {
 }
 
 TEST(Depth, InverseDepthCapsAndRefuses) {
-  ImageOf<float> d(4, 1);
-  d.at(0, 0) = 10;
-  d.at(1, 0) = 1e-3F;
-  d.at(2, 0) = 0;
-  d.at(3, 0) = kNoValue;
-  const ImageOf<float> rho = inverse_depth(d, 386.0, 255.0);
+  ImageOf<float> rho(4, 1);
+  rho.at(0, 0) = 10;
+  rho.at(1, 0) = 1e-3F;
+  rho.at(2, 0) = 0;
+  rho.at(3, 0) = kNoValue;
+  to_inverse_depth(rho, 386.0, 255.0);
   EXPECT_FLOAT_EQ(rho.at(0, 0), 10.0F / 386.0F);
   EXPECT_FLOAT_EQ(rho.at(1, 0), 1.0F / 255.0F);
   EXPECT_TRUE(std::isnan(rho.at(2, 0)));
@@ -326,13 +441,15 @@ TEST(Depth, WarpingClosesGapsAndHeedsClasses) {
   EXPECT_TRUE(std::isnan(right.at(5, 0)));
   EXPECT_EQ(right.at(17, 0), 2.0F);
   // What is of another class in the right view is hidden there.
-  ImageOf<std::uint16_t> left_labels(20, 1, 7), right_labels(20, 1, 7);
-  left_labels.at(19, 0) = 3;
-  const ImageOf<float> labelled = warp_disparity_to_right(left, &left_labels, &right_labels);
+  ImageOf<std::uint16_t> left_map(20, 1, 1), right_map(20, 1, 1);
+  const ClassImage left_classes{&left_map, {0xFFFF, 7, 3}},
+      right_classes{&right_map, {0xFFFF, 7, 3}};
+  left_map.at(19, 0) = 2;
+  const ImageOf<float> labelled = warp_disparity_to_right(left, &left_classes, &right_classes);
   EXPECT_EQ(labelled.at(3, 0), 8.0F);
   EXPECT_EQ(labelled.at(4, 0), 8.0F);  // all one class: the wall goes on
-  right_labels.at(4, 0) = 3;
-  EXPECT_TRUE(std::isnan(warp_disparity_to_right(left, &left_labels, &right_labels).at(4, 0)));
+  right_map.at(4, 0) = 2;
+  EXPECT_TRUE(std::isnan(warp_disparity_to_right(left, &left_classes, &right_classes).at(4, 0)));
   EXPECT_TRUE(std::isnan(labelled.at(17, 0)));
 }
 
@@ -348,13 +465,12 @@ TEST(Depth, WhatIsBehindTheSurfaceAtTheBorderIsNotSeenInTheRightView) {
   EXPECT_TRUE(std::isnan(right.at(12, 0)));
   EXPECT_EQ(right.at(2, 0), 1.0F);
   // Of another class than the car, it is beside it in the right view as well.
-  const ImageOf<std::uint16_t> left_labels = [] {
-    ImageOf<std::uint16_t> labels(20, 1, 3);
-    for (int x = 14; x < 20; ++x) labels.at(x, 0) = 7;
-    return labels;
-  }();
-  const ImageOf<std::uint16_t> right_labels(20, 1, 3);
-  EXPECT_EQ(warp_disparity_to_right(left, &left_labels, &right_labels).at(12, 0), 1.0F);
+  ImageOf<std::uint16_t> left_map(20, 1, 1);
+  for (int x = 14; x < 20; ++x) left_map.at(x, 0) = 2;
+  const ImageOf<std::uint16_t> right_map(20, 1, 1);
+  const ClassImage left_classes{&left_map, {0xFFFF, 3, 7}},
+      right_classes{&right_map, {0xFFFF, 3, 7}};
+  EXPECT_EQ(warp_disparity_to_right(left, &left_classes, &right_classes).at(12, 0), 1.0F);
 }
 
 TEST(FlowCheck, KeepsConsistentFlowOnly) {

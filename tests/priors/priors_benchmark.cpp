@@ -55,12 +55,7 @@ void fusion_of_both_cameras(benchmark::State& state) {
   for (auto _ : state) {
     for (int c = 0; c < 2; ++c) {
       const CameraFusion fusion = fuse_camera({}, camera, p);
-      t.runs += fusion.times.runs;
-      t.fit += fusion.times.fit;
-      t.residual += fusion.times.residual;
-      t.drift += fusion.times.drift;
-      t.statistics += fusion.times.statistics;
-      t.decide_export += fusion.times.decide_export;
+      t += fusion.times;
     }
   }
   const auto n = static_cast<double>(state.iterations());

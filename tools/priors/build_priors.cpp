@@ -9,6 +9,7 @@
 #include "open_sequence.h"
 #include "options_file.h"
 #include "priors/builder/build_sequence.h"
+#include "util/keep_memory.h"
 
 namespace {
 
@@ -121,16 +122,18 @@ void print(const BuildSummary& s) {
       s.frames == 0 ? 0.0 : static_cast<double>(s.bytes) / 1024.0 / static_cast<double>(s.frames));
   if (s.built == 0) return;
   const double n = static_cast<double>(s.built);
+  const FusionTimes& f = s.times.fusion;
   std::printf(
-      "fusion            %.2f ms/frame: runs %.2f, fit %.2f, residual %.2f, drift %.2f, "
-      "statistics %.2f, export %.2f\n",
-      s.times.total() / n, s.times.runs / n, s.times.fit / n, s.times.residual / n,
-      s.times.drift / n, s.times.statistics / n, s.times.decide_export / n);
+      "fusion            %.2f ms/frame: association %.2f, depth %.2f, runs %.2f, fit %.2f, "
+      "residual %.2f, drift %.2f, statistics %.2f, export %.2f, encoding %.2f\n",
+      s.times.total() / n, s.times.association / n, s.times.depth / n, f.runs / n, f.fit / n,
+      f.residual / n, f.drift / n, f.statistics / n, f.decide_export / n, s.times.encoding / n);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
+  keep_freed_memory();
   CLI::App app(
       "Makes prior files (one per frame, both cameras) from panoptic maps, disparity and flow.");
   Arguments a;

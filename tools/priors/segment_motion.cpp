@@ -34,9 +34,10 @@ ImageOf<float> disparity_of(const Arguments& a, const Sequence& sequence,
     throw InputError(a.disparity + ": " + name + " has another size than the images");
   }
   if (camera == 0) return left;
-  const ImageOf<std::uint16_t> left_labels = label_image(readers[0].read(name, k.width, k.height));
-  const ImageOf<std::uint16_t> right_labels = label_image(readers[1].read(name, k.width, k.height));
-  return warp_disparity_to_right(left, &left_labels, &right_labels);
+  const PanopticMap left_map = readers[0].read(name, k.width, k.height);
+  const PanopticMap right_map = readers[1].read(name, k.width, k.height);
+  const ClassImage left_classes = class_image(left_map), right_classes = class_image(right_map);
+  return warp_disparity_to_right(left, &left_classes, &right_classes);
 }
 
 Rigid3 pose_of(const Sequence& sequence, std::int64_t t, int camera) {

@@ -1,26 +1,27 @@
 #pragma once
 
-#include <cmath>
-
 namespace kys_slam {
 
-/// Four doubles worked on together. GCC and Clang turn them into the vector instructions of the
-/// target, two or four at a time; every lane is rounded alike whichever they are, so results do not
-/// depend on the machine.
+/// Four doubles, or eight floats, worked on together. GCC and Clang turn them into the vector
+/// instructions of the target, some or all at a time; every lane is rounded alike whichever they
+/// are, so results do not depend on the machine.
 // The alignment is stated since compilers take a smaller one where the target has no such vectors,
-// while the AVX2 clones below rely on it.
+// while the clones below rely on it.
 using Lanes = double __attribute__((vector_size(32), aligned(32)));
 using LaneMask = long long __attribute__((vector_size(32), aligned(32)));
 static_assert(alignof(Lanes) == 32);
 inline constexpr int kLanes = 4;
+using FloatLanes = float __attribute__((vector_size(32), aligned(32)));
+inline constexpr int kFloatLanes = 8;
 
-// A function marked so exists twice, and the loader takes the AVX2 one where the machine has it.
+// A function marked so (it has lanes in it, or loops over image rows) exists for three kinds of
+// machines, and the loader takes the best one. What it calls is compiled so only when inlined.
 // Sanitizers do not start up before the loader chooses, hence not with them.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__AVX2__)
-#define KYS_AVX2_CLONES __attribute__((target_clones("avx2", "default")))
+#define KYS_VECTOR_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
-#define KYS_AVX2_CLONES
+#define KYS_VECTOR_CLONES
 #endif
 
 #define KYS_ALWAYS_INLINE inline __attribute__((always_inline))
@@ -31,6 +32,9 @@ KYS_ALWAYS_INLINE Lanes broadcast(double x) {
 /// Sum over the lanes, always in the same order.
 KYS_ALWAYS_INLINE double lane_sum(const Lanes& x) {
   return (x[0] + x[1]) + (x[2] + x[3]);
+}
+KYS_ALWAYS_INLINE float lane_sum(const FloatLanes& x) {
+  return ((x[0] + x[1]) + (x[2] + x[3])) + ((x[4] + x[5]) + (x[6] + x[7]));
 }
 KYS_ALWAYS_INLINE bool any(const LaneMask& m) {
   return ((m[0] | m[1]) | (m[2] | m[3])) != 0;

@@ -1,0 +1,219 @@
+#include "priors/builder/residual.h"
+
+#include <cmath>
+#include <cstring>
+#include <span>
+
+#include "priors/builder/flow_row.h"
+#include "util/median.h"
+
+namespace kys_slam {
+namespace {
+
+/// A row of what was observed.
+struct ObservedRow {
+  const float *inverse_depth, *u, *v;
+};
+
+// By value: what is written could change anything that is referred to.
+template <typename Flow>
+KYS_ALWAYS_INLINE void add_residuals(Flow flow, ObservedRow observed, int x0, int x1,
+                                     DriftField::Columns sums) {
+  // The compiler does not test this many arrays for overlap: they do not.
+#pragma GCC ivdep
+  for (int x = x0; x < x1; ++x) {
+    float u = 0, v = 0;
+    flow.at(static_cast<float>(x), observed.inverse_depth[x], u, v);
+    const float ru = observed.u[x] - u, rv = observed.v[x] - v;
+    const bool valid = ru == ru;
+    sums.u[x] += valid ? ru : 0.0F;
+    sums.v[x] += valid ? rv : 0.0F;
+    sums.count[x] += valid ? 1.0F : 0.0F;
+  }
+}
+
+KYS_VECTOR_CLONES void add_residuals(const FlowRow& flow, const ObservedRow& observed, int x0,
+                                     int x1, const DriftField::Columns& sums) {
+  if (const auto* se3 = std::get_if<Se3FlowRow>(&flow)) {
+    add_residuals(*se3, observed, x0, x1, sums);
+  } else if (const auto* linear = std::get_if<LinearFlowRow>(&flow)) {
+    add_residuals(*linear, observed, x0, x1, sums);
+  }
+}
+
+template <typename Flow>
+KYS_ALWAYS_INLINE void correct_residuals(Flow flow, ObservedRow observed, DriftField::Row drift,
+                                         int width, CorrectedRow out) {
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float rho = observed.inverse_depth[x];
+    float u = 0, v = 0, drift_u = 0, drift_v = 0;
+    flow.at(static_cast<float>(x), rho, u, v);
+    drift.at(x, drift_u, drift_v, out.coverage[x]);
+    const float a = observed.u[x] - u - drift_u, b = observed.v[x] - v - drift_v;
+    const float residual = std::sqrt(a * a + b * b);
+    // Below 1e-3 px the flow has no direction.
+    const float length = std::sqrt(u * u + v * v);
+    const float along = (a * u + b * v) / (length + 1e-20F);
+    const bool valid = residual == residual;
+    out.residual[x] = valid ? residual : 0.0F;
+    out.has_residual[x] = valid ? 1.0F : 0.0F;
+    out.radial[x] = valid && length >= 1e-3F ? along : 0.0F;
+    out.depth[x] = rho > 0 ? 1.0F / rho : 0.0F;
+    out.has_depth[x] = rho > 0 ? 1.0F : 0.0F;
+  }
+}
+
+KYS_VECTOR_CLONES void correct_residuals(const FlowRow& flow, const ObservedRow& observed,
+                                         const DriftField::Row& drift, int width,
+                                         const CorrectedRow& out) {
+  if (const auto* se3 = std::get_if<Se3FlowRow>(&flow)) {
+    correct_residuals(*se3, observed, drift, width, out);
+  } else if (const auto* linear = std::get_if<LinearFlowRow>(&flow)) {
+    correct_residuals(*linear, observed, drift, width, out);
+  }
+}
+
+KYS_ALWAYS_INLINE FloatLanes load(const float* from) {
+  FloatLanes lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+
+/// Sums of a row's quantities over x0 <= x < x1, in lanes: a single sum would wait for itself at
+/// every pixel.
+struct LaneSums {
+  FloatLanes residual = {}, has_residual = {}, radial = {}, radial_squared = {}, depth = {},
+             has_depth = {}, coverage = {};
+
+  KYS_ALWAYS_INLINE void add(const CorrectedRow& row, int x, const FloatLanes& share) {
+    const FloatLanes p = share * load(row.radial + x);
+    residual += share * load(row.residual + x);
+    has_residual += share * load(row.has_residual + x);
+    radial += p;
+    radial_squared += p * p;
+    depth += share * load(row.depth + x);
+    has_depth += share * load(row.has_depth + x);
+    coverage += share * load(row.coverage + x);
+  }
+};
+
+KYS_VECTOR_CLONES void add_runs(const CorrectedRow& row, std::span<const SegmentRun> runs,
+                                SegmentSums* sums) {
+  // Of the lanes behind a run's end nothing counts.
+  alignas(32) static constexpr float kShares[2 * kFloatLanes] = {1, 1, 1, 1, 1, 1, 1, 1};
+  const FloatLanes whole = load(kShares);
+  for (const SegmentRun& run : runs) {
+    LaneSums lanes;
+    int x = run.x0;
+    for (; x + kFloatLanes <= run.x1; x += kFloatLanes) lanes.add(row, x, whole);
+    lanes.add(row, x, load(kShares + kFloatLanes - (run.x1 - x)));
+    SegmentSums& s = sums[run.segment];
+    s.residual += lane_sum(lanes.residual);
+    s.flow_count += static_cast<std::uint32_t>(lane_sum(lanes.has_residual));
+    s.radial += lane_sum(lanes.radial);
+    s.radial_squared += lane_sum(lanes.radial_squared);
+    s.depth += lane_sum(lanes.depth);
+    s.depth_count += static_cast<std::uint32_t>(lane_sum(lanes.has_depth));
+    s.coverage += lane_sum(lanes.coverage);
+  }
+}
+
+void copy_lengths(const CorrectedRow& row, int x0, int x1, float* out) {
+  for (int x = x0; x < x1; ++x) out[x] = row.has_residual[x] > 0 ? row.residual[x] : kNoValue;
+}
+
+}  // namespace
+
+ResidualField::ResidualField(const BuilderOptions::Drift& options, const EgoMotion& motion,
+                             const FlowField& flow, const ImageOf<float>& inverse_depth,
+                             const SegmentRuns& runs)
+    : motion_(motion),
+      flow_(flow),
+      inverse_depth_(inverse_depth),
+      runs_(runs),
+      width_(inverse_depth.width()),
+      height_(inverse_depth.height()),
+      drift_(options, width_, height_) {
+  const auto length = static_cast<std::size_t>(width_ + kFloatLanes);
+  for (std::vector<float>& row : rows_) row.resize(length);
+}
+
+void ResidualField::add_to_drift(const std::vector<std::uint8_t>& is_stuff) {
+  for (int y = 0; y < height_; ++y) {
+    if (!drift_.uses(y)) continue;
+    const ObservedRow observed = {inverse_depth_.row(y), flow_.u.row(y), flow_.v.row(y)};
+    const FlowRow flow = motion_.flow_row(y);
+    const DriftField::Columns sums = drift_.columns(y);
+    for (const SegmentRun& run : runs_.row(y)) {
+      if (is_stuff[run.segment]) add_residuals(flow, observed, run.x0, run.x1, sums);
+    }
+  }
+}
+
+CorrectedRow ResidualField::correct(int y) {
+  const CorrectedRow out = {rows_[0].data(), rows_[1].data(), rows_[2].data(),
+                            rows_[3].data(), rows_[4].data(), rows_[5].data()};
+  correct_residuals(motion_.flow_row(y), {inverse_depth_.row(y), flow_.u.row(y), flow_.v.row(y)},
+                    drift_.row(y), width_, out);
+  return out;
+}
+
+ImageOf<float> ResidualField::add_to_segments(const std::vector<std::uint8_t>& is_stuff,
+                                              std::vector<SegmentSums>& sums) {
+  auto lengths = ImageOf<float>::for_overwrite(width_, height_);
+  for (int y = 0; y < height_; ++y) {
+    const CorrectedRow row = correct(y);
+    add_runs(row, runs_.row(y), sums.data());
+    for (const SegmentRun& run : runs_.row(y)) {
+      if (is_stuff[run.segment] || run.segment == 0) continue;
+      copy_lengths(row, run.x0, run.x1, lengths.row(y));
+    }
+  }
+  return lengths;
+}
+
+BackgroundReferences ResidualField::robust_references(const ImageOf<std::uint16_t>& map,
+                                                      const std::vector<std::uint8_t>& is_stuff) {
+  std::vector<float> lengths, radial;
+  for (int y = 0; y < height_; y += 4) {
+    const CorrectedRow row = correct(y);
+    for (int x = (y / 4) % 4; x < width_; x += 4) {
+      if (!is_stuff[map.at(x, y)] || row.has_residual[x] == 0) continue;
+      lengths.push_back(row.residual[x]);
+      radial.push_back(row.radial[x]);
+    }
+  }
+  BackgroundReferences bg;
+  bg.pixels = static_cast<double>(lengths.size());
+  if (lengths.empty()) return bg;
+  bg.m_bg = median(lengths);
+  bg.mu_par = median(radial);
+  for (float& value : radial) value = std::abs(value - static_cast<float>(bg.mu_par));
+  bg.sigma_par = 1.4826 * static_cast<double>(median(radial));
+  return bg;
+}
+
+FusionImages ResidualField::images() {
+  FusionImages images;
+  for (FlowField* field : {&images.predicted, &images.residual, &images.drift}) {
+    field->u = ImageOf<float>(width_, height_);
+    field->v = ImageOf<float>(width_, height_);
+  }
+  images.corrected = ImageOf<float>(width_, height_);
+  for (int y = 0; y < height_; ++y) {
+    motion_.predict_row(y, inverse_depth_.row(y), images.predicted.u.row(y),
+                        images.predicted.v.row(y));
+    const DriftField::Row drift = drift_.row(y);
+    copy_lengths(correct(y), 0, width_, images.corrected.row(y));
+    for (int x = 0; x < width_; ++x) {
+      images.residual.u.at(x, y) = flow_.u.at(x, y) - images.predicted.u.at(x, y);
+      images.residual.v.at(x, y) = flow_.v.at(x, y) - images.predicted.v.at(x, y);
+      float coverage = 0;
+      drift.at(x, images.drift.u.at(x, y), images.drift.v.at(x, y), coverage);
+    }
+  }
+  return images;
+}
+
+}  // namespace kys_slam
