@@ -40,7 +40,7 @@ struct BuilderOptions {
     EgoMotionModel model = EgoMotionModel::kSe3;
     int border = 20;          ///< px left out of the fit on every side
     double huber_delta = 1;   ///< px
-    int iterations = 5;       ///< re-weighted solutions
+    int iterations = 5;       ///< re-weighted solutions, at most
     int grid_samples = 6000;  ///< pixels of a regular grid that are looked at; 0: all
     int min_samples = 200;    ///< fewer usable pixels: no motion is estimated for the frame
   } ego_motion;

@@ -124,7 +124,8 @@ int main(int argc, char** argv) {
   app.add_option("--priors", a.priors, "folder of its prior files")->required();
   app.add_option("--modes", a.modes, "modes to compare with the first")->capture_default_str();
   app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated");
-  app.add_option("--frames", a.frames, "number of frames (default: all)");
+  app.add_option("--frames", a.frames, "number of frames (default: all)")
+      ->check(CLI::PositiveNumber);
   app.add_option("--rounds", a.rounds, "passes over the sequence")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
