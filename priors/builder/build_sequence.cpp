@@ -31,15 +31,6 @@ constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
 
-/// What the function returns; adds the time it took, ms.
-template <typename Function>
-auto timed(double& ms, Function&& function) {
-  const Stopwatch watch;
-  auto result = function();
-  ms += watch.elapsed_ms();
-  return result;
-}
-
 /// Runs function(i) for i in 0..count-1 on `jobs` threads. Of several failures the one of the
 /// lowest i is thrown, after all threads have stopped.
 template <typename Function>
@@ -135,8 +126,7 @@ class SequenceBuilder {
         in.panoptic = reader.read(sequence_.names[begin + i], sequence_.camera.width,
                                   sequence_.camera.height);
         const Stopwatch watch;
-        in.runs = find_runs(in.panoptic.map);
-        shapes[i].push_back(segment_shapes(in.runs, in.panoptic.segments.size()));
+        shapes[i].push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
         add_time(watch.elapsed_ms(), &BuildTimes::association);
       }
     });
@@ -274,22 +264,17 @@ class SequenceBuilder {
     return warp_disparity_to_right(left, &left_classes, &right_classes);
   }
 
-  /// Inverse depth (1/m) of every camera, from disparities that agree.
-  [[nodiscard]] std::array<ImageOf<float>, 2> depths(std::array<ImageOf<float>, 2> d,
-                                                     const FramePerception& in) const {
-    if (d[0].empty()) return d;
-    const BuilderOptions::Depth& options = settings_.options.depth;
+  /// Disparities that agree, of both views: the right one's from the left one unless it was read.
+  void complete(std::array<ImageOf<float>, 2>& d, const FramePerception& in) const {
+    if (d[0].empty()) return;
+    const double tolerance = settings_.options.depth.left_right_tolerance;
     const bool right_is_read = !inputs_.disparity_right.empty();
     if (!d[1].empty()) {
       const ImageOf<float> left = right_is_read ? d[0] : ImageOf<float>();
-      check_left_right(d[0], d[1], -1, options.left_right_tolerance);
-      if (right_is_read) check_left_right(d[1], left, +1, options.left_right_tolerance);
+      check_left_right(d[0], d[1], -1, tolerance);
+      if (right_is_read) check_left_right(d[1], left, +1, tolerance);
     }
     if (in.size() == 2 && !right_is_read) d[1] = warp(d[0], in);
-    for (ImageOf<float>& image : d) {
-      to_inverse_depth(image, sequence_.camera.bf(), options.max_depth);
-    }
-    return d;
   }
 
   [[nodiscard]] std::optional<FlowField> flow(std::size_t c, std::size_t t, const GrayImage& now,
@@ -330,8 +315,9 @@ class SequenceBuilder {
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
     std::array<ImageOf<float>, 2> disparity = disparities(t, now);
     BuildTimes times;
-    std::array<ImageOf<float>, 2> inverse_depth =
-        timed(times.depth, [&] { return depths(std::move(disparity), perception); });
+    Stopwatch watch;
+    complete(disparity, perception);
+    times.depth = watch.lap_ms();
 
     FramePriors priors;
     priors.label_space = labels_.name();
@@ -341,7 +327,7 @@ class SequenceBuilder {
     bool without_motion = false;
     for (std::size_t c = 0; c < perception.size(); ++c) {
       CameraPerception& in = perception[c];
-      in.inverse_depth = std::move(inverse_depth[c]);
+      in.disparity = std::move(disparity[c]);
       in.flow = flow(c, t, c == 0 ? now.first : now.second, c == 0 ? next.first : next.second);
       FusionImages images;
       CameraFusion fusion = fuse_camera(settings_.options, sequence_.camera, std::move(in),
@@ -358,8 +344,9 @@ class SequenceBuilder {
     }
     MotionCoding coding;
     coding.tolerance_steps = settings_.options.exported.motion_tolerance_steps;
-    const std::vector<std::uint8_t> bytes =
-        timed(times.encoding, [&] { return encode_priors(priors, file.string(), coding); });
+    watch.lap_ms();
+    const std::vector<std::uint8_t> bytes = encode_priors(priors, file.string(), coding);
+    times.encoding = watch.lap_ms();
     write_file_atomic(rows_file, rows, Durable::kNo);
     write_file_atomic(file, bytes, Durable::kNo);
     const std::lock_guard lock(mutex_);

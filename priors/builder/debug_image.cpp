@@ -69,7 +69,7 @@ std::string text_of(const char* format, double a, double b) {
 }
 
 void annotate(cv::Mat& picture, const CameraFusion& fusion) {
-  const auto shapes = segment_shapes(find_runs(fusion.priors.segment_map), fusion.segments.size());
+  const auto shapes = segment_shapes(fusion.priors.runs, fusion.segments.size());
   for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
     if (!fusion.segments[k].thing || fusion.statistics[k].area < 150) continue;
     const SegmentStatistics& s = fusion.statistics[k];

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <vector>
 
-#include "util/lanes.h"
-
 namespace kys_slam {
 namespace {
 
@@ -148,18 +146,6 @@ void clear_behind_border(const Border& border, const ClassRow& left_class,
 }
 
 }  // namespace
-
-KYS_VECTOR_CLONES void to_inverse_depth(ImageOf<float>& disparity, double bf, double max_depth) {
-  const auto scale = static_cast<float>(1.0 / bf);
-  const auto least = static_cast<float>(1.0 / max_depth);
-  float* pixel = disparity.data();
-  const std::size_t size = disparity.size();
-  for (std::size_t i = 0; i < size; ++i) {
-    const float value = pixel[i] * scale;
-    const float capped = value < least ? least : value;
-    pixel[i] = pixel[i] > 0 ? capped : kNoValue;
-  }
-}
 
 ClassImage class_image(const PanopticMap& map) {
   ClassImage classes{&map.map, {0xFFFF}};

@@ -7,11 +7,12 @@
 #include <vector>
 
 #include "priors/builder/panoptic.h"
+#include "util/lanes.h"
 
 namespace kys_slam {
 
-/// Disparity images are in px, NaN where there is none. Inverse depth images are in 1/m, NaN where
-/// there is none. Flow images are in px, both components NaN where there is none.
+/// Disparity images are in px, NaN where there is none. Flow images are in px, both components NaN
+/// where there is none.
 inline constexpr float kNoValue = std::numeric_limits<float>::quiet_NaN();
 
 struct FlowField {
@@ -19,10 +20,21 @@ struct FlowField {
   ImageOf<float> v;
 };
 
-/// Makes a disparity image an inverse depth image: 1/Z = disparity / (f B), at least 1 / max_depth.
-/// Disparities that are not positive numbers have no depth.
-/// \param bf focal length times baseline, px m.  \param max_depth m.
-void to_inverse_depth(ImageOf<float>& disparity, double bf, double max_depth);
+/// 1/Z (1/m) from a disparity (px): disparity / (f B), at least 1 / max_depth. Disparities that are
+/// not positive numbers have no depth.
+struct InverseDepth {
+  float scale, least;
+
+  /// \param bf focal length times baseline, px m.  \param max_depth m.
+  InverseDepth(double bf, double max_depth)
+      : scale(static_cast<float>(1.0 / bf)), least(static_cast<float>(1.0 / max_depth)) {}
+
+  KYS_ALWAYS_INLINE float operator()(float disparity) const {
+    const float value = disparity * scale;
+    const float capped = value < least ? least : value;
+    return disparity > 0 ? capped : kNoValue;
+  }
+};
 
 /// The class of every pixel: that of the segment it lies in.
 struct ClassImage {

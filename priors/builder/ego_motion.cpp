@@ -38,7 +38,8 @@ struct Samples {
 };
 
 Samples take_samples(const BuilderOptions::EgoMotion& options, const FlowField& flow,
-                     const ImageOf<float>& inverse_depth, const ImageOf<std::uint16_t>& segment_map,
+                     const ImageOf<float>& disparity, const InverseDepth& inverse_depth,
+                     const ImageOf<std::uint16_t>& segment_map,
                      const std::vector<std::uint8_t>& is_stuff) {
   const int width = segment_map.width(), height = segment_map.height();
   const double pixels = static_cast<double>(width) * height;
@@ -52,7 +53,7 @@ Samples take_samples(const BuilderOptions::EgoMotion& options, const FlowField& 
     // Each row of the grid starts elsewhere, so that vertical structures are not missed.
     const int first = options.border + (y / step * 5) % step;
     for (int x = first; x < width - options.border; x += step) {
-      const float rho = inverse_depth.at(x, y), u = flow.u.at(x, y), v = flow.v.at(x, y);
+      const float rho = inverse_depth(disparity.at(x, y)), u = flow.u.at(x, y), v = flow.v.at(x, y);
       if (!is_stuff[segment_map.at(x, y)] || !(rho > 0) || !std::isfinite(u) || !std::isfinite(v)) {
         continue;
       }
@@ -345,10 +346,12 @@ void EgoMotion::predict_row(int y, const float* inverse_depth, float* u, float* 
 
 std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,
                                         const StereoCamera& camera, const FlowField& flow,
-                                        const ImageOf<float>& inverse_depth,
+                                        const ImageOf<float>& disparity,
+                                        const InverseDepth& inverse_depth,
                                         const ImageOf<std::uint16_t>& segment_map,
                                         const std::vector<std::uint8_t>& is_stuff) {
-  const Samples samples = take_samples(options, flow, inverse_depth, segment_map, is_stuff);
+  const Samples samples =
+      take_samples(options, flow, disparity, inverse_depth, segment_map, is_stuff);
   if (samples.count < options.min_samples) return std::nullopt;
   EgoMotion motion;
   motion.model = options.model;

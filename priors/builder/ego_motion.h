@@ -34,7 +34,8 @@ struct EgoMotion {
 /// \param is_stuff by segment number, [0] (void) is false.
 std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,
                                         const StereoCamera& camera, const FlowField& flow,
-                                        const ImageOf<float>& inverse_depth,
+                                        const ImageOf<float>& disparity,
+                                        const InverseDepth& inverse_depth,
                                         const ImageOf<std::uint16_t>& segment_map,
                                         const std::vector<std::uint8_t>& is_stuff);
 

@@ -10,15 +10,15 @@ namespace kys_slam {
 namespace {
 
 /// Mean depth of every segment when there is no flow to go with it.
-void add_depth(const SegmentRuns& runs, const ImageOf<float>& inverse_depth,
-               std::vector<SegmentSums>& sums) {
-  for (int y = 0; y < inverse_depth.height(); ++y) {
-    const float* rho = inverse_depth.row(y);
+void add_depth(const SegmentRuns& runs, const ImageOf<float>& disparity,
+               const InverseDepth& inverse_depth, std::vector<SegmentSums>& sums) {
+  for (int y = 0; y < disparity.height(); ++y) {
     for (const SegmentRun& run : runs.row(y)) {
       SegmentSums& s = sums[run.segment];
       for (int x = run.x0; x < run.x1; ++x) {
-        if (!(rho[x] > 0)) continue;
-        s.depth += 1.0F / rho[x];
+        const float rho = inverse_depth(disparity.at(x, y));
+        if (!(rho > 0)) continue;
+        s.depth += 1.0F / rho;
         ++s.depth_count;
       }
     }
@@ -110,21 +110,22 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
   CameraFusion fusion;
   Stopwatch watch;
   const std::size_t count = in.panoptic.segments.size();
-  const SegmentRuns runs = in.runs.runs.empty() ? find_runs(in.panoptic.map) : std::move(in.runs);
+  if (in.panoptic.runs.empty()) in.panoptic.runs = find_runs(in.panoptic.map);
+  const SegmentRuns& runs = in.panoptic.runs;
   std::vector<SegmentSums> sums(count + 1);
   for (const SegmentRun& run : runs.runs) sums[run.segment].area += run.x1 - run.x0;
   std::vector<std::uint8_t> is_stuff(count + 1, 0);
   for (std::size_t k = 0; k < count; ++k) is_stuff[k + 1] = !in.panoptic.segments[k].thing;
-  fusion.times.runs = watch.lap_ms();
-
-  if (in.flow && !in.inverse_depth.empty()) {
-    fusion.ego_motion = fit_ego_motion(options.ego_motion, camera, *in.flow, in.inverse_depth,
-                                       in.panoptic.map, is_stuff);
+  const InverseDepth inverse_depth(camera.bf(), options.depth.max_depth);
+  if (in.flow && !in.disparity.empty()) {
+    fusion.ego_motion = fit_ego_motion(options.ego_motion, camera, *in.flow, in.disparity,
+                                       inverse_depth, in.panoptic.map, is_stuff);
   }
   fusion.times.fit = watch.lap_ms();
   ImageOf<float> lengths;
   if (fusion.ego_motion) {
-    ResidualField residuals(options.drift, *fusion.ego_motion, *in.flow, in.inverse_depth, runs);
+    ResidualField residuals(options.drift, *fusion.ego_motion, *in.flow, in.disparity,
+                            inverse_depth, runs);
     residuals.add_to_drift(is_stuff);
     fusion.times.residual = watch.lap_ms();
     residuals.smooth_drift();
@@ -137,8 +138,8 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
     fusion.background.m_bg = std::max(fusion.background.m_bg, floor);
     fusion.background.sigma_par = std::max(fusion.background.sigma_par, floor);
     if (images != nullptr) *images = residuals.images();
-  } else if (!in.inverse_depth.empty()) {
-    add_depth(runs, in.inverse_depth, sums);
+  } else if (!in.disparity.empty()) {
+    add_depth(runs, in.disparity, inverse_depth, sums);
   }
   fusion.times.statistics = watch.lap_ms();
 
@@ -149,9 +150,10 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
                                        : MotionDecision{});
   }
   fill_segments(in, fusion);
-  fusion.priors.segment_map = std::move(in.panoptic.map);
-  fusion.segments = std::move(in.panoptic.segments);
   if (fusion.ego_motion) export_motion(runs, std::move(lengths), fusion);
+  fusion.priors.segment_map = std::move(in.panoptic.map);
+  fusion.priors.runs = std::move(in.panoptic.runs);
+  fusion.segments = std::move(in.panoptic.segments);
   fusion.times.decide_export = watch.lap_ms();
   return fusion;
 }

@@ -20,21 +20,17 @@ namespace kys_slam {
 /// Perception of one camera at one frame.
 struct CameraPerception {
   PanopticMap panoptic;
-  SegmentRuns runs;                     ///< of the map; left empty, they are found
   std::vector<std::int32_t> instances;  ///< of the segments, as they go into the file
-  ImageOf<float> inverse_depth;         ///< 1/m, NaN where unknown; empty: no depth
+  ImageOf<float> disparity;             ///< px, NaN where unknown; empty: no depth
   std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
 };
 
 /// Where the time of one camera went, ms.
 struct FusionTimes {
-  double runs = 0, fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
+  double fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
 
-  [[nodiscard]] double total() const {
-    return runs + fit + residual + drift + statistics + decide_export;
-  }
+  [[nodiscard]] double total() const { return fit + residual + drift + statistics + decide_export; }
   FusionTimes& operator+=(const FusionTimes& other) {
-    runs += other.runs;
     fit += other.fit;
     residual += other.residual;
     drift += other.drift;

@@ -3,8 +3,9 @@
 #include <kys_slam/image.h>
 
 #include <cstdint>
-#include <span>
 #include <vector>
+
+#include "priors/format/segment_runs.h"
 
 namespace kys_slam {
 
@@ -20,27 +21,8 @@ struct InputSegment {
 struct PanopticMap {
   ImageOf<std::uint16_t> map;  ///< 0 void, k = segments[k-1]
   std::vector<InputSegment> segments;
+  SegmentRuns runs;  ///< of the map; fusion finds them when empty
 };
-
-/// Pixels x0 <= x < x1 of one row that belong to one segment.
-struct SegmentRun {
-  std::uint16_t x0 = 0;
-  std::uint16_t x1 = 0;
-  std::uint16_t segment = 0;  ///< 0 void
-};
-
-/// All runs of a map, row by row: those of row y are row_begin[y]..row_begin[y+1].
-struct SegmentRuns {
-  std::vector<SegmentRun> runs;
-  std::vector<std::uint32_t> row_begin;
-
-  [[nodiscard]] std::span<const SegmentRun> row(int y) const {
-    const auto at = static_cast<std::size_t>(y);
-    return {runs.data() + row_begin[at], runs.data() + row_begin[at + 1]};
-  }
-};
-
-SegmentRuns find_runs(const ImageOf<std::uint16_t>& map);
 
 /// What association needs of a segment.
 struct SegmentShape {

@@ -8,7 +8,6 @@
 
 #include "io/image_io.h"
 #include "priors/builder/vkitti_names.h"
-#include "priors/format/run_end.h"
 
 namespace kys_slam {
 namespace {
@@ -58,17 +57,19 @@ PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, const std::str
                               SegmentOf&& segment_of) {
   struct Run {
     std::uint32_t key;
-    int length;
+    int x0, x1;
   };
   std::vector<Run> runs;
+  std::vector<std::size_t> row_end;
   std::map<std::uint32_t, InputSegment> found;  // by key
   for (int y = 0; y < keys.height(); ++y) {
     const std::uint32_t* row = keys.row(y);
     for (int x = 0, end = 0; x < keys.width(); x = end) {
       end = run_end(row, x, keys.width());
-      runs.push_back({row[x], end - x});
+      runs.push_back({row[x], x, end});
       if (row[x] != 0 && !found.contains(row[x])) found.emplace(row[x], segment_of(row[x]));
     }
+    row_end.push_back(runs.size());
   }
   // In order of (label, input id); stuff has input id 0, so that a class is one segment.
   std::map<std::pair<std::uint16_t, std::uint32_t>, std::uint16_t> number;
@@ -86,8 +87,25 @@ PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, const std::str
     index_of[key] = index;
   }
   out.map = ImageOf<std::uint16_t>::for_overwrite(keys.width(), keys.height());
-  std::uint16_t* to = out.map.data();
-  for (const Run& run : runs) to = std::fill_n(to, run.length, index_of[run.key]);
+  std::size_t next = 0;
+  for (int y = 0; y < keys.height(); ++y) {
+    const std::size_t first = out.runs.runs.size();
+    out.runs.row_begin.push_back(static_cast<std::uint32_t>(first));
+    for (; next < row_end[static_cast<std::size_t>(y)]; ++next) {
+      const Run& run = runs[next];
+      const std::uint16_t segment = index_of[run.key];
+      std::fill(out.map.row(y) + run.x0, out.map.row(y) + run.x1, segment);
+      const auto x1 = static_cast<std::uint16_t>(run.x1);
+      // Several keys may be one class of stuff.
+      const bool goes_on = out.runs.runs.size() > first && out.runs.runs.back().segment == segment;
+      if (goes_on) {
+        out.runs.runs.back().x1 = x1;
+      } else {
+        out.runs.runs.push_back({static_cast<std::uint16_t>(run.x0), x1, segment});
+      }
+    }
+  }
+  out.runs.row_begin.push_back(static_cast<std::uint32_t>(out.runs.runs.size()));
   return out;
 }
 

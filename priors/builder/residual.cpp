@@ -10,11 +10,6 @@
 namespace kys_slam {
 namespace {
 
-/// A row of what was observed.
-struct ObservedRow {
-  const float *inverse_depth, *u, *v;
-};
-
 // By value: what is written could change anything that is referred to.
 template <typename Flow>
 KYS_ALWAYS_INLINE void add_residuals(Flow flow, ObservedRow observed, int x0, int x1,
@@ -23,7 +18,7 @@ KYS_ALWAYS_INLINE void add_residuals(Flow flow, ObservedRow observed, int x0, in
 #pragma GCC ivdep
   for (int x = x0; x < x1; ++x) {
     float u = 0, v = 0;
-    flow.at(static_cast<float>(x), observed.inverse_depth[x], u, v);
+    flow.at(static_cast<float>(x), observed.inverse_depth(observed.disparity[x]), u, v);
     const float ru = observed.u[x] - u, rv = observed.v[x] - v;
     const bool valid = ru == ru;
     sums.u[x] += valid ? ru : 0.0F;
@@ -46,7 +41,7 @@ KYS_ALWAYS_INLINE void correct_residuals(Flow flow, ObservedRow observed, DriftF
                                          int width, CorrectedRow out) {
 #pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
-    const float rho = observed.inverse_depth[x];
+    const float rho = observed.inverse_depth(observed.disparity[x]);
     float u = 0, v = 0, drift_u = 0, drift_v = 0;
     flow.at(static_cast<float>(x), rho, u, v);
     drift.at(x, drift_u, drift_v, out.coverage[x]);
@@ -126,14 +121,15 @@ void copy_lengths(const CorrectedRow& row, int x0, int x1, float* out) {
 }  // namespace
 
 ResidualField::ResidualField(const BuilderOptions::Drift& options, const EgoMotion& motion,
-                             const FlowField& flow, const ImageOf<float>& inverse_depth,
-                             const SegmentRuns& runs)
+                             const FlowField& flow, const ImageOf<float>& disparity,
+                             const InverseDepth& inverse_depth, const SegmentRuns& runs)
     : motion_(motion),
       flow_(flow),
+      disparity_(disparity),
       inverse_depth_(inverse_depth),
       runs_(runs),
-      width_(inverse_depth.width()),
-      height_(inverse_depth.height()),
+      width_(disparity.width()),
+      height_(disparity.height()),
       drift_(options, width_, height_) {
   const auto length = static_cast<std::size_t>(width_ + kFloatLanes);
   for (std::vector<float>& row : rows_) row.resize(length);
@@ -142,20 +138,22 @@ ResidualField::ResidualField(const BuilderOptions::Drift& options, const EgoMoti
 void ResidualField::add_to_drift(const std::vector<std::uint8_t>& is_stuff) {
   for (int y = 0; y < height_; ++y) {
     if (!drift_.uses(y)) continue;
-    const ObservedRow observed = {inverse_depth_.row(y), flow_.u.row(y), flow_.v.row(y)};
     const FlowRow flow = motion_.flow_row(y);
     const DriftField::Columns sums = drift_.columns(y);
     for (const SegmentRun& run : runs_.row(y)) {
-      if (is_stuff[run.segment]) add_residuals(flow, observed, run.x0, run.x1, sums);
+      if (is_stuff[run.segment]) add_residuals(flow, observed(y), run.x0, run.x1, sums);
     }
   }
+}
+
+ObservedRow ResidualField::observed(int y) const {
+  return {disparity_.row(y), flow_.u.row(y), flow_.v.row(y), inverse_depth_};
 }
 
 CorrectedRow ResidualField::correct(int y) {
   const CorrectedRow out = {rows_[0].data(), rows_[1].data(), rows_[2].data(),
                             rows_[3].data(), rows_[4].data(), rows_[5].data()};
-  correct_residuals(motion_.flow_row(y), {inverse_depth_.row(y), flow_.u.row(y), flow_.v.row(y)},
-                    drift_.row(y), width_, out);
+  correct_residuals(motion_.flow_row(y), observed(y), drift_.row(y), width_, out);
   return out;
 }
 
@@ -201,8 +199,12 @@ FusionImages ResidualField::images() {
     field->v = ImageOf<float>(width_, height_);
   }
   images.corrected = ImageOf<float>(width_, height_);
+  std::vector<float> inverse_depths(static_cast<std::size_t>(width_));
   for (int y = 0; y < height_; ++y) {
-    motion_.predict_row(y, inverse_depth_.row(y), images.predicted.u.row(y),
+    for (int x = 0; x < width_; ++x) {
+      inverse_depths[static_cast<std::size_t>(x)] = inverse_depth_(disparity_.at(x, y));
+    }
+    motion_.predict_row(y, inverse_depths.data(), images.predicted.u.row(y),
                         images.predicted.v.row(y));
     const DriftField::Row drift = drift_.row(y);
     copy_lengths(correct(y), 0, width_, images.corrected.row(y));

@@ -19,6 +19,12 @@ struct SegmentSums {
   std::uint32_t area = 0, depth_count = 0, flow_count = 0;
 };
 
+/// A row of what was observed.
+struct ObservedRow {
+  const float *disparity, *u, *v;  ///< px
+  InverseDepth inverse_depth;
+};
+
 /// A row of corrected residuals and what is summed beside them: 0 where there is none.
 struct CorrectedRow {
   float *residual, *has_residual;  ///< px, length; 1
@@ -39,8 +45,8 @@ struct FusionImages {
 class ResidualField {
  public:
   ResidualField(const BuilderOptions::Drift& options, const EgoMotion& motion,
-                const FlowField& flow, const ImageOf<float>& inverse_depth,
-                const SegmentRuns& runs);
+                const FlowField& flow, const ImageOf<float>& disparity,
+                const InverseDepth& inverse_depth, const SegmentRuns& runs);
 
   /// First: the residuals of the stuff pixels. \param is_stuff by segment number.
   void add_to_drift(const std::vector<std::uint8_t>& is_stuff);
@@ -57,12 +63,14 @@ class ResidualField {
   FusionImages images();
 
  private:
+  [[nodiscard]] ObservedRow observed(int y) const;
   /// Valid until the next call.
   CorrectedRow correct(int y);
 
   const EgoMotion& motion_;
   const FlowField& flow_;
-  const ImageOf<float>& inverse_depth_;
+  const ImageOf<float>& disparity_;
+  InverseDepth inverse_depth_;
   const SegmentRuns& runs_;
   int width_, height_;
   DriftField drift_;

@@ -9,7 +9,6 @@
 #include <cstdlib>
 
 #include "priors/format/prior_format.h"
-#include "priors/format/run_end.h"
 
 namespace kys_slam {
 namespace {
@@ -129,24 +128,28 @@ class RowEncoder {
   RowEncoder(const CameraPriors& camera, const MotionCoder& coder, const std::string& name)
       : camera_(camera), coder_(coder), name_(name), area_(camera.segments.size() + 1, 0) {}
 
-  void encode(int y, Bytes& out) {
-    const int width = camera_.segment_map.width();
-    const std::uint16_t* row = camera_.segment_map.row(y);
+  void encode(int y, std::span<const SegmentRun> runs, Bytes& out) {
     const float* motion = camera_.motion.empty() ? nullptr : camera_.motion.row(y);
     motion_runs_.clear();
-    for (int x = 0; x < width;) {
-      const std::uint16_t segment = row[x];
-      if (segment >= area_.size()) fail(name_, "the map has a segment that is not in the table");
-      const int end = run_end(row, x, width);
-      put_varint(out, static_cast<std::uint32_t>(end - x));
-      put_varint(out, segment);
-      area_[segment] += static_cast<std::uint32_t>(end - x);
-      if (segment > 0 && (camera_.segments[segment - 1u].flags & pf::kDynamic)) {
-        if (motion == nullptr) fail(name_, "a dynamic segment has no motion image");
-        add_motion(motion + x, motion + end);
+    const int width = camera_.segment_map.width();
+    int x = 0;
+    for (const SegmentRun& run : runs) {
+      if (run.segment >= area_.size()) {
+        fail(name_, "the map has a segment that is not in the table");
       }
-      x = end;
+      if (run.x0 != x || run.x1 <= x || run.x1 > width) {
+        fail(name_, "the runs are not those of a map");
+      }
+      x = run.x1;
+      put_varint(out, static_cast<std::uint32_t>(run.x1 - run.x0));
+      put_varint(out, run.segment);
+      area_[run.segment] += static_cast<std::uint32_t>(run.x1 - run.x0);
+      if (run.segment > 0 && (camera_.segments[run.segment - 1u].flags & pf::kDynamic)) {
+        if (motion == nullptr) fail(name_, "a dynamic segment has no motion image");
+        add_motion(motion + run.x0, motion + run.x1);
+      }
     }
+    if (x != width) fail(name_, "the runs are not those of a map");
     flush_motion();
     out.insert(out.end(), motion_runs_.begin(), motion_runs_.end());
   }
@@ -188,11 +191,14 @@ void encode_camera(const CameraPriors& camera, std::size_t index, const MotionCo
                    const std::string& name, Bytes& out) {
   check_segments(camera, index, name);
   const int height = camera.segment_map.height();
+  const SegmentRuns found = camera.runs.empty() ? find_runs(camera.segment_map) : SegmentRuns();
+  const SegmentRuns& segment_runs = camera.runs.empty() ? found : camera.runs;
+  if (segment_runs.rows() != height) fail(name, "the runs are not those of a map");
   Bytes runs, row_index;
   RowEncoder encoder(camera, coder, name);
   for (int y = 0; y < height; ++y) {
     put(row_index, runs.size(), 4);
-    encoder.encode(y, runs);
+    encoder.encode(y, segment_runs.row(y), runs);
   }
   put(row_index, runs.size(), 4);
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "priors/format/prior_file.h"
+#include "priors/format/segment_runs.h"
 
 namespace kys_slam {
 
@@ -14,6 +15,7 @@ namespace kys_slam {
 struct CameraPriors {
   std::vector<PriorSegment> segments;  ///< `area` is filled in by the encoder
   ImageOf<std::uint16_t> segment_map;  ///< 0 void, k = segments[k-1]
+  SegmentRuns runs;                    ///< of the map; found by the encoder when empty
   ImageOf<float> motion;  ///< mu, 0..100, read inside dynamic segments only; may be empty if none
 };
 

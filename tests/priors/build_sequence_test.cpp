@@ -72,7 +72,7 @@ class BuildSequenceTest : public testing::Test {
       for (int x = 0; x < k.width; ++x) {
         put_float(flo, p.flow->u.at(x, y));
         put_float(flo, p.flow->v.at(x, y));
-        put_float(pfm, static_cast<float>(k.bf()) * p.inverse_depth.at(x, k.height - 1 - y));
+        put_float(pfm, p.disparity.at(x, k.height - 1 - y));
       }
     }
   }

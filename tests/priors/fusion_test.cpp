@@ -13,6 +13,8 @@ namespace kys_slam {
 namespace {
 
 using synthetic::Box;
+using synthetic::depth_of;
+using synthetic::inverse_depths;
 using synthetic::kitti_camera;
 using synthetic::motion;
 using synthetic::street;
@@ -24,13 +26,13 @@ double static_error(const BuilderOptions& options, const StereoCamera& camera,
   for (std::size_t k = 0; k < p.panoptic.segments.size(); ++k) {
     stuff[k + 1] = !p.panoptic.segments[k].thing;
   }
-  const auto fit =
-      fit_ego_motion(options.ego_motion, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  const auto fit = fit_ego_motion(options.ego_motion, camera, *p.flow, p.disparity,
+                                  depth_of(camera), p.panoptic.map, stuff);
   if (!fit) return 1e9;
   std::vector<double> errors;
   std::vector<float> u(static_cast<std::size_t>(camera.width)), v(u.size());
   for (int y = 0; y < camera.height; y += 3) {
-    fit->predict_row(y, p.inverse_depth.row(y), u.data(), v.data());
+    fit->predict_row(y, inverse_depths(camera, p, y).data(), u.data(), v.data());
     for (int x = 0; x < camera.width; x += 3) {
       if (!stuff[p.panoptic.map.at(x, y)] || !std::isfinite(p.flow->u.at(x, y))) continue;
       errors.push_back(std::hypot(u[static_cast<std::size_t>(x)] - p.flow->u.at(x, y),
@@ -49,7 +51,7 @@ void make_instantaneous(const StereoCamera& k, const Eigen::Vector3d& w, const E
                         CameraPerception& p) {
   for (int v = 0; v < k.height; ++v) {
     for (int u = 0; u < k.width; ++u) {
-      const double rho = p.inverse_depth.at(u, v);
+      const double rho = depth_of(k)(p.disparity.at(u, v));
       // Centred principal point, as Eq. 6 assumes.
       const double x = (u - 0.5 * k.width) / k.fx, y = (v - 0.5 * k.height) / k.fy;
       const Eigen::Vector3d ray(x, y, 1);
@@ -106,12 +108,13 @@ TEST(EgoMotion, Se3FindsTheMotionUnderOutliersAndNoise) {
     for (int x = 0; x < camera.width; ++x) {
       p.flow->u.at(x, y) += noise(random) + (random() % 10 == 0 ? 25.0F : 0.0F);
       p.flow->v.at(x, y) += noise(random);
-      if (random() % 20 == 0) p.inverse_depth.at(x, y) = kNoValue;
+      if (random() % 20 == 0) p.disparity.at(x, y) = kNoValue;
       if (random() % 20 == 0) p.flow->u.at(x, y) = p.flow->v.at(x, y) = kNoValue;
     }
   }
   const std::vector<std::uint8_t> stuff = {0, 1, 1};
-  const auto fit = fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  const auto fit =
+      fit_ego_motion({}, camera, *p.flow, p.disparity, depth_of(camera), p.panoptic.map, stuff);
   ASSERT_TRUE(fit.has_value());
   EXPECT_LT(minus(fit->T_next_now, T).head<3>().norm(), 1e-3);
   EXPECT_LT((fit->T_next_now.t() - T.t()).norm(), 0.02);
@@ -129,15 +132,17 @@ TEST(EgoMotion, TheSubsampleMovesTheFieldByLessThanTheAllowedTwoHundredths) {
   const std::vector<std::uint8_t> stuff = {0, 1, 1};
   BuilderOptions::EgoMotion all;
   all.grid_samples = 0;
-  const auto a = fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
-  const auto b = fit_ego_motion(all, camera, *p.flow, p.inverse_depth, p.panoptic.map, stuff);
+  const auto a =
+      fit_ego_motion({}, camera, *p.flow, p.disparity, depth_of(camera), p.panoptic.map, stuff);
+  const auto b =
+      fit_ego_motion(all, camera, *p.flow, p.disparity, depth_of(camera), p.panoptic.map, stuff);
   ASSERT_TRUE(a && b);
   std::vector<float> ua(1241), va(1241), ub(1241), vb(1241);
   double sum = 0;
   int count = 0;
   for (int y = 0; y < camera.height; y += 5, ++count) {
-    a->predict_row(y, p.inverse_depth.row(y), ua.data(), va.data());
-    b->predict_row(y, p.inverse_depth.row(y), ub.data(), vb.data());
+    a->predict_row(y, inverse_depths(camera, p, y).data(), ua.data(), va.data());
+    b->predict_row(y, inverse_depths(camera, p, y).data(), ub.data(), vb.data());
     double row = 0;
     for (std::size_t x = 0; x < 1241; ++x) row += std::hypot(ua[x] - ub[x], va[x] - vb[x]);
     sum += row / 1241;
@@ -150,7 +155,8 @@ TEST(EgoMotion, TooFewPixelsGiveNoMotion) {
   CameraPerception p = street(camera, motion(0, 0, 0, 0, 0, -1), {});
   const std::vector<std::uint8_t> nothing = {0, 0, 0};
   EXPECT_FALSE(
-      fit_ego_motion({}, camera, *p.flow, p.inverse_depth, p.panoptic.map, nothing).has_value());
+      fit_ego_motion({}, camera, *p.flow, p.disparity, depth_of(camera), p.panoptic.map, nothing)
+          .has_value());
   for (std::size_t i = 0; i < p.flow->u.size(); ++i) p.flow->u.data()[i] = kNoValue;
   p.panoptic.segments[0].thing = false;
   const CameraFusion fusion = fuse_camera({}, camera, p);
@@ -194,7 +200,7 @@ TEST(Residual, SumsAndReferencesAreThoseOfThePixels) {
   const std::vector<std::uint8_t> is_stuff = {0, 1, 1, 0};
   BuilderOptions::Drift options;
   options.enabled = false;
-  ResidualField field(options, ego, flow, p.inverse_depth, runs);
+  ResidualField field(options, ego, flow, p.disparity, depth_of(camera), runs);
   field.add_to_drift(is_stuff);
   field.smooth_drift();
   std::vector<SegmentSums> sums(4);
@@ -398,16 +404,12 @@ TEST(Scale, IsAreaTimesSquaredDepth) {
 }
 
 TEST(Depth, InverseDepthCapsAndRefuses) {
-  ImageOf<float> rho(4, 1);
-  rho.at(0, 0) = 10;
-  rho.at(1, 0) = 1e-3F;
-  rho.at(2, 0) = 0;
-  rho.at(3, 0) = kNoValue;
-  to_inverse_depth(rho, 386.0, 255.0);
-  EXPECT_FLOAT_EQ(rho.at(0, 0), 10.0F / 386.0F);
-  EXPECT_FLOAT_EQ(rho.at(1, 0), 1.0F / 255.0F);
-  EXPECT_TRUE(std::isnan(rho.at(2, 0)));
-  EXPECT_TRUE(std::isnan(rho.at(3, 0)));
+  const InverseDepth inverse_depth(386.0, 255.0);
+  EXPECT_FLOAT_EQ(inverse_depth(10), 10.0F / 386.0F);
+  EXPECT_FLOAT_EQ(inverse_depth(1e-3F), 1.0F / 255.0F);
+  EXPECT_TRUE(std::isnan(inverse_depth(0)));
+  EXPECT_TRUE(std::isnan(inverse_depth(-1)));
+  EXPECT_TRUE(std::isnan(inverse_depth(kNoValue)));
 }
 
 TEST(Depth, NearestSurfaceWinsInTheRightView) {

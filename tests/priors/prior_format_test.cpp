@@ -180,6 +180,33 @@ TEST(PriorFile, LookupAgreesWithTheImage) {
   }
 }
 
+TEST(PriorFormat, RunsThatAreGivenMustBeThoseOfTheMap) {
+  FramePriors in = make_street(64, 32, 3);
+  const auto bytes = encode_priors(in, "x");
+  in.cameras[0].runs = find_runs(in.cameras[0].segment_map);
+  EXPECT_EQ(encode_priors(in, "x"), bytes);
+  const SegmentRuns right = in.cameras[0].runs;
+  const auto refused = [&] {
+    try {
+      (void)encode_priors(in, "x");
+    } catch (const InputError& error) {
+      return std::string(error.what()) == "x: the runs are not those of a map";
+    }
+    return false;
+  };
+  in.cameras[0].runs.runs.back().x1 -= 1;  // short of the width
+  EXPECT_TRUE(refused());
+  in.cameras[0].runs = right;
+  in.cameras[0].runs.runs[0].x0 = 1;  // a gap
+  EXPECT_TRUE(refused());
+  in.cameras[0].runs = right;
+  in.cameras[0].runs.runs.back().x1 = 1000;  // behind the width
+  EXPECT_TRUE(refused());
+  in.cameras[0].runs = right;
+  in.cameras[0].runs.row_begin.pop_back();  // a row less
+  EXPECT_TRUE(refused());
+}
+
 TEST(PriorFile, OneCameraFilesAnswerTheOtherCameraWithNothing) {
   FramePriors in = make_street(64, 32, 3);
   in.cameras.pop_back();

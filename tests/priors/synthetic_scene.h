@@ -33,7 +33,7 @@ inline CameraPerception street(const StereoCamera& k, const Rigid3& T_next_now,
                                const std::vector<Box>& boxes) {
   CameraPerception p;
   p.panoptic.map = ImageOf<std::uint16_t>(k.width, k.height);
-  p.inverse_depth = ImageOf<float>(k.width, k.height);
+  p.disparity = ImageOf<float>(k.width, k.height);
   p.flow = FlowField{ImageOf<float>(k.width, k.height), ImageOf<float>(k.width, k.height)};
   p.panoptic.segments = {{0, 100, false}, {0, 101, false}};
   p.instances = {100, 101};
@@ -62,12 +62,25 @@ inline CameraPerception street(const StereoCamera& k, const Rigid3& T_next_now,
       const Eigen::Vector2d to =
           k.project(T_next_now * (k.back_project(u, v, depth) + shift).eval());
       p.panoptic.map.at(u, v) = segment;
-      p.inverse_depth.at(u, v) = static_cast<float>(1 / depth);
+      p.disparity.at(u, v) = static_cast<float>(k.bf() / depth);
       p.flow->u.at(u, v) = static_cast<float>(to.x() - u);
       p.flow->v.at(u, v) = static_cast<float>(to.y() - v);
     }
   }
+  p.panoptic.runs = find_runs(p.panoptic.map);
   return p;
+}
+
+/// Far enough for every depth in here.
+inline InverseDepth depth_of(const StereoCamera& k) {
+  return {k.bf(), 255};
+}
+
+/// Inverse depths (1/m) of a row.
+inline std::vector<float> inverse_depths(const StereoCamera& k, const CameraPerception& p, int y) {
+  std::vector<float> row;
+  for (int x = 0; x < k.width; ++x) row.push_back(depth_of(k)(p.disparity.at(x, y)));
+  return row;
 }
 
 inline Rigid3 motion(double wx, double wy, double wz, double tx, double ty, double tz) {
