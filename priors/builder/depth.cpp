@@ -106,8 +106,9 @@ class WarpedRow {
       const float least = row[x] + kStep;
       const bool left = (row[x - 1] > least) | (row[x - 2] > least);
       const bool right = (row[x + 1] > least) | (row[x + 2] > least);
-      gap[x] = left & right ? 1 : 0;
-      out[x] = (left & right) | (row[x] == kNone) ? kNoValue : row[x];
+      const bool between = left & right, nothing = between | (row[x] == kNone);
+      gap[x] = between ? 1 : 0;
+      out[x] = nothing ? kNoValue : row[x];
     }
   }
   static_assert(kReach == 2);

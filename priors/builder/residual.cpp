@@ -14,8 +14,7 @@ namespace {
 template <typename Flow>
 KYS_ALWAYS_INLINE void add_residuals(Flow flow, ObservedRow observed, int x0, int x1,
                                      DriftField::Columns sums) {
-  // The compiler does not test this many arrays for overlap: they do not.
-#pragma GCC ivdep
+  KYS_INDEPENDENT
   for (int x = x0; x < x1; ++x) {
     float u = 0, v = 0;
     flow.at(static_cast<float>(x), observed.inverse_depth(observed.disparity[x]), u, v);
@@ -39,7 +38,7 @@ KYS_VECTOR_CLONES void add_residuals(const FlowRow& flow, const ObservedRow& obs
 template <typename Flow>
 KYS_ALWAYS_INLINE void correct_residuals(Flow flow, ObservedRow observed, DriftField::Row drift,
                                          int width, CorrectedRow out) {
-#pragma GCC ivdep
+  KYS_INDEPENDENT
   for (int x = 0; x < width; ++x) {
     const float rho = observed.inverse_depth(observed.disparity[x]);
     float u = 0, v = 0, drift_u = 0, drift_v = 0;
