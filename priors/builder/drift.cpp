@@ -172,7 +172,8 @@ KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
   // Of the right one of two cells, for the columns between their middles.
   const int vectors = (cell + kFloatLanes - 1) / kFloatLanes;
   std::vector<float> shares(static_cast<std::size_t>(vectors * kFloatLanes));
-  const float offset = static_cast<float>(cell / 2) - 0.5F * static_cast<float>(cell - 1);
+  const int first = cell / 2;  // column, the first that lies between two middles
+  const float offset = static_cast<float>(first) - 0.5F * static_cast<float>(cell - 1);
   for (std::size_t k = 0; k < shares.size(); ++k) {
     shares[k] = (static_cast<float>(k) + offset) / static_cast<float>(cell);
   }
@@ -180,8 +181,8 @@ KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
   for (int cy = 0; cy < cells_y_; ++cy) {
     const float* from = field.cells.data() + static_cast<std::ptrdiff_t>(cy) * cells_x_;
     float* to = field.lines.data() + static_cast<std::ptrdiff_t>(cy) * stride_;
-    std::fill(to, to + cell / 2, from[0]);
-    to += cell / 2;
+    std::fill(to, to + first, from[0]);
+    to += first;
     for (int c = 0; c + 1 < cells_x_; ++c, to += cell) {
       // What is beyond the cell is overwritten by the next one.
       for (int k = 0; k < vectors * kFloatLanes; k += kFloatLanes) {

@@ -126,8 +126,8 @@ void print(const BuildSummary& s) {
   std::printf(
       "fusion            %.2f ms/frame: association %.2f, depth %.2f, fit %.2f, "
       "residual %.2f, drift %.2f, statistics %.2f, export %.2f, encoding %.2f\n",
-      s.times.total() / n, s.times.association / n, s.times.depth / n, f.fit / n,
-      f.residual / n, f.drift / n, f.statistics / n, f.decide_export / n, s.times.encoding / n);
+      s.times.total() / n, s.times.association / n, s.times.depth / n, f.fit / n, f.residual / n,
+      f.drift / n, f.statistics / n, f.decide_export / n, s.times.encoding / n);
 }
 
 }  // namespace
