@@ -24,6 +24,10 @@ inline float load_f32(const std::uint8_t* p) {
 /// Numbers of the run streams: 7 bits per byte, lowest first, the top bit set on all but the last
 /// byte; at most three bytes. Moves `p` on. False when it would read beyond `end` or needs more.
 inline bool load_varint(const std::uint8_t*& p, const std::uint8_t* end, std::uint32_t& value) {
+  if (p != end && *p < 0x80) {  // most are short
+    value = *p++;
+    return true;
+  }
   value = 0;
   for (int shift = 0; shift < 21; shift += 7) {
     if (p == end) return false;

@@ -258,23 +258,24 @@ struct Query {
 /// Queries grouped by row and in order of x within each: offset[y]..offset[y+1].
 void group_by_row(std::span<const Keypoint> keypoints, int width, int height,
                   std::vector<std::uint32_t>& offset, std::vector<Query>& queries) {
-  const auto pixel = [](float value) { return std::floor(value + 0.5F); };
+  // The nearest pixel of a keypoint is floor(. + 0.5): what is not below 0 need only be cut off.
   // Comparisons with NaN are false: such a keypoint is outside.
   const auto inside = [&](const Keypoint& k) {
-    const float x = pixel(k.x), y = pixel(k.y);
+    const float x = k.x + 0.5F, y = k.y + 0.5F;
     return x >= 0 && y >= 0 && x < static_cast<float>(width) && y < static_cast<float>(height);
   };
+  const auto row = [](const Keypoint& k) { return static_cast<std::size_t>(k.y + 0.5F); };
   offset.assign(static_cast<std::size_t>(height) + 2, 0);
   for (const Keypoint& k : keypoints) {
-    if (inside(k)) ++offset[static_cast<std::size_t>(pixel(k.y)) + 2];
+    if (inside(k)) ++offset[row(k) + 2];
   }
   std::partial_sum(offset.begin(), offset.end(), offset.begin());
   queries.resize(offset.back());
   for (std::size_t i = 0; i < keypoints.size(); ++i) {
     const Keypoint& k = keypoints[i];
     if (!inside(k)) continue;
-    std::uint32_t& slot = offset[static_cast<std::size_t>(pixel(k.y)) + 1];
-    queries[slot++] = {static_cast<std::uint16_t>(pixel(k.x)), static_cast<std::uint32_t>(i)};
+    queries[offset[row(k) + 1]++] = {static_cast<std::uint16_t>(k.x + 0.5F),
+                                     static_cast<std::uint32_t>(i)};
   }
   for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y) {
     std::sort(queries.begin() + offset[y], queries.begin() + offset[y + 1],
