@@ -127,7 +127,7 @@ class SequenceBuilder {
                                   sequence_.camera.height);
         const Stopwatch watch;
         shapes[i].push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
-        add_time(watch.elapsed_ms(), &BuildTimes::association);
+        add_association(watch.elapsed_ms());
       }
     });
     const Stopwatch watch;
@@ -136,7 +136,7 @@ class SequenceBuilder {
         perceptions[i][c].instances = identify(c, perceptions[i][c].panoptic, shapes[i][c]);
       }
     }
-    add_time(watch.elapsed_ms(), &BuildTimes::association);
+    add_association(watch.elapsed_ms());
     for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
       build_frame(begin + i, std::move(perceptions[i]));
       const std::lock_guard lock(mutex_);
@@ -145,9 +145,9 @@ class SequenceBuilder {
     });
   }
 
-  void add_time(double ms, double BuildTimes::*stage) {
+  void add_association(double ms) {
     const std::lock_guard lock(mutex_);
-    summary_.times.*stage += ms;
+    summary_.times.association += ms;
   }
 
   /// Identities of the segments of one camera's next frame.

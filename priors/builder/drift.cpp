@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 
 namespace kys_slam {
 namespace {
@@ -186,10 +185,8 @@ KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
     for (int c = 0; c + 1 < cells_x_; ++c, to += cell) {
       // What is beyond the cell is overwritten by the next one.
       for (int k = 0; k < vectors * kFloatLanes; k += kFloatLanes) {
-        FloatLanes lanes;
-        std::memcpy(&lanes, shares.data() + k, sizeof lanes);
-        lanes = from[c] + lanes * (from[c + 1] - from[c]);
-        std::memcpy(to + k, &lanes, sizeof lanes);
+        const FloatLanes share = load_lanes(shares.data() + k);
+        store_lanes(from[c] + share * (from[c + 1] - from[c]), to + k);
       }
     }
     std::fill(to, field.lines.data() + static_cast<std::ptrdiff_t>(cy + 1) * stride_,

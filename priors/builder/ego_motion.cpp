@@ -326,12 +326,6 @@ LinearFlowRow linear_row(const EgoMotion& m, int y) {
           f(h * (c[7] - c[2] * yn))};
 }
 
-template <typename Flow>
-KYS_ALWAYS_INLINE void predict(const Flow& flow, int width, const float* __restrict rho,
-                               float* __restrict u, float* __restrict v) {
-  for (int x = 0; x < width; ++x) flow.at(static_cast<float>(x), rho[x], u[x], v[x]);
-}
-
 }  // namespace
 
 FlowRow EgoMotion::flow_row(int y) const {
@@ -340,8 +334,13 @@ FlowRow EgoMotion::flow_row(int y) const {
 }
 
 void EgoMotion::predict_row(int y, const float* inverse_depth, float* u, float* v) const {
-  std::visit([&](const auto& flow) { predict(flow, camera.width, inverse_depth, u, v); },
-             flow_row(y));
+  std::visit(
+      [&](const auto& flow) {
+        for (int x = 0; x < camera.width; ++x) {
+          flow.at(static_cast<float>(x), inverse_depth[x], u[x], v[x]);
+        }
+      },
+      flow_row(y));
 }
 
 std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,

@@ -1,7 +1,6 @@
 #include "priors/builder/residual.h"
 
 #include <cmath>
-#include <cstring>
 #include <span>
 
 #include "priors/builder/flow_row.h"
@@ -68,12 +67,6 @@ KYS_VECTOR_CLONES void correct_residuals(const FlowRow& flow, const ObservedRow&
   }
 }
 
-KYS_ALWAYS_INLINE FloatLanes load(const float* from) {
-  FloatLanes lanes;
-  std::memcpy(&lanes, from, sizeof lanes);
-  return lanes;
-}
-
 /// Sums of a row's quantities over x0 <= x < x1, in lanes: a single sum would wait for itself at
 /// every pixel.
 struct LaneSums {
@@ -81,14 +74,14 @@ struct LaneSums {
              has_depth = {}, coverage = {};
 
   KYS_ALWAYS_INLINE void add(const CorrectedRow& row, int x, const FloatLanes& share) {
-    const FloatLanes p = share * load(row.radial + x);
-    residual += share * load(row.residual + x);
-    has_residual += share * load(row.has_residual + x);
+    const FloatLanes p = share * load_lanes(row.radial + x);
+    residual += share * load_lanes(row.residual + x);
+    has_residual += share * load_lanes(row.has_residual + x);
     radial += p;
     radial_squared += p * p;
-    depth += share * load(row.depth + x);
-    has_depth += share * load(row.has_depth + x);
-    coverage += share * load(row.coverage + x);
+    depth += share * load_lanes(row.depth + x);
+    has_depth += share * load_lanes(row.has_depth + x);
+    coverage += share * load_lanes(row.coverage + x);
   }
 };
 
@@ -96,12 +89,12 @@ KYS_VECTOR_CLONES void add_runs(const CorrectedRow& row, std::span<const Segment
                                 SegmentSums* sums) {
   // Of the lanes behind a run's end nothing counts.
   alignas(32) static constexpr float kShares[2 * kFloatLanes] = {1, 1, 1, 1, 1, 1, 1, 1};
-  const FloatLanes whole = load(kShares);
+  const FloatLanes whole = load_lanes(kShares);
   for (const SegmentRun& run : runs) {
     LaneSums lanes;
     int x = run.x0;
     for (; x + kFloatLanes <= run.x1; x += kFloatLanes) lanes.add(row, x, whole);
-    lanes.add(row, x, load(kShares + kFloatLanes - (run.x1 - x)));
+    lanes.add(row, x, load_lanes(kShares + kFloatLanes - (run.x1 - x)));
     SegmentSums& s = sums[run.segment];
     s.residual += lane_sum(lanes.residual);
     s.flow_count += static_cast<std::uint32_t>(lane_sum(lanes.has_residual));

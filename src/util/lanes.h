@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstring>
+
 namespace kys_slam {
 
 /// Four doubles, or eight floats, worked on together. GCC and Clang turn them into the vector
@@ -36,6 +38,15 @@ inline constexpr int kFloatLanes = 8;
 
 KYS_ALWAYS_INLINE Lanes broadcast(double x) {
   return Lanes{x, x, x, x};
+}
+/// From and to numbers in a row, wherever they begin.
+KYS_ALWAYS_INLINE FloatLanes load_lanes(const float* from) {
+  FloatLanes lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+KYS_ALWAYS_INLINE void store_lanes(const FloatLanes& lanes, float* to) {
+  std::memcpy(to, &lanes, sizeof lanes);
 }
 /// Sum over the lanes, always in the same order.
 KYS_ALWAYS_INLINE double lane_sum(const Lanes& x) {
