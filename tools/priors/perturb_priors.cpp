@@ -1,20 +1,22 @@
 // perturb_priors: perception with errors put in, to build priors from (the paper's robustness
 // study). Segmentation: nested relabelling of thing segments. Flow: noise scaled by the flow's
-// length, or spatially correlated failure.
+// length, or spatially correlated failure. Decisions: prior files whose motion detector is wrong,
+// late or absent.
 #include <kys_slam/error.h>
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <iostream>
 
+#include "decision_errors.h"
 #include "perturbation.h"
 
 int main(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
-  CLI::App app("Puts errors into perception outputs; build priors from the result.");
+  CLI::App app("Puts errors into perception outputs, to build priors from, or into prior files.");
   app.require_subcommand(1);
-  std::string input, output, label_space = "coco_panoptic_133";
+  std::string input, output, error_case, label_space = "coco_panoptic_133";
   double share = 0.1, relative = 0.06, correlation = 0;
   std::uint64_t seed = 1;
   FieldEncoding encoding = FieldEncoding::kUnspecified;
@@ -22,7 +24,18 @@ int main(int argc, char** argv) {
                                                           {"vkitti", FieldEncoding::kVkitti}};
   auto* segments = app.add_subcommand("segments", "Relabel thing segments (COCO panoptic folder)");
   auto* flow = app.add_subcommand("flow", "Noise in proportion to the flow; writes KITTI PNG");
-  for (auto* command : {segments, flow}) {
+  auto* decisions = app.add_subcommand("decisions",
+                                       "Prior files with errors of the motion detector. Cases:\n"
+                                       "  parked         every vehicle is called moving\n"
+                                       "  blind          nothing is called moving\n"
+                                       "  drop           30 % of the files are missing, in "
+                                       "stretches of 1 to 8 frames\n"
+                                       "  flip           per instance and stretch of 10 frames, "
+                                       "wrong with probability 0.3\n"
+                                       "  late           every file is that of the frame before\n"
+                                       "  bleed          moving segments are 8 px too large\n"
+                                       "  segments-only  motion is not judged at all");
+  for (auto* command : {segments, flow, decisions}) {
     command->add_option("input", input, "Folder")->required();
     command->add_option("--output", output, "Folder to write to")->required();
     command->add_option("--seed", seed, "Seed")->capture_default_str();
@@ -37,6 +50,9 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 1000.0));
   flow->add_option("--encoding", encoding, "Of PNGs: kitti, vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
+  decisions->add_option("--case", error_case, "Kind of error")
+      ->required()
+      ->check(CLI::IsMember(decision_error_names()));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -50,6 +66,11 @@ int main(int argc, char** argv) {
       const Relabelling done =
           relabel_segments(input, output, share, seed, kys::load_label_space(label_space));
       std::printf("relabelled %zu of %zu thing segments\n", done.hit, done.things);
+    } else if (decisions->parsed()) {
+      const DecisionErrorCounts done =
+          disturb_decisions(input, output, parse_decision_error(error_case), seed);
+      std::printf("wrote %zu of %zu files; of %zu thing segments %zu were called moving, now %zu\n",
+                  done.written, done.files, done.things, done.moving_before, done.moving_after);
     } else {
       std::printf("mean error %.2f px\n",
                   disturb_flow(input, output, relative, correlation, seed, encoding));

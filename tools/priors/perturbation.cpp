@@ -10,6 +10,7 @@
 #include <set>
 
 #include "io/image_io.h"
+#include "seeded_random.h"
 #include "util/atomic_file.h"
 
 namespace kys_slam {
@@ -18,20 +19,9 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-/// A number in 0..1 that depends on nothing but its arguments (splitmix64).
-double uniform(std::uint64_t seed, std::uint64_t a, std::uint64_t b = 0) {
-  std::uint64_t z = seed * 0x9E3779B97F4A7C15ull + a * 0xBF58476D1CE4E5B9ull +
-                    b * 0x94D049BB133111EBull + 0x2545F4914F6CDD1Dull;
-  for (int i = 0; i < 2; ++i) {
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ull;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
-    z ^= z >> 31;
-  }
-  return static_cast<double>(z >> 11) * 0x1.0p-53;
-}
-
 double gaussian(std::uint64_t seed, std::uint64_t a, std::uint64_t b) {
-  const double u = std::max(uniform(seed, a, 2 * b), 1e-300), v = uniform(seed, a, 2 * b + 1);
+  const double u = std::max(seeded_uniform(seed, a, 2 * b), 1e-300),
+               v = seeded_uniform(seed, a, 2 * b + 1);
   return std::sqrt(-2 * std::log(u)) * std::cos(2 * 3.14159265358979323846 * v);
 }
 
@@ -88,12 +78,13 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
         if (!labels.at(labels.index_of(static_cast<std::int32_t>(category))).thing) continue;
         ++things;
         const auto id = s.at("id").get<std::uint64_t>();
-        if (uniform(seed, frame, id) >= share || classes.size() < 2) continue;
+        if (seeded_uniform(seed, frame, id) >= share || classes.size() < 2) continue;
         std::vector<std::int64_t> others;
         for (const std::int64_t c : classes) {
           if (c != category) others.push_back(c);
         }
-        const double pick = uniform(seed + 1, frame, id) * static_cast<double>(others.size());
+        const double pick =
+            seeded_uniform(seed + 1, frame, id) * static_cast<double>(others.size());
         s["category_id"] = others[std::min(others.size() - 1, static_cast<std::size_t>(pick))];
         ++hit;
       }
