@@ -1,0 +1,285 @@
+#include "motion/instance_motion.h"
+
+#include <kys_slam/error.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "geometry/reprojection.h"
+#include "map/frame_features.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr double kMinDisparity = 1;       // px, below this depth means nothing
+constexpr double kTurnTolerance = 1e-5;   // rad: far below what the matches can tell
+constexpr double kShiftTolerance = 1e-4;  // m
+constexpr double kObservedRotation = 0.5;  // of the range: the matches have halved what was unknown
+
+/// A match as the fits need it: where a still point would be now, and its error there.
+struct Point {
+  Eigen::Vector3d q;         // m, T_now_before x_before
+  Eigen::Vector3d observed;  // u, v, disparity now, px
+  Eigen::Matrix3d sigma_q;   // of q, m^2
+  Eigen::Vector3d sigma_z;   // variances of `observed`, px^2
+};
+
+double disparity(const StereoPixel& p) {
+  return static_cast<double>(p.u) - p.u_right;
+}
+
+bool is_stereo(const StereoPixel& p) {
+  return is_usable(p.u, p.v, p.u_right, p.inv_sigma) && disparity(p) >= kMinDisparity;
+}
+
+/// Variances of (u, v, disparity): those of octave 0 at the keypoint's scale.
+Eigen::Vector3d variances(const StereoPixel& p, const InstanceMotionOptions& options) {
+  const double scale = 1.0 / (static_cast<double>(p.inv_sigma) * kPixelSigma);
+  const double pixel = std::pow(options.pixel_sigma * scale, 2);
+  return {pixel, pixel, std::pow(options.disparity_sigma * scale, 2)};
+}
+
+Point prepare(const StereoCamera& camera, const InstanceMatch& match, const Rigid3& T_now_before,
+              const InstanceMotionOptions& options) {
+  const double d = disparity(match.before);
+  const double z = camera.bf() / d;
+  const Eigen::Vector3d p = camera.back_project(match.before.u, match.before.v, z);
+  Eigen::Matrix3d J;  // of p by (u, v, disparity)
+  J << z / camera.fx, 0, -p.x() / d, 0, z / camera.fy, -p.y() / d, 0, 0, -z / d;
+  const Eigen::Matrix3d RJ = T_now_before.R() * J;
+  Point point;
+  point.q = T_now_before * p;
+  point.observed = {match.now.u, match.now.v, disparity(match.now)};
+  point.sigma_q = RJ * variances(match.before, options).asDiagonal() * RJ.transpose();
+  point.sigma_z = variances(match.now, options);
+  return point;
+}
+
+Eigen::Vector3d back_project(const StereoCamera& camera, const Eigen::Vector3d& uvd) {
+  return camera.back_project(uvd.x(), uvd.y(), camera.bf() / uvd.z());
+}
+
+/// Sums over the points at one motion: curvature A and gradient b of half the chi-squares that are
+/// not cut off, the cut-off cost, how many are not.
+struct Sums {
+  Matrix6d A = Matrix6d::Zero();
+  Vector6d b = Vector6d::Zero();
+  double cost = 0;
+  int inliers = 0;
+};
+
+/// The points of one instance under rigid motions about a centre.
+class Fit {
+ public:
+  Fit(const StereoCamera& camera, std::span<const Point> points, const Eigen::Vector3d& centre,
+      const InstanceMotionOptions& options)
+      : camera_(camera), points_(points), centre_(centre), options_(options) {
+    information_.resize(points.size());
+  }
+
+  /// Motion of largest posterior, its prior being N(0, P): soft weights first, then the cut.
+  [[nodiscard]] Vector6d minimise(Vector6d xi, const Matrix6d& information) {
+    weigh(xi);
+    for (int i = 0; i < options_.iterations; ++i) {
+      if (!advance(xi, information, true)) break;
+    }
+    weigh(xi);
+    for (int i = 0; i < options_.iterations; ++i) {
+      if (!advance(xi, information, false)) break;
+    }
+    return xi;
+  }
+
+  /// \param soft Cauchy weights instead of a sharp cut, for the way to the minimum
+  [[nodiscard]] Sums sum(const Vector6d& xi, bool soft) const {
+    Sums sums;
+    const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Point& point = points_[i];
+      const Eigen::Vector3d arm = R * (point.q - centre_);
+      const Eigen::Vector3d x = arm + centre_ + xi.tail<3>();
+      if (x.z() < kMinDepth) {
+        sums.cost += options_.max_chi2;
+        continue;
+      }
+      const Eigen::Vector3d e =
+          reprojection_error(camera_, x, point.observed.x(), point.observed.y(),
+                             point.observed.x() - point.observed.z());
+      const Eigen::Matrix3d& W = information_[i];
+      const double chi2 = e.dot(W * e);
+      sums.cost += std::min(chi2, options_.max_chi2);
+      const bool inlier = chi2 <= options_.max_chi2;
+      sums.inliers += inlier ? 1 : 0;
+      if (!soft && !inlier) continue;
+      const double weight = soft ? 1.0 / (1.0 + chi2 / options_.max_chi2) : 1.0;
+      // M = J^T W J by the point itself; the rest follows from dx/dxi = [-hat(arm) I].
+      const Eigen::Matrix3d J = reprojection_jacobian(camera_, x);
+      const Eigen::Matrix3d JW = weight * J.transpose() * W;
+      const Eigen::Matrix3d M = JW * J;
+      const Eigen::Vector3d g = JW * e;
+      const Eigen::Matrix3d H = hat(arm);
+      const Eigen::Matrix3d HM = H * M;
+      sums.A.topLeftCorner<3, 3>() -= HM * H;
+      sums.A.topRightCorner<3, 3>() += HM;
+      sums.A.bottomRightCorner<3, 3>() += M;
+      sums.b.head<3>() += arm.cross(g);
+      sums.b.tail<3>() += g;
+    }
+    sums.A.bottomLeftCorner<3, 3>() = sums.A.topRightCorner<3, 3>().transpose();
+    return sums;
+  }
+
+ private:
+  /// Inverse covariances of the errors, linearised at `xi`.
+  void weigh(const Vector6d& xi) {
+    const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Eigen::Vector3d x = R * (points_[i].q - centre_) + centre_ + xi.tail<3>();
+      const Eigen::Matrix3d JR = reprojection_jacobian(camera_, x) * R;
+      Eigen::Matrix3d S = JR * points_[i].sigma_q * JR.transpose();
+      S.diagonal() += points_[i].sigma_z;
+      information_[i] = S.inverse();
+    }
+  }
+
+  /// One step; false at the minimum.
+  [[nodiscard]] bool advance(Vector6d& xi, const Matrix6d& information, bool soft) const {
+    const Sums sums = sum(xi, soft);
+    const Vector6d step =
+        (sums.A + information).ldlt().solve(-(sums.b + information * xi));
+    if (!step.allFinite()) return false;
+    // The rotation moves on the left; the prior is flat enough for the difference.
+    xi << so3_log(so3_exp(step.head<3>()) * so3_exp(xi.head<3>())), xi.tail<3>() + step.tail<3>();
+    return step.head<3>().norm() > kTurnTolerance || step.tail<3>().norm() > kShiftTolerance;
+  }
+
+  const StereoCamera& camera_;
+  std::span<const Point> points_;
+  Eigen::Vector3d centre_;
+  const InstanceMotionOptions& options_;
+  std::vector<Eigen::Matrix3d> information_;  // per point
+};
+
+/// A hypothesis fitted to the points: -2 ln of its marginal likelihood by Laplace's method, but for
+/// what all hypotheses share. In the linear case with nothing cut off it is exact: the matrix
+/// inversion lemma turns the stacked Gaussian N(0, S + J P J^T) into these terms.
+struct Fitted {
+  Vector6d xi;
+  Sums sums;
+  double deviance = 0;
+};
+
+Fitted fitted(Fit& fit, const Vector6d& start, const Matrix6d& P,
+              const Matrix6d& information) {
+  Fitted result;
+  result.xi = fit.minimise(start, information);
+  result.sums = fit.sum(result.xi, false);
+  const double occam =
+      std::log(std::abs((Matrix6d::Identity() + P * result.sums.A).determinant()));
+  result.deviance = result.sums.cost + result.xi.dot(information * result.xi) + occam;
+  return result;
+}
+
+/// Median of each coordinate of where the points are less where they would be standing still.
+Eigen::Vector3d median_shift(const StereoCamera& camera, std::span<const Point> points) {
+  Eigen::Vector3d shift;
+  std::vector<double> values(points.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      values[i] = (back_project(camera, points[i].observed) - points[i].q)[axis];
+    }
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    shift[axis] = *middle;
+  }
+  return shift;
+}
+
+Eigen::Vector3d median_place(std::span<const Point> points) {
+  Eigen::Vector3d place;
+  std::vector<double> values(points.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < points.size(); ++i) values[i] = points[i].q[axis];
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    place[axis] = *middle;
+  }
+  return place;
+}
+
+/// Covariance of increments p -> exp(w) p + v, told about `centre` instead of the origin: the
+/// motion of the centre is v + w x c.
+Matrix6d about(const Matrix6d& covariance, const Eigen::Vector3d& centre) {
+  Matrix6d change = Matrix6d::Identity();
+  change.bottomLeftCorner<3, 3>() = -hat(centre);
+  return change * covariance * change.transpose();
+}
+
+Matrix6d inverse(const Matrix6d& covariance) {
+  return covariance.ldlt().solve(Matrix6d::Identity());
+}
+
+}  // namespace
+
+void InstanceMotionOptions::check() const {
+  const auto positive = [](double value, const char* name) {
+    if (!(value > 0)) throw InputError(std::string("motion.") + name + " must be positive");
+  };
+  positive(pixel_sigma, "pixel_sigma");
+  positive(disparity_sigma, "disparity_sigma");
+  positive(max_chi2, "max_chi2");
+  positive(iterations, "iterations");
+  if (min_matches < 3) throw InputError("motion.min_matches must be at least 3");
+}
+
+InstanceMotion estimate_instance_motion(const StereoCamera& camera,
+                                        std::span<const InstanceMatch> matches,
+                                        const CameraMotion& ego, const MotionRange& range,
+                                        const InstanceMotionOptions& options) {
+  InstanceMotion result;
+  std::vector<Point> points;
+  points.reserve(matches.size());
+  for (const InstanceMatch& match : matches) {
+    if (!is_stereo(match.before) || !is_stereo(match.now)) continue;
+    points.push_back(prepare(camera, match, ego.T_now_before, options));
+  }
+  result.matches = static_cast<int>(points.size());
+  if (result.matches < options.min_matches) return result;
+
+  const Eigen::Vector3d centre = median_place(points);
+  // A camera that is known exactly would leave no matrix to invert.
+  Matrix6d P_still = about(ego.covariance, centre);
+  P_still.diagonal().array() += 1e-10;
+  Matrix6d P_moves = P_still;
+  P_moves.diagonal().head<3>().array() += range.rotation * range.rotation;
+  P_moves.diagonal().tail<3>().array() += range.translation * range.translation;
+
+  Fit fit(camera, points, centre, options);
+  const Fitted still = fitted(fit, Vector6d::Zero(), P_still, inverse(P_still));
+  Vector6d shifted = Vector6d::Zero();
+  shifted.tail<3>() = median_shift(camera, points);
+  const Matrix6d information = inverse(P_moves);
+  Fitted moves = fitted(fit, shifted, P_moves, information);
+  if (moves.sums.inliers < result.matches) {
+    const Fitted other = fitted(fit, still.xi, P_moves, information);
+    if (other.deviance < moves.deviance) moves = other;
+  }
+
+  result.log_ratio = 0.5 * (moves.deviance - still.deviance);
+  result.inliers = moves.sums.inliers;
+  result.motion = moves.xi;
+  const Matrix6d posterior = inverse(moves.sums.A + information);
+  result.covariance = posterior + P_still;
+  result.rotation_observed =
+      posterior.diagonal().head<3>().maxCoeff() < std::pow(kObservedRotation * range.rotation, 2);
+  result.centre = centre + moves.xi.tail<3>();
+  result.centre_covariance = posterior.bottomRightCorner<3, 3>();
+  return result;
+}
+
+}  // namespace kys_slam
