@@ -24,19 +24,16 @@ void ReadAhead::run() {
       changed_.wait(lock, [this] { return stop_ || queue_.size() < depth_; });
       if (stop_) return;
     }
-    std::optional<StereoFrame> frame;
-    std::exception_ptr error;
+    bool ended = true;
     try {
-      frame = source_.next();
-    } catch (...) {
-      error = std::current_exception();
-    }
-    const bool ended = !frame;
-    {
+      std::optional<StereoFrame> frame = source_.next();
       const std::lock_guard lock(mutex_);
       if (frame) queue_.push_back(std::move(*frame));
-      error_ = error;
-      ended_ = ended;
+      ended_ = ended = !frame;
+    } catch (...) {
+      const std::lock_guard lock(mutex_);
+      error_ = std::current_exception();
+      ended_ = true;
     }
     changed_.notify_all();
     if (ended) return;

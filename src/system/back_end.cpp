@@ -76,13 +76,17 @@ BackEndRunner::~BackEndRunner() {
 void BackEndRunner::submit(KeyFrameMessage message) {
   ++waiting_;
   submitted_.push_back(message.frame_index);
-  if (schedule_ == Schedule::kSequential) {
-    done_.push_back(back_end_.process(message, &stop_));
-    return;
-  }
-  {
+  try {
+    if (schedule_ == Schedule::kSequential) {
+      done_.push_back(back_end_.process(message, &stop_));
+      return;
+    }
     const std::lock_guard lock(mutex_);
     inbox_.push_back(std::move(message));
+  } catch (...) {  // whoever waits for this step learns why there is none
+    const std::lock_guard lock(mutex_);
+    failure_ = std::current_exception();
+    throw;
   }
   changed_.notify_all();
 }
@@ -135,21 +139,16 @@ void BackEndRunner::run() {
     const KeyFrameMessage message = std::move(inbox_.front());
     inbox_.pop_front();
     lock.unlock();
-    std::exception_ptr failure;
-    BackEndStep step;
     try {
-      step = back_end_.process(message, &stop_);
+      BackEndStep step = back_end_.process(message, &stop_);
+      lock.lock();
+      done_.push_back(std::move(step));
     } catch (...) {
-      failure = std::current_exception();
+      if (!lock.owns_lock()) lock.lock();
+      failure_ = std::current_exception();
     }
-    lock.lock();
-    if (failure) {
-      failure_ = failure;
-      changed_.notify_all();
-      return;
-    }
-    done_.push_back(std::move(step));
     changed_.notify_all();
+    if (failure_) return;
   }
 }
 

@@ -24,6 +24,8 @@ class FrameLinks {
     const KeyFrameId reference = links_.at(frame).before.reference;
     return reference.valid() ? map.submap(reference) : KeyFrameId{};
   }
+  /// How a frame hangs from the keyframe before it.
+  [[nodiscard]] const FramePose& before(std::size_t frame) const { return links_.at(frame).before; }
   /// T_w_c of a frame in the map as it is now; nothing for a frame without a pose.
   [[nodiscard]] std::optional<Rigid3> pose(const Map& map, std::size_t frame) const;
 

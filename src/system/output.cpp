@@ -1,13 +1,17 @@
 #include "system/output.h"
 
 #include <fmt/format.h>
+#include <kys_slam/error.h>
+#include <kys_slam/run_main.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <stdexcept>
 
 #include "evaluation/evaluation.h"
 #include "io/trajectory_file.h"
@@ -132,6 +136,9 @@ std::string map_ply(const std::vector<Eigen::Vector3d>& landmarks) {
   return text;
 }
 
+/// Folder names need not be UTF-8.
+constexpr auto kReplace = nlohmann::ordered_json::error_handler_t::replace;
+
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
                                const RunOutcome& outcome) {
   nlohmann::ordered_json json;
@@ -183,8 +190,12 @@ RunOutcome judge_run(const System& system, const RunInfo& info) {
     if (estimate.connected) outcome.connected.push_back({estimate.timestamp, estimate.T_w_c});
   }
   if (!info.ground_truth.empty()) {
-    outcome.accuracy = evaluate(info.ground_truth, outcome.connected);
-    if (outcome.accuracy->pairs < 3) outcome.accuracy.reset();
+    try {
+      outcome.accuracy = evaluate(info.ground_truth, outcome.connected);
+      if (outcome.accuracy->pairs < 3) outcome.accuracy.reset();
+    } catch (const InputError&) {  // ground truth that nothing can be compared with
+      outcome.accuracy.reset();
+    }
   }
   for (const FrameReport& report : system.reports()) {
     outcome.tracked += report.status != FrameStatus::kLost ? 1 : 0;
@@ -196,21 +207,60 @@ RunOutcome judge_run(const System& system, const RunInfo& info) {
   return outcome;
 }
 
+namespace {
+
+/// Writes files one by one: one that cannot be written does not keep the others from it.
+class Files {
+ public:
+  template <typename Write>
+  void write(Write&& write) {
+    try {
+      write();
+    } catch (...) {
+      ++failed_;
+      if (!first_) first_ = std::current_exception();
+    }
+  }
+
+  /// \throws what the first file that failed threw
+  void check() const {
+    if (!first_) return;
+    if (failed_ == 1) std::rethrow_exception(first_);
+    const Failure failure = describe_failure(first_);
+    const std::string text = fmt::format("{} (and {} more files)", failure.message, failed_ - 1);
+    if (failure.status != kBadInput) throw std::runtime_error(text);
+    throw InputError(text);
+  }
+
+ private:
+  int failed_ = 0;
+  std::exception_ptr first_;
+};
+
+}  // namespace
+
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome) {
   make_output_folder(folder);
-  write_tum_poses(folder / "trajectory.tum", outcome.connected);
-  write_kitti_poses(folder / "trajectory.kitti", all_poses(outcome.trajectory));
-  write_tum_poses(folder / "keyframes.tum", system.keyframes());
+  Files files;
+  files.write([&] { write_tum_poses(folder / "trajectory.tum", outcome.connected); });
+  files.write(
+      [&] { write_kitti_poses(folder / "trajectory.kitti", all_poses(outcome.trajectory)); });
+  files.write([&] { write_tum_poses(folder / "keyframes.tum", system.keyframes()); });
   if (!info.ground_truth.empty()) {
-    write_tum_poses(folder / "ground_truth.tum", info.ground_truth);
+    files.write([&] { write_tum_poses(folder / "ground_truth.tum", info.ground_truth); });
   }
-  write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory));
-  write_file_atomic(folder / "graph.csv", graph_csv(system.map()));
-  write_file_atomic(folder / "config.yaml", settings.to_yaml());
-  write_file_atomic(folder / "map.ply", map_ply(system.landmarks()));
-  write_file_atomic(folder / "summary.json",
-                    summary(system, schedule, info, outcome).dump(2) + "\n");
+  files.write(
+      [&] { write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory)); });
+  files.write([&] { write_file_atomic(folder / "graph.csv", graph_csv(system.map())); });
+  files.write([&] { write_file_atomic(folder / "config.yaml", settings.to_yaml()); });
+  files.write([&] { write_file_atomic(folder / "map.ply", map_ply(system.landmarks())); });
+  files.write([&] {
+    write_file_atomic(
+        folder / "summary.json",
+        summary(system, schedule, info, outcome).dump(2, ' ', false, kReplace) + "\n");
+  });
+  files.check();
 }
 
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome) {

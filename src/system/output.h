@@ -44,7 +44,7 @@ RunOutcome judge_run(const System& system, const RunInfo& info);
 /// ground_truth.tum (when there is any), frames.csv, summary.json, config.yaml, map.ply. All but
 /// summary.json's `timing_ms`, `process`, `peak_memory_mb` and frames.csv's columns `ms_*` and
 /// `resident_mb` depend on input and settings alone.
-/// \throws InputError when the folder cannot be written.
+/// \throws InputError when a file cannot be written, after all others have been.
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome);
 

@@ -104,6 +104,11 @@ struct System::Impl {
   void check_input(const StereoFrame& frame) const;
   void apply(const std::vector<BackEndStep>& steps);
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
+  struct Place {
+    KeyFrameId submap;
+    Rigid3 T_w_c;
+  };
+  [[nodiscard]] std::optional<Place> place(std::size_t frame) const;
   [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
 
@@ -295,11 +300,25 @@ void System::interrupt() {
   impl_->runner.interrupt();
 }
 
+/// Where a frame is; nothing for a frame without a pose. When the back end has failed, the frames
+/// whose keyframe never reached the map are where the tracker saw them.
+std::optional<System::Impl::Place> System::Impl::place(std::size_t frame) const {
+  if (frame >= links.size()) return std::nullopt;  // feeding it failed
+  if (const auto T_w_c = links.pose(runner.map(), frame)) {
+    return Place{links.submap(runner.map(), frame), *T_w_c};
+  }
+  const FramePose& pose = links.before(frame);
+  if (!pose.reference.valid()) return std::nullopt;
+  const KeyFrameId submap = tracker.submap(pose.reference);
+  if (!submap.valid()) return std::nullopt;
+  return Place{submap, tracker.current_pose(pose).inverse()};
+}
+
 /// The sub-map with most frames; of equals the oldest. The trajectory is told in its frame.
 KeyFrameId System::Impl::main_submap() const {
   std::map<KeyFrameId, int> frames;
   for (std::size_t k = 0; k < links.size(); ++k) {
-    if (const KeyFrameId id = links.submap(runner.map(), k); id.valid()) ++frames[id];
+    if (const auto at = place(k)) ++frames[at->submap];
   }
   KeyFrameId main;
   int most = 0;
@@ -320,11 +339,10 @@ std::vector<FrameEstimate> System::trajectory() const {
     FrameEstimate estimate;
     estimate.index = report.index;
     estimate.timestamp = report.timestamp;
-    if (const auto T_w_c = impl_->links.pose(map(), k)) {
-      const KeyFrameId submap = impl_->links.submap(map(), k);
-      estimate.submap = static_cast<std::int64_t>(submap.value);
-      estimate.connected = submap == main;
-      estimate.T_w_c = *T_w_c;
+    if (const auto at = impl_->place(k)) {
+      estimate.submap = static_cast<std::int64_t>(at->submap.value);
+      estimate.connected = at->submap == main;
+      estimate.T_w_c = at->T_w_c;
     }
     estimates.push_back(estimate);
   }

@@ -6,7 +6,7 @@
 
 #include <array>
 #include <cerrno>
-#include <stdexcept>
+#include <system_error>
 #include <utility>
 
 namespace kys_slam {
@@ -28,7 +28,9 @@ extern "C" void note_signal(int number) {
 
 InterruptGuard::InterruptGuard(std::function<void()> on_interrupt)
     : on_interrupt_(std::move(on_interrupt)) {
-  if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe for signals");
+  if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) {
+    throw std::system_error(errno, std::generic_category(), "no pipe for signals");
+  }
   thread_ = std::thread([this] { wait(); });
   signal(SIGINT, note_signal);
   signal(SIGTERM, note_signal);

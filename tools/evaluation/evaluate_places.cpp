@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -10,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/command_line.h"
 #include "draw_matches.h"
 #include "io/sequence.h"
 #include "place_run.h"
@@ -18,8 +18,6 @@
 
 namespace kys_slam {
 namespace {
-
-constexpr int kBadInput = 2;
 
 struct Arguments {
   std::string sequence;
@@ -258,11 +256,7 @@ int run(int argc, char** argv) {
       "measured motion is wrong.");
   Arguments arguments;
   declare(app, arguments);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kBadInput;
-  }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
   PlaceRun places(arguments.sequence, arguments.run);
   places.run();
   Report(places, arguments).print();
@@ -275,10 +269,5 @@ int run(int argc, char** argv) {
 }  // namespace kys_slam
 
 int main(int argc, char** argv) {
-  try {
-    return kys_slam::run(argc, argv);
-  } catch (const kys_slam::InputError& error) {
-    std::fprintf(stderr, "evaluate_places: %s\n", error.what());
-    return kys_slam::kBadInput;
-  }
+  return kys_slam::run_main("evaluate_places", [&] { return kys_slam::run(argc, argv); });
 }

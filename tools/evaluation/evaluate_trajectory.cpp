@@ -1,12 +1,12 @@
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
+#include "common/command_line.h"
 #include "evaluation/evaluation.h"
 #include "io/sensor_yaml.h"
 #include "io/sequence.h"
@@ -62,7 +62,7 @@ Trajectory read_trajectory(const std::string& path, Format format) {
   return trajectory;
 }
 
-Evaluation run(const Arguments& arguments) {
+Evaluation evaluate(const Arguments& arguments) {
   Trajectory reference = read_trajectory(arguments.reference, arguments.reference_format);
   Trajectory estimate = read_trajectory(arguments.estimate, arguments.estimate_format);
   if (reference.has_stamps != estimate.has_stamps) {
@@ -178,11 +178,7 @@ void add_options(CLI::App& app, Arguments& a) {
   app.add_flag("--json", a.json, "Print JSON");
 }
 
-}  // namespace
-}  // namespace kys_slam
-
-int main(int argc, char** argv) {
-  using namespace kys_slam;
+int run(int argc, char** argv) {
   CLI::App app(
       "Compares an estimated trajectory with ground truth: absolute error after alignment, "
       "relative "
@@ -190,24 +186,19 @@ int main(int argc, char** argv) {
       "associated by time; KITTI files row by row. The figures are those of evo.");
   Arguments arguments;
   add_options(app, arguments);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::Success& success) {
-    return app.exit(success);
-  } catch (const CLI::ParseError& error) {
-    std::fprintf(stderr, "evaluate_trajectory: %s\n", error.what());
-    return 2;
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  const Evaluation evaluation = evaluate(arguments);
+  if (evaluation.pairs < 2) {
+    throw InputError(arguments.estimate + ": only " + std::to_string(evaluation.pairs) +
+                     " poses have a reference at their time");
   }
-  try {
-    const Evaluation evaluation = run(arguments);
-    if (evaluation.pairs < 2) {
-      throw InputError(arguments.estimate + ": only " + std::to_string(evaluation.pairs) +
-                       " poses have a reference at their time");
-    }
-    arguments.json ? print_json(evaluation, arguments) : print_table(evaluation, arguments);
-  } catch (const InputError& error) {
-    std::fprintf(stderr, "evaluate_trajectory: %s\n", error.what());
-    return 2;
-  }
+  arguments.json ? print_json(evaluation, arguments) : print_table(evaluation, arguments);
   return 0;
+}
+
+}  // namespace
+}  // namespace kys_slam
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("evaluate_trajectory", [&] { return kys_slam::run(argc, argv); });
 }

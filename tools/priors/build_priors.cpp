@@ -2,10 +2,9 @@
 #include <kys_slam/error.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "open_sequence.h"
 #include "options_file.h"
 #include "priors/builder/build_sequence.h"
@@ -58,7 +57,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "What flow PNGs hold: kitti (default, likewise), vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
   app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
-  app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable");
+  one_at_a_time(app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable"));
   app.add_option("--jobs", a.settings.jobs, "Threads")->check(CLI::Range(1, 256));
   app.add_option("--start", a.start, "First frame, from 0");
   app.add_option("--frames", a.frames, "How many frames (default: all)");
@@ -130,29 +129,24 @@ void print(const BuildSummary& s) {
       f.drift / n, f.statistics / n, f.decide_export / n, s.times.encoding / n);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   keep_freed_memory();
   CLI::App app(
       "Makes prior files (one per frame, both cameras) from panoptic maps, disparity and flow.");
   Arguments a;
   declare(app, a);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    prepare(a);
-    BuildSequence sequence = open_build_sequence(a.sequence);
-    select_frames(a, sequence);
-    const kys::LabelSpace labels = kys::load_label_space(a.label_space);
-    if (!a.quiet) a.settings.progress = report;
-    print(build_sequence_priors(sequence, labels, a.inputs, a.settings));
-  } catch (const std::exception& error) {
-    std::cerr << "build_priors: " << error.what() << "\n";
-    return 2;
-  }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  prepare(a);
+  BuildSequence sequence = open_build_sequence(a.sequence);
+  select_frames(a, sequence);
+  const kys::LabelSpace labels = kys::load_label_space(a.label_space);
+  if (!a.quiet) a.settings.progress = report;
+  print(build_sequence_priors(sequence, labels, a.inputs, a.settings));
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("build_priors", [&] { return run(argc, argv); });
 }

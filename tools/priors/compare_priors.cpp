@@ -1,10 +1,9 @@
 // compare_priors: at how many ORB keypoints two sets of priors differ.
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "exposure.h"
 #include "features/orb_extractor.h"
 #include "open_sequence.h"
@@ -84,9 +83,7 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
   print("wrong: class, flag or gate", total.any, total.keypoints);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app(
       "Keypoint exposure: the share of ORB keypoints of a sequence that get another prior from "
       "one folder than from another, e.g. from perturbed perception.");
@@ -97,20 +94,17 @@ int main(int argc, char** argv) {
   app.add_option("sequence", sequence, "Sequence folder, for the keypoints")->required();
   app.add_option("--features", orb.features, "Keypoints wanted per image")->capture_default_str();
   app.add_option("--csv", csv, "Table of counts per frame and camera to write");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  orb.check();
+  for (const std::string& folder : {reference, other}) {
+    if (!fs::is_directory(folder)) throw InputError(folder + ": is not a folder");
   }
-  try {
-    orb.check();
-    for (const std::string& folder : {reference, other}) {
-      if (!fs::is_directory(folder)) throw InputError(folder + ": is not a folder");
-    }
-    run(reference, other, sequence, orb, csv);
-  } catch (const std::exception& error) {
-    std::cerr << "compare_priors: " << error.what() << "\n";
-    return 2;
-  }
+  run(reference, other, sequence, orb, csv);
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("compare_priors", [&] { return run(argc, argv); });
 }

@@ -1,11 +1,10 @@
 // inspect_priors: what is in prior files, as text or pictures.
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "io/image_io.h"
 #include "prior_folder.h"
 #include "priors/format/prior_format.h"
@@ -55,33 +54,28 @@ RgbImage draw(const CameraPriors& camera) {
   return out;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app("Shows what is in prior files.");
   std::string input, png;
   app.add_option("input", input, "A prior file, or a folder of them")->required();
   app.add_option("--png", png, "Folder for pictures: one per camera and file");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    if (!png.empty()) make_output_folder(png);
-    for (const fs::path& path : prior_files(input)) {
-      const PriorFile file = PriorFile::open(path);
-      print(path, file);
-      if (png.empty()) continue;
-      const FramePriors priors = decode_priors(file);
-      for (std::size_t c = 0; c < priors.cameras.size(); ++c) {
-        write_png(fs::path(png) / (path.stem().string() + (c == 0 ? "_left.png" : "_right.png")),
-                  draw(priors.cameras[c]));
-      }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  if (!png.empty()) make_output_folder(png);
+  for (const fs::path& path : prior_files(input)) {
+    const PriorFile file = PriorFile::open(path);
+    print(path, file);
+    if (png.empty()) continue;
+    const FramePriors priors = decode_priors(file);
+    for (std::size_t c = 0; c < priors.cameras.size(); ++c) {
+      write_png(fs::path(png) / (path.stem().string() + (c == 0 ? "_left.png" : "_right.png")),
+                draw(priors.cameras[c]));
     }
-  } catch (const std::exception& error) {
-    std::cerr << "inspect_priors: " << error.what() << "\n";
-    return 2;
   }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("inspect_priors", [&] { return run(argc, argv); });
 }

@@ -6,8 +6,8 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "decision_errors.h"
 #include "perturbation.h"
 

@@ -2,15 +2,16 @@
 // in the rectified geometry.
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "io/image_io.h"
 #include "open_sequence.h"
 #include "util/atomic_file.h"
 
-int main(int argc, char** argv) {
+namespace {
+
+int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
   CLI::App app(
@@ -19,37 +20,34 @@ int main(int argc, char** argv) {
   std::string input, output;
   app.add_option("sequence", input, "Sequence folder")->required();
   app.add_option("--output", output, "Folder to write to")->required();
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    const BuildSequence sequence = open_build_sequence(input);
-    const fs::path left = fs::path(output) / "image_0", right = fs::path(output) / "image_1";
-    make_output_folder(left);
-    make_output_folder(right);
-    const StereoCamera& k = sequence.camera;
-    char calib[512];
-    std::snprintf(calib, sizeof calib,
-                  "P0: %.12g 0 %.12g 0 0 %.12g %.12g 0 0 0 1 0\n"
-                  "P1: %.12g 0 %.12g %.12g 0 %.12g %.12g 0 0 0 1 0\n",
-                  k.fx, k.cx, k.fy, k.cy, k.fx, k.cx, -k.bf(), k.fy, k.cy);
-    write_file_atomic(fs::path(output) / "calib.txt", calib);
-    for (std::size_t t = 0; t < sequence.names.size(); ++t) {
-      const std::string file = sequence.names[t] + ".png";
-      if (!fs::exists(right / file)) {
-        const auto pair = sequence.read(t);
-        write_png(left / file, pair.first);
-        write_png(right / file, pair.second);
-      }
-      if ((t + 1) % 50 == 0 || t + 1 == sequence.names.size()) {
-        std::fprintf(stderr, "rectified %zu/%zu\n", t + 1, sequence.names.size());
-      }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  const BuildSequence sequence = open_build_sequence(input);
+  const fs::path left = fs::path(output) / "image_0", right = fs::path(output) / "image_1";
+  make_output_folder(left);
+  make_output_folder(right);
+  const StereoCamera& k = sequence.camera;
+  char calib[512];
+  std::snprintf(calib, sizeof calib,
+                "P0: %.12g 0 %.12g 0 0 %.12g %.12g 0 0 0 1 0\n"
+                "P1: %.12g 0 %.12g %.12g 0 %.12g %.12g 0 0 0 1 0\n",
+                k.fx, k.cx, k.fy, k.cy, k.fx, k.cx, -k.bf(), k.fy, k.cy);
+  write_file_atomic(fs::path(output) / "calib.txt", calib);
+  for (std::size_t t = 0; t < sequence.names.size(); ++t) {
+    const std::string file = sequence.names[t] + ".png";
+    if (!fs::exists(right / file)) {
+      const auto pair = sequence.read(t);
+      write_png(left / file, pair.first);
+      write_png(right / file, pair.second);
     }
-  } catch (const std::exception& error) {
-    std::cerr << "rectify_sequence: " << error.what() << "\n";
-    return 2;
+    if ((t + 1) % 50 == 0 || t + 1 == sequence.names.size()) {
+      std::fprintf(stderr, "rectified %zu/%zu\n", t + 1, sequence.names.size());
+    }
   }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("rectify_sequence", [&] { return run(argc, argv); });
 }

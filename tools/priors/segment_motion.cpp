@@ -1,12 +1,11 @@
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <iostream>
 
+#include "common/command_line.h"
 #include "io/sequence.h"
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
@@ -110,9 +109,7 @@ void run(const Arguments& a) {
   write_file_atomic(a.output, table);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app(
       "From exact disparity, flow and poses: how far each thing segment moves between two frames "
       "(m, in the world) and how deep it is. For score_detection.py.");
@@ -129,16 +126,13 @@ int main(int argc, char** argv) {
                                                           {"vkitti", FieldEncoding::kVkitti}};
   app.add_option("--encoding", a.encoding, "Of PNGs: kitti, vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    run(a);
-  } catch (const std::exception& error) {
-    std::cerr << "segment_motion: " << error.what() << "\n";
-    return 2;
-  }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  run(a);
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("segment_motion", [&] { return run(argc, argv); });
 }

@@ -1,18 +1,20 @@
 // validate_priors: is there a sound prior file, made for this sequence, for every frame?
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
 
+#include "common/command_line.h"
 #include "open_sequence.h"
 #include "prior_folder.h"
 #include "priors/format/calibration_hash.h"
 #include "priors/format/prior_file.h"
 #include "priors/format/prior_format.h"
 
-int main(int argc, char** argv) {
+namespace {
+
+int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
   CLI::App app("Checks prior files: count, sizes, checksums, calibration, label space, coverage.");
@@ -20,55 +22,54 @@ int main(int argc, char** argv) {
   app.add_option("folder", folder, "Folder of prior files")->required();
   app.add_option("--sequence", sequence_folder, "The sequence they are for")->required();
   app.add_option("--label-space", label_space, "Label space they must use");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    const BuildSequence sequence = open_build_sequence(sequence_folder);
-    ExpectedPriors expected;
-    expected.width = sequence.camera.width;
-    expected.height = sequence.camera.height;
-    expected.calibration_hash = calibration_hash(sequence.camera);
-    expected.label_space = label_space;
-    if (!label_space.empty()) expected.label_count = kys::load_label_space(label_space).size();
-    std::size_t bad = 0, missing = 0, bytes = 0;
-    double labelled = 0, pixels = 0;
-    for (const std::string& name : sequence.names) {
-      const fs::path path = fs::path(folder) / (name + ".kysp");
-      if (!fs::exists(path)) {
-        ++missing;
-        continue;
-      }
-      try {
-        const PriorFile file = PriorFile::open(path, expected);
-        bytes += file.file_size();
-        for (std::size_t c = 0; c < file.camera_count(); ++c) {
-          pixels += static_cast<double>(file.width()) * file.height();
-          for (const PriorSegment& s : file.segments(static_cast<CameraSide>(c))) {
-            labelled += s.area;
-          }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  if (std::error_code ignored; !fs::is_directory(folder, ignored))
+    throw InputError(folder + ": is not a folder");
+  const BuildSequence sequence = open_build_sequence(sequence_folder);
+  ExpectedPriors expected;
+  expected.width = sequence.camera.width;
+  expected.height = sequence.camera.height;
+  expected.calibration_hash = calibration_hash(sequence.camera);
+  expected.label_space = label_space;
+  if (!label_space.empty()) expected.label_count = kys::load_label_space(label_space).size();
+  std::size_t bad = 0, missing = 0, bytes = 0;
+  double labelled = 0, pixels = 0;
+  for (const std::string& name : sequence.names) {
+    const fs::path path = fs::path(folder) / (name + ".kysp");
+    if (!fs::exists(path)) {
+      ++missing;
+      continue;
+    }
+    try {
+      const PriorFile file = PriorFile::open(path, expected);
+      bytes += file.file_size();
+      for (std::size_t c = 0; c < file.camera_count(); ++c) {
+        pixels += static_cast<double>(file.width()) * file.height();
+        for (const PriorSegment& s : file.segments(static_cast<CameraSide>(c))) {
+          labelled += s.area;
         }
-      } catch (const InputError& error) {
-        if (++bad <= 10) std::cerr << "validate_priors: " << error.what() << "\n";
       }
+    } catch (const InputError& error) {
+      if (++bad <= 10) std::cerr << "validate_priors: " << error.what() << "\n";
     }
-    const std::size_t good = sequence.names.size() - missing - bad;
-    std::size_t foreign = 0;
-    for (const fs::path& path : prior_files(folder)) {
-      foreign += std::find(sequence.names.begin(), sequence.names.end(), path.stem().string()) ==
-                 sequence.names.end();
-    }
-    std::printf("frames %zu, sound %zu, missing %zu, bad %zu, of other frames %zu\n",
-                sequence.names.size(), good, missing, bad, foreign);
-    if (good > 0) {
-      std::printf("labelled %.1f %%, %.1f KB per file\n", 100 * labelled / pixels,
-                  static_cast<double>(bytes) / 1024.0 / static_cast<double>(good));
-    }
-    return bad + missing > 0 ? 2 : 0;
-  } catch (const std::exception& error) {
-    std::cerr << "validate_priors: " << error.what() << "\n";
-    return 2;
   }
+  const std::size_t good = sequence.names.size() - missing - bad;
+  std::size_t foreign = 0;
+  for (const fs::path& path : prior_files(folder)) {
+    foreign += std::find(sequence.names.begin(), sequence.names.end(), path.stem().string()) ==
+               sequence.names.end();
+  }
+  std::printf("frames %zu, sound %zu, missing %zu, bad %zu, of other frames %zu\n",
+              sequence.names.size(), good, missing, bad, foreign);
+  if (good > 0) {
+    std::printf("labelled %.1f %%, %.1f KB per file\n", 100 * labelled / pixels,
+                static_cast<double>(bytes) / 1024.0 / static_cast<double>(good));
+  }
+  return bad + missing > 0 ? 2 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("validate_priors", [&] { return run(argc, argv); });
 }

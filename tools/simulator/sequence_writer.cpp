@@ -94,10 +94,15 @@ class Writer {
         options_.jobs > 0 ? options_.jobs : static_cast<int>(std::thread::hardware_concurrency()),
         1, static_cast<int>(world_.times.size()));
     started_ = std::chrono::steady_clock::now();
-    std::vector<std::thread> threads;
-    threads.reserve(static_cast<std::size_t>(jobs));
-    for (int i = 0; i < jobs; ++i) threads.emplace_back([this] { work(); });
-    for (std::thread& t : threads) t.join();
+    {
+      std::vector<std::jthread> threads;
+      threads.reserve(static_cast<std::size_t>(jobs));
+      try {
+        for (int i = 0; i < jobs; ++i) threads.emplace_back([this] { work(); });
+      } catch (const std::system_error&) {  // no more threads: with those there are
+        if (threads.empty()) throw;
+      }
+    }
     if (error_) std::rethrow_exception(error_);
     write_covering_files();
   }

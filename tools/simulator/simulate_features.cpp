@@ -1,10 +1,10 @@
 #include <kys_slam/error.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
 
+#include "common/command_line.h"
 #include "feature_world.h"
 
 namespace {
@@ -40,7 +40,6 @@ int run(int argc, char** argv) {
       "Simulates stereo features, without images, along a trajectory: landmarks strewn along it,\n"
       "seen again when it comes back, with noise and outliers. Long sequences in minutes.\n\n"
       "Example: simulate_features ground_truth/00.txt --output kitti00.features");
-  app.set_version_flag("--version", "0.1.0");
   app.add_option("trajectory", trajectory, "KITTI (12 columns) or TUM (8 columns)")->required();
   app.add_option("--output", output, "feature file to write")->required();
   app.add_option("--camera", o.camera,
@@ -71,12 +70,7 @@ int run(int argc, char** argv) {
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
   app.add_flag("--quiet", quiet, "no progress");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    throw kys_slam::InputError(std::string(error.what()) + "; see --help");
-  }
+  if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (app.count("--frames") > 0 && o.frames < 1) {
     throw InputError("--frames " + std::to_string(o.frames) + ": must be at least 1");
   }
@@ -100,10 +94,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return run(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "simulate_features: %s\n", error.what());
-    return 2;
-  }
+  return kys_slam::run_main("simulate_features", [&] { return run(argc, argv); });
 }

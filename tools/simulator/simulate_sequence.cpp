@@ -1,10 +1,10 @@
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
 
+#include "common/command_line.h"
 #include "sequence_writer.h"
 #include "world.h"
 
@@ -36,7 +36,6 @@ int run(int argc, char** argv) {
       "around a block, nearly static, closes a loop, KITTI layout), hall (a drone in a hall,\n"
       "EuRoC layout). The same options give the same bytes, whatever --jobs is.\n\n"
       "Example: simulate_sequence street --output street --seed 3");
-  app.set_version_flag("--version", "0.1.0");
   app.add_option("world", world_options.name, "street, block or hall")->required();
   app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
       ->required();
@@ -56,12 +55,7 @@ int run(int argc, char** argv) {
                                "hall: share of frames lost by --drop-camera (default 0.1)")
                     ->check(CLI::Range(0.0, 0.9));
   app.add_flag("--quiet", write_options.quiet, "no progress");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    throw kys_slam::InputError(std::string(error.what()) + "; see --help");
-  }
+  if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (!size.empty()) parse_size(size, world_options);
   if (frames->count() > 0 && world_options.frames < 1) {
     throw kys_slam::InputError("--frames " + std::to_string(world_options.frames) +
@@ -102,10 +96,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return run(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "simulate_sequence: %s\n", error.what());
-    return 2;
-  }
+  return kys_slam::run_main("simulate_sequence", [&] { return run(argc, argv); });
 }

@@ -2,13 +2,13 @@
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
 
-#include <CLI/CLI.hpp>
 #include <exception>
 #include <memory>
 #include <opencv2/core/utility.hpp>
 #include <string>
 #include <vector>
 
+#include "common/command_line.h"
 #include "io/read_ahead.h"
 #include "io/sequence.h"
 #include "prior_files.h"
@@ -16,8 +16,6 @@
 
 namespace kys_slam {
 namespace {
-
-constexpr int kBadInput = 2;
 
 struct Arguments {
   std::filesystem::path sequence;
@@ -87,7 +85,7 @@ std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& pr
   return done;
 }
 
-int run(const Arguments& a) {
+int compare(const Arguments& a) {
   cv::setNumThreads(1);
   std::vector<Sums> sums(a.modes.size());
   const std::int64_t total = open_frames(a)->frame_count() * a.rounds;
@@ -111,33 +109,30 @@ int run(const Arguments& a) {
   return 0;
 }
 
-}  // namespace
-}  // namespace kys_slam
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app{
       "What the modes cost on the tracking path, on the same frames in one run: each frame is fed "
       "to one system per mode, in turns. A mode given twice shows how far the figures can be "
       "trusted."};
-  kys_slam::Arguments a;
+  Arguments a;
   app.add_option("SEQUENCE", a.sequence, "folder of the sequence")->required();
   app.add_option("--priors", a.priors, "folder of its prior files")->required();
   app.add_option("--modes", a.modes, "modes to compare with the first")->capture_default_str();
-  app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated");
+  one_at_a_time(
+      app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated"));
   app.add_option("--frames", a.frames, "number of frames (default: all)")
       ->check(CLI::PositiveNumber);
   app.add_option("--rounds", a.rounds, "passes over the sequence")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   app.add_flag("--quiet", a.quiet, "no progress");
-  app.set_version_flag("--version", std::string("KYS-SLAM ") + KYS_SLAM_VERSION);
-  try {
-    app.parse(argc, argv);
-    return kys_slam::run(a);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kys_slam::kBadInput;
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "compare_mode_times: {}\n", error.what());
-    return kys_slam::kBadInput;
-  }
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  return compare(a);
+}
+
+}  // namespace
+}  // namespace kys_slam
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("compare_mode_times", [&] { return kys_slam::run(argc, argv); });
 }

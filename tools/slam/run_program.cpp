@@ -7,10 +7,8 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
-#include <iostream>
 #include <limits>
 #include <opencv2/core/utility.hpp>
 #include <optional>
@@ -18,11 +16,13 @@
 #include <utility>
 #include <vector>
 
+#include "common/command_line.h"
 #include "io/read_ahead.h"
 #include "prior_files.h"
 #include "system/output.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"
+#include "util/memory_reserve.h"
 #include "util/process_figures.h"
 #include "util/progress.h"
 #include "util/stopwatch.h"
@@ -30,9 +30,6 @@
 namespace kys_slam {
 
 namespace {
-
-constexpr int kBadInput = 2;
-constexpr int kTrackingFailed = 3;
 
 struct Arguments {
   std::filesystem::path sequence;
@@ -67,7 +64,7 @@ void declare(CLI::App& app, Arguments& a) {
       "--mode", a.mode,
       "how descriptors are compared: " + modes + " (default: kys with --priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
-  app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated");
+  one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
   app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
   app.add_option("--output", a.output, "folder for the results (default: runs/<sequence>-<mode>)");
   app.add_option("--schedule", a.schedule,
@@ -86,7 +83,6 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--log-level", a.log_level, "trace, debug, info, warn, error, off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
       ->capture_default_str();
-  app.set_version_flag("--version", std::string("KYS-SLAM ") + KYS_SLAM_VERSION);
 }
 
 Settings effective_settings(Settings settings, const Arguments& a) {
@@ -101,36 +97,85 @@ Settings effective_settings(Settings settings, const Arguments& a) {
   return settings;
 }
 
-/// Feeds frames until the end, an interrupt or bad input; the two last are noted in `info`.
+/// What went wrong; the run goes on to save what there is.
+class Failures {
+ public:
+  explicit Failures(RunInfo& info) : info_(info) {}
+
+  /// Runs one step; what it throws is noted, the first in `info`.
+  template <typename Step>
+  void guard(Step&& step) {
+    try {
+      step();
+    } catch (...) {
+      reserve_.release();
+      const Failure failure = describe_failure(std::current_exception());
+      if (status_ == 0) status_ = failure.status;
+      if (std::find(messages_.begin(), messages_.end(), failure.message) == messages_.end()) {
+        messages_.push_back(failure.message);
+      }
+      if (info_.complete) info_.end_reason = failure.message;
+      info_.complete = false;
+    }
+  }
+
+  [[nodiscard]] int status() const { return status_; }
+  void print(const std::string& program) const {
+    for (const std::string& message : messages_) print_failure(program, {status_, message});
+  }
+
+ private:
+  RunInfo& info_;
+  MemoryReserve reserve_;  // to save with, when memory runs out
+  int status_ = 0;
+  std::vector<std::string> messages_;
+};
+
+/// Feeds frames until the end or an interrupt, which is noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
               bool paced, const InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   Stopwatch clock;
   std::optional<double> first_time;
-  try {
-    while (std::optional<StereoFrame> frame = source.next()) {
-      if (guard.requested()) {
-        info.complete = false;
-        info.end_reason = "interrupted";
-        return;
-      }
-      if (paced) {
-        if (!first_time) first_time = frame->timestamp;
-        const double due_ms = 1000 * (frame->timestamp - *first_time);
-        std::this_thread::sleep_for(
-            std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
-      }
-      const FrameReport report = system.feed(*frame);
-      if (report.status == FrameStatus::kLost) {
-        spdlog::debug("frame {} lost: {}", report.index, report.reason);
-      }
-      progress.update(++done);
+  while (std::optional<StereoFrame> frame = source.next()) {
+    if (guard.requested()) {
+      info.complete = false;
+      info.end_reason = "interrupted";
+      return;
     }
-  } catch (const InputError& error) {
-    info.complete = false;
-    info.end_reason = error.what();
+    if (paced) {
+      if (!first_time) first_time = frame->timestamp;
+      const double due_ms = 1000 * (frame->timestamp - *first_time);
+      std::this_thread::sleep_for(
+          std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
+    }
+    const FrameReport report = system.feed(*frame);
+    if (report.status == FrameStatus::kLost) {
+      spdlog::debug("frame {} lost: {}", report.index, report.reason);
+    }
+    progress.update(++done);
   }
+}
+
+/// To the end of the frames, and of what the back end still has in hand.
+void track(System& system, FrameSource& frames, const Arguments& a, Schedule schedule,
+           const Stopwatch& start_up, RunInfo& info, Failures& failures) {
+  const InterruptGuard guard([&] { system.interrupt(); });
+  const double cpu_before = process_figures().cpu_seconds();
+  info.start_up_s = start_up.elapsed_ms() / 1000;
+  const Stopwatch wall;
+  failures.guard([&] {
+    ReadAhead source(frames);
+    feed_all(system, source, frames.size(), a.quiet, schedule == Schedule::kRealtime, guard, info);
+  });
+  failures.guard([&] {
+    const Waiting waiting("finishing the map",
+                          a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
+    system.finish();
+  });
+  info.wall_s = wall.elapsed_ms() / 1000;
+  info.cpu_s = process_figures().cpu_seconds() - cpu_before;
 }
 
 int run(const RunProgram& program, const Arguments& a) {
@@ -163,32 +208,21 @@ int run(const RunProgram& program, const Arguments& a) {
   cv::setNumThreads(1);
   System system(input.frames->camera(), settings, schedule, std::move(priors));
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
-  const std::optional<std::int64_t> total = input.frames->size();
-  ReadAhead source(*input.frames);
-  const InterruptGuard guard([&] { system.interrupt(); });
-  const double cpu_before = process_figures().cpu_seconds();
-  info.start_up_s = start_up.elapsed_ms() / 1000;
-  const Stopwatch wall;
-  feed_all(system, source, total, a.quiet, schedule == Schedule::kRealtime, guard, info);
-  {
-    const Waiting waiting("finishing the map",
-                          a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
-    system.finish();
-  }
-  info.wall_s = wall.elapsed_ms() / 1000;
-  info.cpu_s = process_figures().cpu_seconds() - cpu_before;
+  Failures failures(info);
+  track(system, *input.frames, a, schedule, start_up, info, failures);
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
-
-  const RunOutcome outcome = judge_run(system, info);
-  write_run(output, system, settings, schedule, info, outcome);
-  if (!a.save_map.empty()) system.save_map(a.save_map);
+  RunOutcome outcome;
+  failures.guard([&] { outcome = judge_run(system, info); });
+  failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
+  if (!a.save_map.empty()) failures.guard([&] { system.save_map(a.save_map); });
   if (!a.quiet) {
-    fmt::print("{}\nresults in {}\n", describe_run(system, info, outcome), output.string());
+    failures.guard([&] {
+      print_text(describe_run(system, info, outcome) +
+                 fmt::format("\nresults in {}\n", printable(output.string())));
+    });
   }
-  if (!info.complete && info.end_reason != "interrupted") {
-    fmt::print(stderr, "{}: {}\n", program.name, info.end_reason);
-    return kBadInput;
-  }
+  failures.print(program.name);
+  if (failures.status() != 0) return failures.status();
   const std::size_t frames = outcome.trajectory.size();
   if (2 * outcome.tracked < static_cast<std::int64_t>(frames)) {
     fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name,
@@ -201,13 +235,13 @@ int run(const RunProgram& program, const Arguments& a) {
 }  // namespace
 
 int run_program(RunProgram program, int argc, char** argv) {
-  Arguments arguments;
-  CLI::App app(program.description, program.name);
-  declare(app, arguments);
-  try {
-    app.parse(argc, argv);
+  return run_main(program.name, [&] {
+    Arguments arguments;
+    CLI::App app(program.description, program.name);
+    declare(app, arguments);
+    if (const auto status = parse_command_line(app, argc, argv)) return *status;
     if (arguments.list_settings) {
-      std::cout << program.settings.to_yaml();
+      print_text(program.settings.to_yaml());
       return 0;
     }
     if (arguments.localize_only && arguments.load_map.empty()) {
@@ -217,14 +251,7 @@ int run_program(RunProgram program, int argc, char** argv) {
     spdlog::set_default_logger(spdlog::stderr_color_mt(program.name));
     spdlog::set_level(spdlog::level::from_str(arguments.log_level));
     return run(program, arguments);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    fmt::print(stderr, "{}: {}; see --help\n", program.name, error.what());
-    return kBadInput;
-  } catch (const InputError& error) {
-    fmt::print(stderr, "{}: {}\n", program.name, error.what());
-    return kBadInput;
-  }
+  });
 }
 
 }  // namespace kys_slam

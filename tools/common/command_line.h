@@ -1,0 +1,45 @@
+#pragma once
+
+#include <kys_slam/error.h>
+#include <kys_slam/run_main.h>
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+
+namespace kys_slam {
+
+/// Parses the command line. Nothing when the program goes on, its exit status after --help and
+/// --version. \throws InputError for bad usage.
+inline std::optional<int> parse_command_line(CLI::App& app, int argc, char** argv) {
+  app.set_version_flag("--version", version_text());
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    throw InputError(std::string(error.what()) + "; see --help");
+  }
+  return std::nullopt;
+}
+
+/// An option that takes one value each time it is given, so that "--set KEY=VALUE SEQUENCE" leaves
+/// the sequence alone.
+inline CLI::Option* one_at_a_time(CLI::Option* option) {
+  return option->allow_extra_args(false);
+}
+
+/// A finite number from `least` to `most`. CLI::Range lets NaN through.
+inline CLI::Validator finite_range(double least, double most) {
+  return CLI::Validator(
+      [least, most](const std::string& text) -> std::string {
+        double value = 0;
+        if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return {};
+        return "'" + text + "' is not a number from " + CLI::detail::to_string(least) + " to " +
+               CLI::detail::to_string(most);
+      },
+      "NUMBER");
+}
+
+}  // namespace kys_slam
