@@ -332,6 +332,69 @@ TEST_P(Sequence, PanopticImagesAndTextAgree) {
   EXPECT_EQ(all_ids.size(), id_count) << "ids are drawn anew for every frame and camera";
 }
 
+// What a pixel of an object shows lies in the object's box, at the pose that objects.csv gives.
+TEST_P(Sequence, ObjectsAreWhereTheirPixelsAre) {
+  std::ifstream table(folder_ / "objects.csv");
+  std::string line;
+  std::getline(table, line);
+  EXPECT_EQ(line,
+            "frame,timestamp,object,class,category_id,moving,x,y,z,qx,qy,qz,qw,vx,vy,vz,"
+            "box_x,box_y,box_z,length,width,height,left_id,left_pixels,right_id,right_pixels");
+  std::map<std::pair<int, int>, std::vector<double>> seen;  // by object and frame
+  std::size_t pixels_checked = 0;
+  while (std::getline(table, line)) {
+    std::istringstream fields(line);
+    std::vector<double> f;
+    int column = 0;
+    for (std::string x; std::getline(fields, x, ','); ++column) {
+      f.push_back(column == 3 ? 0.0 : std::stod(x));
+    }
+    ASSERT_EQ(f.size(), 26U) << line;
+    const int frame = static_cast<int>(f[0]);
+    seen[{static_cast<int>(f[2]), frame}] = f;
+    const auto id = static_cast<std::uint32_t>(f[22]);
+    if (id == 0) continue;
+    const Row& row = rows_.at({frame, "left"}).at(id);
+    EXPECT_EQ(row.object, static_cast<int>(f[2]));
+    EXPECT_EQ(row.category, static_cast<int>(f[4]));
+    EXPECT_EQ(row.moving, f[5] == 1);
+    EXPECT_EQ(row.area, static_cast<long>(f[23]));
+    const Rigid3 T_g_o(Eigen::Quaterniond(f[12], f[9], f[10], f[11]),
+                       Eigen::Vector3d(f[6], f[7], f[8]));
+    const Rigid3 T_o_c = T_g_o.inverse() * poses_[static_cast<std::size_t>(frame)];
+    const Image16 disparity = read_u16(file("disparity", frame));
+    const RgbImage ids = read_rgb(file("panoptic_left", frame));
+    for (int v = 0; v < kHeight; ++v) {
+      for (int u = 0; u < kWidth; ++u) {
+        if (id_of(ids.at(u, v)) != id || disparity.at(u, v) == 0) continue;
+        const double depth = camera_.bf() / (disparity.at(u, v) / 256.0);
+        const Eigen::Vector3d p =
+            T_o_c * camera_.back_project(u, v, depth) - Eigen::Vector3d(f[16], f[17], f[18]);
+        const Eigen::Vector3d half(f[19] / 2, f[20] / 2, f[21] / 2);
+        const double slack = row.category == kPerson ? 0.35 : 0.02;  // limbs swing
+        const double rounding = depth * depth / (512 * camera_.bf());
+        ASSERT_LE((p.cwiseAbs() - half).maxCoeff(), slack + rounding) << line;
+        ++pixels_checked;
+      }
+    }
+  }
+  EXPECT_GT(pixels_checked, 100U);
+  std::size_t steps = 0;
+  for (const auto& [key, now] : seen) {
+    const auto next = seen.find({key.first, key.second + 1});
+    if (next == seen.end()) continue;
+    const auto at = [](const std::vector<double>& f, int k) {
+      return Eigen::Vector3d(f[static_cast<std::size_t>(k)], f[static_cast<std::size_t>(k) + 1],
+                             f[static_cast<std::size_t>(k) + 2]);
+    };
+    const double dt = next->second[1] - now[1];
+    const Eigen::Vector3d mean = (at(now, 13) + at(next->second, 13)) / 2;
+    EXPECT_LT((at(next->second, 6) - at(now, 6) - mean * dt).norm(), 0.01) << key.first;
+    ++steps;
+  }
+  EXPECT_GT(steps, 0U);
+}
+
 INSTANTIATE_TEST_SUITE_P(Worlds, Sequence, testing::Values("street", "block", "hall"));
 
 std::map<std::string, std::string> contents(const fs::path& folder) {

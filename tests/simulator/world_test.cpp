@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "object_truth.h"
 #include "path.h"
 #include "renderer.h"
 #include "segments.h"
@@ -98,6 +99,84 @@ TEST(Street, MoversFillTheView) {
   }
   EXPECT_GE(share / count, 0.12);
   EXPECT_GE(truck_frames, 11) << "the truck ahead is close in the first half";
+}
+
+/// Mean shares of the left image over every `step`-th frame.
+CoveredShare mean_share(const World& world, int step) {
+  const RenderAssets assets(world);
+  FrameRenderer renderer(assets);
+  CoveredShare mean;
+  int count = 0;
+  const int frames = static_cast<int>(world.times.size());
+  for (int frame = 0; frame < frames; frame += step, ++count) {
+    const Panoptic p =
+        make_panoptic(world, renderer.truth(frame, 0), frame, 0, moving_objects(world, frame));
+    const CoveredShare share = covered_share(world, p);
+    mean.moving += share.moving;
+    mean.standing += share.standing;
+  }
+  mean.moving /= count;
+  mean.standing /= count;
+  return mean;
+}
+
+TEST(Traffic, MoversCoverHalfOfTheView) {
+  for (const std::uint64_t seed : {1, 2, 11}) {
+    const CoveredShare share = mean_share(make_world({"traffic", seed, 100, 206, 62}), 9);
+    EXPECT_GE(share.moving, 0.40) << seed;
+    EXPECT_LE(share.moving, 0.80) << seed;
+    EXPECT_EQ(share.standing, 0.0) << seed;
+  }
+}
+
+TEST(Jam, StandingVehiclesCoverMostOfTheViewAndSomeStart) {
+  for (const std::uint64_t seed : {1, 2, 11}) {
+    const World world = make_world({"jam", seed, 100, 206, 62});
+    const CoveredShare share = mean_share(world, 9);
+    EXPECT_GE(share.standing, 0.50) << seed;
+    EXPECT_LE(share.standing, 0.80) << seed;
+    const std::vector<bool> first = moving_objects(world, 0);
+    int started = 0;
+    for (int frame = 10; frame < 100; frame += 10) {
+      const std::vector<bool> moving = moving_objects(world, frame);
+      for (std::size_t i = 0; i < moving.size(); ++i) {
+        const int category = world.scene.objects[i].category;
+        started += !first[i] && moving[i] && category != kPerson ? 1 : 0;
+      }
+    }
+    EXPECT_GE(started, 3) << seed;
+  }
+}
+
+TEST(TrafficAndJam, VehiclesOfALaneDoNotTouch) {
+  for (const char* name : {"traffic", "jam"}) {
+    const World world = make_world({name, 4, 100, 206, 62});
+    const ObjectTruth truth(world);
+    for (const int frame : {0, 30, 60, 99}) {
+      const auto rows = truth.rows(frame);
+      for (std::size_t i = 0; i < rows.size(); ++i) {
+        for (std::size_t j = i + 1; j < rows.size(); ++j) {
+          if (world.scene.objects[static_cast<std::size_t>(rows[i].object)].category == kPerson ||
+              world.scene.objects[static_cast<std::size_t>(rows[j].object)].category == kPerson) {
+            continue;
+          }
+          const Eigen::Vector3d between =
+              rows[i].T_g_o.rotation.conjugate() * (rows[j].T_g_o.t() - rows[i].T_g_o.t());
+          Eigen::Vector3d room = (rows[i].box.sizes() + rows[j].box.sizes()) / 2;
+          room.y() -= 0.25;  // mirrors
+          EXPECT_TRUE(std::abs(between.x()) > room.x() || std::abs(between.y()) > room.y())
+              << name << " frame " << frame << ": " << rows[i].object << ", " << rows[j].object;
+        }
+      }
+      // The camera is in none of them either.
+      for (const auto& row : rows) {
+        const Eigen::Vector3d c =
+            row.T_g_o.inverse() *
+            (world.T_w_c.front().inverse() * world.T_w_c[static_cast<std::size_t>(frame)]).t();
+        EXPECT_FALSE(row.box.contains(c)) << name << " frame " << frame << ": " << row.object;
+      }
+    }
+  }
 }
 
 // FAST-9: nine neighbours in a row on the circle of radius 3, all brighter or all darker.

@@ -312,6 +312,7 @@ class TownBuilder {
   }
 
   void parked_cars(const Vec2& a, const Vec2& d, const Vec2& in, double length, double heading) {
+    if (plan_.parked <= 0) return;
     int model = rng_.below(4);
     int run = 2 + rng_.below(4);
     float tint = 0.5F;

@@ -25,7 +25,7 @@ struct TownPlan {
   std::vector<Road> first, second;
   std::vector<Vec2> near;  ///< only what is within reach of these points is built
   double reach = 110;      ///< m
-  double parked = 0.75;    ///< share of the kerb with parked cars
+  double parked = 0.75;    ///< share of the kerb with parked cars; 0: none anywhere
   std::vector<std::pair<Vec2, double>> keep_clear;  ///< no parked cars here: centre, radius (m)
 };
 

@@ -149,6 +149,8 @@ std::string readme_text(const World& world, const std::string& command, bool wit
         "                     hidden or outside the image. None for the last frame\n"
         "panoptic_left/right  COCO panoptic PNG, id = R + 256 G + 65536 B, and .json beside the\n"
         "                     folder. Ids differ from frame to frame. 0: unlabelled (posts)\n"
+        "objects.csv          exact pose, velocity and box of everything that can move, where "
+        "seen\n"
         "ground_truth.csv     true object of each segment (-1: stuff), and whether it moves from\n"
         "                     this frame to the next\n";
   }

@@ -14,6 +14,7 @@
 #include "io/image_io.h"
 #include "io/png_encoder.h"
 #include "layouts.h"
+#include "object_truth.h"
 #include "renderer.h"
 #include "segments.h"
 #include "util/atomic_file.h"
@@ -34,6 +35,8 @@ struct FrameRecord {
   std::string table;
   std::string images[2];
   std::string annotations[2];
+  std::string objects;
+  CoveredShare covered;
 };
 
 const char* kSides[2] = {"left", "right"};
@@ -86,9 +89,10 @@ class Writer {
         folder_(folder),
         truth_(options.truth && options.drop_camera < 0),
         assets_(world),
+        objects_(world),
         records_(world.times.size()) {}
 
-  void run() {
+  SequenceFigures run() {
     make_folders();
     const int jobs = std::clamp(
         options_.jobs > 0 ? options_.jobs : static_cast<int>(std::thread::hardware_concurrency()),
@@ -104,7 +108,9 @@ class Writer {
       }
     }
     if (error_) std::rethrow_exception(error_);
-    write_covering_files();
+    const SequenceFigures figures = covered();
+    write_covering_files(figures);
+    return figures;
   }
 
  private:
@@ -136,14 +142,21 @@ class Writer {
   void render(FrameRenderer& renderer, int frame) {
     const std::vector<bool> moving = moving_objects(world_, frame);
     FrameRecord& record = records_[static_cast<std::size_t>(frame)];
+    Panoptic panoptic[2];
     for (int camera = 0; camera < 2; ++camera) {
       if (is_dropped(world_, frame, camera, options_.drop_camera, options_.drop_share)) continue;
       write_image(folder_ / image_path(world_, frame, camera), renderer.image(frame, camera), 1, 8);
-      if (truth_) write_truth(renderer.truth(frame, camera), moving, frame, camera, record);
+      if (!truth_) continue;
+      const ViewTruth truth = renderer.truth(frame, camera);
+      panoptic[camera] = make_panoptic(world_, truth, frame, camera, moving);
+      write_truth(truth, panoptic[camera], frame, camera, record);
     }
+    if (!truth_) return;
+    record.objects = objects_.csv(frame, moving, panoptic[0], panoptic[1]);
+    record.covered = covered_share(world_, panoptic[0]);
   }
 
-  void write_truth(const ViewTruth& truth, const std::vector<bool>& moving, int frame, int camera,
+  void write_truth(const ViewTruth& truth, const Panoptic& panoptic, int frame, int camera,
                    FrameRecord& record) {
     const fs::path name = image_path(world_, frame, 0).filename();
     write_image(folder_ / (camera == 0 ? "disparity" : "disparity_right") / name,
@@ -152,24 +165,44 @@ class Writer {
       write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth),
                   3, 16);
     }
-    const Panoptic panoptic = make_panoptic(world_, truth, frame, camera, moving);
     write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids,
                 3, 8);
     describe_segments(panoptic, name.stem().string(), frame, camera, record);
   }
 
-  void write_covering_files() {
+  [[nodiscard]] SequenceFigures covered() const {
+    if (!truth_) return {};
+    SequenceFigures mean{0, 0};
+    for (const FrameRecord& r : records_) {
+      mean.moving += r.covered.moving / static_cast<double>(records_.size());
+      mean.standing += r.covered.standing / static_cast<double>(records_.size());
+    }
+    return mean;
+  }
+
+  void write_covering_files(const SequenceFigures& figures) {
     write_layout_files(world_, folder_, options_.drop_camera, options_.drop_share);
     if (truth_) {
       std::string table = "frame,camera,segment_id,object,class,category_id,isthing,moving,area\n";
       for (const FrameRecord& r : records_) table += r.table;
       write_file_atomic(folder_ / "ground_truth.csv", table);
+      std::string objects = ObjectTruth::csv_header();
+      for (const FrameRecord& r : records_) objects += r.objects;
+      write_file_atomic(folder_ / "objects.csv", objects);
       for (int camera = 0; camera < 2; ++camera) {
         write_file_atomic(folder_ / fmt::sprintf("panoptic_%s.json", kSides[camera]),
                           panoptic_json(records_, camera));
       }
     }
-    write_file_atomic(folder_ / "README", readme_text(world_, options_.command, truth_));
+    std::string readme = readme_text(world_, options_.command, truth_);
+    if (truth_) {
+      readme += fmt::sprintf(
+          "\nOf the left images movers cover %.1f %% on average, things that can move and stand "
+          "%.1f "
+          "%%.\n",
+          100 * figures.moving, 100 * figures.standing);
+    }
+    write_file_atomic(folder_ / "README", readme);
   }
 
   void report(int count) {
@@ -191,6 +224,7 @@ class Writer {
   fs::path folder_;
   bool truth_;
   RenderAssets assets_;
+  ObjectTruth objects_;
   std::vector<FrameRecord> records_;
   std::atomic<int> next_{0};
   std::atomic<bool> failed_{false};
@@ -217,7 +251,7 @@ constexpr const char* kMarker = ".simulate_sequence";
 
 }  // namespace
 
-void write_sequence(const World& world, const WriteOptions& options) {
+SequenceFigures write_sequence(const World& world, const WriteOptions& options) {
   if (world.times.empty()) throw InputError("a sequence needs at least one frame");
   fs::path output = options.output.lexically_normal();
   if (output.filename().empty()) output = output.parent_path();
@@ -232,9 +266,10 @@ void write_sequence(const World& world, const WriteOptions& options) {
     fs::remove_all(partial, error);
   }
   make_output_folder(partial);
+  SequenceFigures figures;
   try {
     write_file_atomic(partial / kMarker, std::string_view("incomplete\n"));
-    Writer(world, options, partial).run();
+    figures = Writer(world, options, partial).run();
     fs::remove(partial / kMarker, error);
     fs::remove(output, error);  // an empty folder, if anything
     fs::rename(partial, output, error);
@@ -243,6 +278,7 @@ void write_sequence(const World& world, const WriteOptions& options) {
     fs::remove_all(partial, error);
     throw;
   }
+  return figures;
 }
 
 }  // namespace kys_slam::simulator

@@ -19,10 +19,17 @@ struct WriteOptions {
   const std::atomic<bool>* stop = nullptr;  ///< set: give up
 };
 
+/// What share of the left images objects that can move cover, on average over the frames; negative
+/// when no truth was made.
+struct SequenceFigures {
+  double moving = -1;
+  double standing = -1;
+};
+
 /// Renders all frames into `output`, which must not exist or be empty. Everything is made in
 /// `output`.partial first, so that a folder of that name is always complete; on failure nothing is
 /// left.
 /// \throws InputError when the folder cannot be written or the disk is full, or when stopped.
-void write_sequence(const World& world, const WriteOptions& options);
+SequenceFigures write_sequence(const World& world, const WriteOptions& options);
 
 }  // namespace kys_slam::simulator

@@ -32,11 +32,13 @@ int run(int argc, char** argv) {
   bool images_only = false;
   CLI::App app(
       "Renders a simulated stereo sequence with exact ground truth.\n\n"
-      "Worlds: street (a drive through a busy street, KITTI layout, 200 frames), block (once\n"
-      "around a block, nearly static, closes a loop, KITTI layout), hall (a drone in a hall,\n"
-      "EuRoC layout). The same options give the same bytes, whatever --jobs is.\n\n"
+      "Worlds: street (a drive through a busy street, KITTI layout, 200 frames), traffic (cars\n"
+      "ahead, beside and oncoming cover half of the view), jam (stopped vehicles cover more than\n"
+      "half of the view, some start), block (once around a block, nearly static, closes a loop),\n"
+      "hall (a drone in a hall, EuRoC layout). The same options give the same bytes, whatever\n"
+      "--jobs is.\n\n"
       "Example: simulate_sequence street --output street --seed 3");
-  app.add_option("world", world_options.name, "street, block or hall")->required();
+  app.add_option("world", world_options.name, "street, traffic, jam, block or hall")->required();
   app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
       ->required();
   app.add_option("--seed", world_options.seed, "of houses, cars, textures, noise")
@@ -87,9 +89,13 @@ int run(int argc, char** argv) {
   write_options.stop = &interrupted;
   std::signal(SIGINT, [](int) { interrupted = true; });
   std::signal(SIGTERM, [](int) { interrupted = true; });
-  write_sequence(world, write_options);
+  const SequenceFigures figures = write_sequence(world, write_options);
   std::printf("%s: %zu frames of world %s\n", write_options.output.c_str(), world.times.size(),
               world.name.c_str());
+  if (figures.moving >= 0) {
+    std::printf("movers cover %.1f %% of the left images, what can move and stands %.1f %%\n",
+                100 * figures.moving, 100 * figures.standing);
+  }
   return 0;
 }
 

@@ -47,6 +47,8 @@ void set_kitti_rig(World& world, const WorldOptions& options);
 
 World make_street(const WorldOptions& options);
 World make_block(const WorldOptions& options);
+World make_traffic(const WorldOptions& options);
+World make_jam(const WorldOptions& options);
 World make_hall(const WorldOptions& options);
 
 }  // namespace kys_slam::simulator

@@ -29,7 +29,7 @@ constexpr int kMaxFrames = 600;
 }  // namespace
 
 const std::vector<std::string>& world_names() {
-  static const std::vector<std::string> names = {"street", "block", "hall"};
+  static const std::vector<std::string> names = {"street", "traffic", "jam", "block", "hall"};
   return names;
 }
 
@@ -60,7 +60,7 @@ World make_world(const WorldOptions& options) {
           return edit_distance(a, options.name) < edit_distance(b, options.name);
         });
     throw InputError("unknown world '" + options.name + "': did you mean '" + nearest +
-                     "'? (worlds: street, block, hall)");
+                     "'? (worlds: street, traffic, jam, block, hall)");
   }
   const bool sized = options.width != 0 || options.height != 0;
   if (sized && (options.width < 64 || options.height < 48 || options.width > 8192 ||
@@ -72,9 +72,11 @@ World make_world(const WorldOptions& options) {
     throw InputError("--frames " + std::to_string(options.frames) + ": must lie between 1 and " +
                      std::to_string(kMaxFrames));
   }
-  World world = options.name == "street"  ? make_street(options)
-                : options.name == "block" ? make_block(options)
-                                          : make_hall(options);
+  World world = options.name == "street"    ? make_street(options)
+                : options.name == "traffic" ? make_traffic(options)
+                : options.name == "jam"     ? make_jam(options)
+                : options.name == "block"   ? make_block(options)
+                                            : make_hall(options);
   if (world.T_w_truth.empty()) world.T_w_truth = world.T_w_c;
   return world;
 }
