@@ -47,9 +47,9 @@ DistanceModel::DistanceModel(const ModeOptions& options, const LabelSpace* space
   drops_dynamic_ = options.mode == Mode::kMask;
   uses_priors_ = options.mode != Mode::kStock;
   set_factors();
-  // Pairs without a valid label have factor 1. Rounding keeps the order: a factor made of a base
+  // Rounding keeps the order: a factor made of a base
   // and terms that are not negative is no smaller than the base in floating point either.
-  floor_ = 1.0f;
+  floor_ = unlabelled_;
   for (const Tier tier : kStructuralTiers) {
     floor_ = std::min(floor_, factors_[index_of(tier)].base);
   }
@@ -63,6 +63,7 @@ void DistanceModel::set_factors() {
       break;
     case Mode::kScaled:
       set_bases(o.s);
+      unlabelled_ = kPriorsOff ? 1.0f : static_cast<float>(o.s);  // every pair, labelled or not
       break;
     case Mode::kHardMismatch:
       filter_from_ = 0.0f;
@@ -116,7 +117,7 @@ void DistanceModel::set_structure() {
 // these branches are predicted well, and the rest of the formula is the slower part.
 inline Distance DistanceModel::weigh(float d, const Prior& pa, const Prior& pb, float gate) const {
   if (std::max(pa.label, pb.label) >= label_limit_) {
-    return {d, Tier::kBypassed};
+    return {unlabelled_ * d, Tier::kBypassed};
   }
   if (std::max(pa.motion, pb.motion) > gate) {
     return {kRejected, Tier::kGated};
@@ -247,9 +248,9 @@ void measure(const Descriptor& query, std::span<const Descriptor> descriptors,
   }
 }
 
-/// best_two() of native distances.
+/// best_two() of native distances times a factor.
 BestTwo nearest_two(const Descriptor& query, std::span<const Descriptor> descriptors,
-                    std::span<const std::uint32_t> candidates) {
+                    std::span<const std::uint32_t> candidates, float factor) {
   std::array<std::int16_t, kChunk> distances;
   Nearest nearest;
   for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
@@ -262,11 +263,11 @@ BestTwo nearest_two(const Descriptor& query, std::span<const Descriptor> descrip
   BestTwo result;
   if (nearest.best <= 256) {
     result.index = candidates[nearest.best_position];
-    result.best.value = static_cast<float>(nearest.best);
+    result.best.value = factor * static_cast<float>(nearest.best);
   }
   if (nearest.second <= 256) {
     result.second_index = candidates[nearest.second_position];
-    result.second.value = static_cast<float>(nearest.second);
+    result.second.value = factor * static_cast<float>(nearest.second);
   }
   return result;
 }
@@ -282,7 +283,7 @@ BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prio
                                 Statistics& statistics) const {
   if (kPriorsOff || native_ || priors.empty() || query_prior.label >= label_limit_) {
     statistics.pairs[index_of(Tier::kBypassed)] += candidates.size();
-    return nearest_two(query, descriptors, candidates);
+    return nearest_two(query, descriptors, candidates, unlabelled_);
   }
   const float gate = gates_[static_cast<std::size_t>(context)];
   std::array<std::int16_t, kChunk> distances;

@@ -121,6 +121,10 @@ void ModeOptions::check() const {
   require(s_max >= kSmallest, "kys.s_max", "at least 0.001", s_max);
 }
 
+bool needs_priors(Mode mode) {
+  return mode != Mode::kStock && mode != Mode::kScaled;
+}
+
 bool needs_label_space(const ModeOptions& options) {
   switch (options.mode) {
     case Mode::kSoftFilter:

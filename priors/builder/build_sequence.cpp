@@ -283,8 +283,10 @@ class SequenceBuilder {
     const BuilderOptions::FlowCheck& check = settings_.options.flow_check;
     if (inputs_.flow[c] == "dis") {
       FlowField forward = estimate_flow(now, next);
-      check_forward_backward(forward, estimate_flow(next, now), check.tolerance,
-                             check.relative_tolerance);
+      if (check.enabled) {
+        check_forward_backward(forward, estimate_flow(next, now), check.tolerance,
+                               check.relative_tolerance);
+      }
       return forward;
     }
     const auto read = [&](const fs::path& path) {
@@ -293,7 +295,7 @@ class SequenceBuilder {
       return field;
     };
     FlowField forward = read(find_flow(inputs_.flow[c], sequence_.names[t]));
-    if (!inputs_.flow_back[c].empty()) {
+    if (check.enabled && !inputs_.flow_back[c].empty()) {
       check_forward_backward(forward, read(back_flow(inputs_.flow_back[c], t)), check.tolerance,
                              check.relative_tolerance);
     }

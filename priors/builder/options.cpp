@@ -24,6 +24,7 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"depth.max_depth", &o.depth.max_depth},
       {"depth.left_right_tolerance", &o.depth.left_right_tolerance},
       {"depth.match_labels", &o.depth.match_labels},
+      {"flow_check.enabled", &o.flow_check.enabled},
       {"flow_check.tolerance", &o.flow_check.tolerance},
       {"flow_check.relative_tolerance", &o.flow_check.relative_tolerance},
       {"ego_motion.model", &o.ego_motion.model},
@@ -160,8 +161,12 @@ void BuilderOptions::check() const {
 
 BuilderOptions paper_options() {
   BuilderOptions options;
+  options.association.class_agnostic = true;
+  options.flow_check.enabled = false;
   options.ego_motion.model = EgoMotionModel::kAsPrinted;
+  options.detection.reference_floor = 1e-9;
   options.detection.uncovered_factor = 0;
+  options.exported.motion_tolerance_steps = 0;
   return options;
 }
 

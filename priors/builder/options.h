@@ -32,6 +32,7 @@ struct BuilderOptions {
   } depth;
 
   struct FlowCheck {
+    bool enabled = true;               ///< false: flow is used as it comes (paper)
     double tolerance = 1;              ///< px, forward-backward
     double relative_tolerance = 0.02;  ///< of the flow's length, added to it
   } flow_check;
@@ -53,7 +54,7 @@ struct BuilderOptions {
 
   struct Detection {
     References references = References::kMoments;
-    double reference_floor = 0.1;      ///< px, of m_bg and sigma_par
+    double reference_floor = 0.1;      ///< px, of m_bg and sigma_par; 1e-9: none (paper)
     double min_coverage = 0.05;        ///< below: static, unless:
     double uncovered_factor = 10;      ///< below min_coverage the magnitude test is this many times
                                        ///< harder; 0: static (paper)
@@ -81,7 +82,7 @@ struct BuilderOptions {
   void check() const;
 };
 
-/// The constants as the paper states them: model `as_printed`.
+/// Everything as the paper states it: configs/priors_paper.yaml.
 BuilderOptions paper_options();
 
 /// Sets one option by its dotted name ("ego_motion.model", "rigid").

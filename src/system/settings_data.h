@@ -15,8 +15,9 @@
 namespace kys_slam {
 
 struct ControlOptions {
-  int pipeline_delay = 3;  ///< frames after which the tracker sees what the back end did
-  int stall_ms = 0;        ///< ms slept in every frame, to study the back end's budget
+  int pipeline_delay = 3;   ///< frames after which the tracker sees what the back end did
+  bool blend_poses = true;  ///< frames between two keyframes follow both
+  int stall_ms = 0;         ///< ms slept in every frame, to study the back end's budget
   std::string label_space = "coco_panoptic_133";
 };
 
@@ -177,6 +178,8 @@ void visit_settings(Data& s, Visitor&& visit) {
 
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");
+  visit("control.blend_poses", s.control.blend_poses, "",
+        "frames between two keyframes follow both when the map moves (false: the one before)");
   visit("control.stall_ms", s.control.stall_ms, "ms", "slept in every frame, a study of budgets");
   visit("control.label_space", s.control.label_space, "", "label space of the prior files");
 }

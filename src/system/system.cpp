@@ -285,7 +285,9 @@ FrameReport System::feed(const StereoFrame& frame) {
   report.times.total = watch.elapsed_ms();
   s.reports.push_back(report);
   s.links.add(tracked.pose);
-  if (tracked.keyframe) s.links.close(tracked.keyframe->id, s.tracker);
+  if (tracked.keyframe && s.options.control.blend_poses) {
+    s.links.close(tracked.keyframe->id, s.tracker);
+  }
   ++s.count;
   if (tracked.keyframe) s.runner.submit(std::move(*tracked.keyframe));
   return report;

@@ -1,5 +1,6 @@
 #include "tracking/tracker.h"
 
+#include <kys/prior.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -275,11 +276,14 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
   const KeyFrameView& reference = replica_.keyframes().at(reference_);
   std::vector<DescriptorQuery> queries;
   std::vector<LandmarkId> landmarks;
+  // What the keyframe's feature lies on, as its descriptor; how it moves, as last seen.
+  std::vector<kys::Prior> priors(reference.landmarks.size());
   for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
     const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
     if (landmark == nullptr) continue;
-    queries.push_back({&reference.features->descriptor(i), &landmark->prior,
-                       reference.features->keypoint(i).angle});
+    priors[i] = kys::landmark_prior(reference.features->prior(i), landmark->prior);
+    queries.push_back(
+        {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);
   }
   const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio, true};

@@ -34,6 +34,20 @@ TEST(Formula, Scaled) {
   EXPECT_EQ(value(model, 256, on(0), on(0)), 192.0f);
 }
 
+TEST(Formula, ScaledScalesWithoutPriorsToo) {
+  const DistanceModel model(options_of(Mode::kScaled));
+  EXPECT_EQ(value(model, 80, Prior{}, Prior{}), 60.0f);
+  EXPECT_EQ(value(model, 80, on(0), Prior{}), 60.0f);
+  const std::vector<Descriptor> descriptors{with_bits(80), with_bits(100), with_bits(40)};
+  const std::vector<std::uint32_t> candidates{0, 1, 2};
+  Statistics statistics;
+  const BestTwo found = model.best_two(Descriptor{}, Prior{}, descriptors, {}, candidates,
+                                       Context::kTemporal, statistics);
+  EXPECT_EQ(found.index, 2u);
+  EXPECT_EQ(found.best.value, 30.0f);
+  EXPECT_EQ(found.second.value, 60.0f);
+}
+
 TEST(Formula, HardMismatchRejectsDifferentLabels) {
   const DistanceModel model(options_of(Mode::kHardMismatch));
   EXPECT_EQ(value(model, 80, on(0, 1), on(0, 2)), 80.0f);
@@ -165,19 +179,20 @@ TEST(Formula, GatesOnlyKeepsNativeDistanceAndNeedsNoLabelSpace) {
             Tier::kCrossInstance);
 }
 
-TEST(Formula, NoValidLabelKeepsNativeDistanceInEveryMode) {
+TEST(Formula, NoValidLabelKeepsNativeDistanceInEveryModeButScaled) {
   Prior nothing = on(0, 1, 10, 90, true);
   nothing.label = kVoidLabel;
   Prior unknown = nothing;
   unknown.label = 3;  // one past the last class
   for (const Mode mode : all_modes()) {
     const DistanceModel model = model_of(options_of(mode));
+    const Distance native{mode == Mode::kScaled ? 0.75f * 37 : 37.0f, Tier::kBypassed};
     for (const Prior& prior : {nothing, unknown}) {
       for (const Context context : {Context::kStereo, Context::kTemporal}) {
         const Distance first = model.evaluate({}, prior, with_bits(37), on(1, 1, 3, 90), context);
         const Distance second = model.evaluate({}, on(2, 1, 3, 90), with_bits(37), prior, context);
-        EXPECT_EQ(first, (Distance{37.0f, Tier::kBypassed})) << mode_name(mode);
-        EXPECT_EQ(second, (Distance{37.0f, Tier::kBypassed})) << mode_name(mode);
+        EXPECT_EQ(first, native) << mode_name(mode);
+        EXPECT_EQ(second, native) << mode_name(mode);
       }
       EXPECT_TRUE(model.keeps_keypoint(prior)) << mode_name(mode);
     }

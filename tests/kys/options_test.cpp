@@ -131,6 +131,12 @@ TEST(Options, ModesThatLookAtSNeedALabelSpace) {
   }
 }
 
+TEST(Options, ModesThatSayNothingWithoutPriors) {
+  for (const Mode mode : all_modes()) {
+    EXPECT_EQ(needs_priors(mode), mode != Mode::kStock && mode != Mode::kScaled);
+  }
+}
+
 TEST(Prior, IsCheckedClippedAndHasItsLogarithm) {
   const Prior p = make_prior(7, 42, 12.5f, 3.0f, true);
   EXPECT_EQ(p.label, 7);

@@ -119,6 +119,7 @@ TEST(Property, FactorsStayWithinTheBoundsOfTheirTier) {
 /// The table of modes, written down once more: in double, as a reader of the paper would.
 double from_the_paper(const ModeOptions& o, const Pair& p, const LabelSpace& space) {
   const double d = hamming(p.a, p.b);
+  if (o.mode == Mode::kScaled) return o.s * d;
   if (p.pa.label == kVoidLabel || p.pb.label == kVoidLabel) return d;
   const double rejected = kRejected;
   const double s = space.distance(p.pa.label, p.pb.label);
@@ -135,9 +136,8 @@ double from_the_paper(const ModeOptions& o, const Pair& p, const LabelSpace& spa
   switch (o.mode) {
     case Mode::kStock:
     case Mode::kMask:
+    case Mode::kScaled:  // above
       return d;
-    case Mode::kScaled:
-      return o.s * d;
     case Mode::kHardMismatch:
       return same_class ? d : rejected;
     case Mode::kSoftFilter:

@@ -4,9 +4,11 @@
 #include <kys_slam/error.h>
 #include <unistd.h>
 
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 
 #include "io/image_io.h"
 #include "priors/format/prior_format.h"
@@ -77,8 +79,41 @@ class BuildSequenceTest : public testing::Test {
     }
   }
 
-  BuildSummary build(const std::string& output, int jobs) {
+  /// Backward flow that fits the forward one, which then gets an error of 5 px in every other
+  /// pixel.
+  void spoil_forward_flow() {
+    fs::create_directories(root_ / "back");
+    for (const std::string& name : sequence_.names) {
+      std::string forward = bytes("flow/" + name + ".flo");
+      std::string back = forward;
+      for (std::size_t i = 0; i + 12 < forward.size(); i += 4) {
+        float value = 0;
+        std::memcpy(&value, forward.data() + 12 + i, 4);
+        const float opposite = -value;
+        std::memcpy(back.data() + 12 + i, &opposite, 4);
+        value += i / 8 % 2 == 0 ? 3.54F : 0.0F;
+        std::memcpy(forward.data() + 12 + i, &value, 4);
+      }
+      std::ofstream(root_ / "back" / (name + ".flo"), std::ios::binary) << back;
+      std::ofstream(root_ / "flow" / (name + ".flo"), std::ios::binary) << forward;
+    }
+    inputs_.flow_back = {(root_ / "back").string(), ""};
+  }
+
+  /// m_bg of the first frame, px.
+  [[nodiscard]] double background(const std::string& output) const {
+    std::istringstream file(bytes(output + "/background.csv"));
+    std::string row;
+    std::getline(file, row);
+    std::getline(file, row);
+    std::istringstream cells(row);
+    for (int i = 0; i < 6; ++i) std::getline(cells, row, ',');
+    return std::stod(row);
+  }
+
+  BuildSummary build(const std::string& output, int jobs, bool flow_check = true) {
     BuildSettings settings;
+    settings.options.flow_check.enabled = flow_check;
     settings.output = root_ / output;
     settings.jobs = jobs;
     return build_sequence_priors(sequence_, labels_, inputs_, settings);
@@ -124,6 +159,15 @@ TEST_F(BuildSequenceTest, FindsTheMoverKeepsIdentitiesAndResumes) {
   const BuildSummary again = build("a", 1);
   EXPECT_GE(again.built, 1u);
   EXPECT_LE(again.built, 2u);
+}
+
+TEST_F(BuildSequenceTest, ErrorsOfTheFlowReachTheMotionModuleWhenTheCheckIsOff) {
+  build("clean", 1);
+  spoil_forward_flow();
+  build("checked", 1);
+  build("unchecked", 1, false);
+  EXPECT_LT(background("checked"), background("clean") + 0.5) << "what does not fit is left out";
+  EXPECT_GT(background("unchecked"), background("clean") + 1.5);
 }
 
 TEST_F(BuildSequenceTest, BytesDoNotDependOnTheNumberOfThreads) {

@@ -196,6 +196,9 @@ TEST_F(BadInput, UnknownOptionsModesAndSchedules) {
   expect_refused({"--bogus"}, {"--bogus"});
   expect_refused({"turbo", "pipelined"}, {"--schedule", "turbo"});
   expect_refused({"magic", "stock"}, {"--mode", "magic"});
+  expect_refused({"mode kys needs priors", "--priors"}, {"--mode", "kys"});
+  expect_refused({"mode mask needs priors", "--priors"}, {"--set", "kys.mode=mask"});
+  EXPECT_FALSE(fs::exists(output()));
   expect_refused({"--frames"}, {"--frames", "some"});
   expect_refused({"--start"}, {"--start", "-3"});
   expect_refused({"--mode"}, {"--mode"});

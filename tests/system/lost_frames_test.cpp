@@ -111,6 +111,19 @@ TEST_F(LostFrames, OneEyeShutIsALossWithAReason) {
   EXPECT_NE(outcomes(work_ / "out").at(6).second, "");
 }
 
+TEST(Pace, AStallComesOnTopOfEveryFrame) {
+  const TemporaryFolder work;
+  Command command("run_stereo_kitti",
+                  {small_sequence().string(), "--output", (work / "out").string(), "--schedule",
+                   "realtime", "--set", "control.stall_ms=50", "--quiet"});
+  ASSERT_EQ(command.wait(60), 0) << command.err();
+  const auto summary = nlohmann::json::parse(read_text(work / "out" / "summary.json"));
+  // Frames 0.1 s apart leave room for a stall of 0.05 s, which may not vanish in it. A sleep never
+  // is too short, so this holds on any machine.
+  const double least = (kSmallFrames - 1) * 0.1 + kSmallFrames * 0.05;
+  EXPECT_GE(summary["process"]["wall_s"].get<double>(), least - 0.001);
+}
+
 TEST(Interrupt, CtrlCSavesEverythingAndExitsWithinTwoSeconds) {
   for (const char* schedule : {"pipelined", "sequential", "realtime"}) {
     const TemporaryFolder work;

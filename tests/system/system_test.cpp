@@ -2,6 +2,8 @@
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
 
+#include <filesystem>
+
 #include "map/map.h"
 #include "support/feature_world.h"
 
@@ -87,6 +89,57 @@ TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
     const Rigid3 step = estimates[i - 1].T_w_c.inverse() * estimates[i].T_w_c;
     EXPECT_LT((step.t() - truth.t()).norm(), 0.05) << "frame " << i;
   }
+}
+
+/// Settings of a file of the tree that are not the default's, as KEY=VALUE.
+std::vector<std::string> changes_of(const std::string& file) {
+  Settings settings;
+  settings.load(std::filesystem::path(KYS_SOURCE_DIR) / "configs" / file);
+  settings.check();
+  std::vector<std::string> changes;
+  const auto defaults = Settings().describe();
+  const auto values = settings.describe();
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (values[i].value != defaults[i].value) {
+      changes.push_back(values[i].key + "=" + values[i].value);
+    }
+  }
+  return changes;
+}
+
+TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
+  using Changes = std::vector<std::string>;
+  EXPECT_EQ(changes_of("kys_default.yaml"), Changes{});
+  EXPECT_EQ(changes_of("kys_paper.yaml"), (Changes{"kys.normalize=false"}));
+  EXPECT_EQ(changes_of("baseline.yaml"),
+            (Changes{"orb.subpixel=false", "keyframes.max_frames=10", "calibration.enabled=false",
+                     "control.blend_poses=false"}));
+}
+
+TEST(System, FramesFollowTheKeyframeBeforeThemAloneWhenPosesAreNotBlended) {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.5;
+  options.flipped_bits = 15;
+  options.length = 140;
+  options.points = 12000;
+  const FeatureWorld world(kitti_camera(), options);
+  std::vector<std::vector<FrameEstimate>> runs;
+  for (const char* blend : {"true", "false"}) {
+    Settings settings;
+    settings.set("control.blend_poses", blend);
+    settings.set("keyframes.min_frames", "6");
+    System system(world.camera(), settings, Schedule::kSequential);
+    for (int i = 0; i < 60; ++i) system.feed(world.look(i, weaving_pose(0.3 * i)));
+    system.finish();
+    runs.push_back(system.trajectory());
+  }
+  int moved = 0;
+  for (std::size_t i = 0; i < runs[0].size(); ++i) {
+    const double apart = (runs[0][i].T_w_c.t() - runs[1][i].T_w_c.t()).norm();
+    EXPECT_LT(apart, 0.1) << "frame " << i;
+    moved += apart > 1e-9 ? 1 : 0;
+  }
+  EXPECT_GT(moved, 10);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "tracking/tracker.h"
 
 #include <gtest/gtest.h>
+#include <kys/kys.h>
 #include <kys_slam/error.h>
 
 #include <set>
@@ -174,6 +175,57 @@ TEST_F(TrackerTest, PosesFollowWhenTheBackEndMovesTheMap) {
   const TrackResult after = track_world(2, 0.8);
   ASSERT_EQ(after.status, TrackingStatus::kTracked);
   EXPECT_LT((after.T_c_w.inverse().t() - (T_new_old * truth(0.8)).t()).norm(), 2e-3);
+}
+
+/// Frames whose every keypoint has one prior.
+class TrackerWithPriors : public TrackerTest {
+ protected:
+  static std::shared_ptr<const FrameFeatures> labelled(const FrameFeatures& from,
+                                                       const kys::Prior& prior) {
+    FeatureSet set{{from.keypoints().begin(), from.keypoints().end()},
+                   {from.descriptors().begin(), from.descriptors().end()}};
+    std::vector<float> u_right;
+    for (std::size_t i = 0; i < set.size(); ++i) u_right.push_back(from.u_right(i));
+    std::vector<kys::Prior> priors(set.size(), prior);
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(set),
+                                                 std::move(u_right), std::move(priors));
+  }
+  /// The second frame, which is searched from the reference keyframe, when both frames' keypoints
+  /// lie on `seen` and every landmark got another prior in between.
+  TrackResult after_landmarks_got(const kys::Prior& seen, const kys::Prior& landmark_prior,
+                                  const kys::DistanceModel& model) {
+    Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model);
+    tracker.track(0, 0, labelled(*see(world_, 0, weaving_pose(0)).features, seen), 0);
+    ChangeSet changes;
+    tracker.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
+      LandmarkView other = landmark;
+      other.prior = landmark_prior;
+      changes.landmarks.emplace_back(id, other);
+    });
+    tracker.apply(changes);
+    return tracker.track(1, 0.1, labelled(*see(world_, 1, weaving_pose(0.4)).features, seen), 0);
+  }
+};
+
+TEST_F(TrackerWithPriors, TheReferenceKeyframesDescriptorGoesWithItsOwnLabel) {
+  kys::ModeOptions options;
+  options.mode = kys::Mode::kHardMismatch;
+  const kys::DistanceModel model(options);
+  const kys::Prior car = kys::make_prior(2, 7, 1, 0, false);
+  const kys::Prior road = kys::make_prior(1, 1, 1, 0, false);
+  const TrackResult result = after_landmarks_got(car, road, model);
+  EXPECT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+}
+
+TEST_F(TrackerWithPriors, TheReferenceKeyframesLandmarksMoveAsLastSeen) {
+  kys::ModeOptions options;
+  options.mode = kys::Mode::kKys;
+  options.continuous = false;  // gates alone
+  const kys::DistanceModel model(options);
+  const kys::Prior still = kys::make_prior(2, 7, 1, 0, false);
+  const kys::Prior fast = kys::make_prior(2, 7, 1, 50, true);
+  EXPECT_EQ(after_landmarks_got(still, still, model).status, TrackingStatus::kTracked);
+  EXPECT_EQ(after_landmarks_got(still, fast, model).status, TrackingStatus::kLost);
 }
 
 TEST(TrackerOptions, OnesThatMakeNoSenseAreNamed) {

@@ -1,7 +1,8 @@
 // perturb_priors: perception with errors put in, to build priors from (the paper's robustness
 // study). Segmentation: nested relabelling of thing segments. Flow: noise scaled by the flow's
-// length, or spatially correlated failure. Decisions: prior files whose motion detector is wrong,
-// late or absent.
+// length, or spatially correlated failure. A check of the disturbed flow against a clean backward
+// flow would take the errors out again: build with flow_check.enabled=false. Decisions: prior files
+// whose motion detector is wrong, late or absent.
 #include <kys_slam/error.h>
 
 #include <CLI/CLI.hpp>
@@ -23,7 +24,11 @@ int main(int argc, char** argv) {
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   auto* segments = app.add_subcommand("segments", "Relabel thing segments (COCO panoptic folder)");
-  auto* flow = app.add_subcommand("flow", "Noise in proportion to the flow; writes KITTI PNG");
+  auto* flow = app.add_subcommand(
+      "flow",
+      "Noise in proportion to the flow; writes KITTI PNG. Build priors from it with "
+      "--set flow_check.enabled=false, or errors that do not fit the "
+      "backward flow are left out");
   auto* decisions = app.add_subcommand("decisions",
                                        "Prior files with errors of the motion detector. Cases:\n"
                                        "  parked         every vehicle is called moving\n"

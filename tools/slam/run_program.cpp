@@ -94,6 +94,11 @@ Settings effective_settings(Settings settings, const Arguments& a) {
     settings.set("kys.mode", "kys");
   }
   settings.check();
+  const std::string mode = settings.get("kys.mode");
+  if (a.priors.empty() && kys::needs_priors(kys::parse_mode(mode))) {
+    throw InputError("mode " + mode +
+                     " needs priors: give --priors DIR (build_priors makes them), or --mode stock");
+  }
   return settings;
 }
 
@@ -131,9 +136,20 @@ class Failures {
   std::vector<std::string> messages_;
 };
 
+/// When frames are due at the camera's pace. A stall comes on top of every frame, as a slow driver
+/// would add it: the back end gains that time, it does not vanish in the wait for the next frame.
+struct Pace {
+  bool on = false;
+  double stall_ms = 0;
+
+  [[nodiscard]] double due_ms(double seconds, std::int64_t frames_before) const {
+    return 1000 * seconds + stall_ms * static_cast<double>(frames_before);
+  }
+};
+
 /// Feeds frames until the end or an interrupt, which is noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
-              bool paced, const InterruptGuard& guard, RunInfo& info) {
+              const Pace& pace, const InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   Stopwatch clock;
@@ -144,9 +160,9 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
       info.end_reason = "interrupted";
       return;
     }
-    if (paced) {
+    if (pace.on) {
       if (!first_time) first_time = frame->timestamp;
-      const double due_ms = 1000 * (frame->timestamp - *first_time);
+      const double due_ms = pace.due_ms(frame->timestamp - *first_time, done);
       std::this_thread::sleep_for(
           std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
     }
@@ -159,7 +175,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
 }
 
 /// To the end of the frames, and of what the back end still has in hand.
-void track(System& system, FrameSource& frames, const Arguments& a, Schedule schedule,
+void track(System& system, FrameSource& frames, const Arguments& a, const Pace& pace,
            const Stopwatch& start_up, RunInfo& info, Failures& failures) {
   const InterruptGuard guard([&] { system.interrupt(); });
   const double cpu_before = process_figures().cpu_seconds();
@@ -167,7 +183,7 @@ void track(System& system, FrameSource& frames, const Arguments& a, Schedule sch
   const Stopwatch wall;
   failures.guard([&] {
     ReadAhead source(frames);
-    feed_all(system, source, frames.size(), a.quiet, schedule == Schedule::kRealtime, guard, info);
+    feed_all(system, source, frames.size(), a.quiet, pace, guard, info);
   });
   failures.guard([&] {
     const Waiting waiting("finishing the map",
@@ -209,7 +225,8 @@ int run(const RunProgram& program, const Arguments& a) {
   System system(input.frames->camera(), settings, schedule, std::move(priors));
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   Failures failures(info);
-  track(system, *input.frames, a, schedule, start_up, info, failures);
+  const Pace pace{schedule == Schedule::kRealtime, std::stod(settings.get("control.stall_ms"))};
+  track(system, *input.frames, a, pace, start_up, info, failures);
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = judge_run(system, info); });

@@ -44,7 +44,8 @@ struct BestTwo {
 ///
 /// rejected when max(mu) is above the gate of the context, or when the labels differ and S reaches
 /// the filter's threshold. A pair with an end that has no valid label has value d and is never
-/// rejected, in every mode. A label that is none of the label space's is not valid.
+/// rejected, in every mode but `scaled`, which scales every pair. A label that is none of the label
+/// space's is not valid.
 class DistanceModel {
  public:
   /// Mode stock.
@@ -128,6 +129,7 @@ class DistanceModel {
   std::array<Factors, 3> factors_;                    ///< by Tier
   std::array<float, 2> gates_{kRejected, kRejected};  ///< largest mu, by Context
   float filter_from_ = kRejected;                     ///< S from which differing labels reject
+  float unlabelled_ = 1;  ///< factor of pairs with an end that has no valid label
   float floor_ = 1;
   std::uint32_t label_limit_ = kVoidLabel;  ///< labels from here on are not valid
   std::uint32_t table_mask_ = 0;            ///< 0: S does not matter, the table is one zero

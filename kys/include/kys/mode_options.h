@@ -59,6 +59,10 @@ struct ModeOptions {
   friend bool operator==(const ModeOptions&, const ModeOptions&) = default;
 };
 
+/// Whether a mode says nothing without priors: all do, but `stock` and `scaled`. Without any prior
+/// it would be `stock` under another name.
+bool needs_priors(Mode mode);
+
 /// Whether a model with these options needs a label space (looks at S).
 bool needs_label_space(const ModeOptions& options);
 
