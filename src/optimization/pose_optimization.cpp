@@ -24,7 +24,8 @@ struct ObservationLanes {
   Lanes u{}, v{}, u_right{};  // px
   Lanes weight{}, weight_disparity{};
   Lanes bound{};   // chi2 that separates outliers, and the square of Huber's delta
-  Lanes active{};  // 1: takes part in this round
+  Lanes share{};   // factor on the information
+  Lanes active{};  // share of those that take part in this round, else 0
 };
 
 /// The increment here is that of the camera frame, p_c -> exp(w) p_c + v, whose Jacobian is the
@@ -197,7 +198,7 @@ class PoseProblem {
             o.bound[lane] > 0 && e.z[lane] >= kMinDepth && e.chi2[lane] <= o.bound[lane];
         changed |= inlier == (outlier[i] != 0);
         outlier[i] = inlier ? 0 : 1;
-        o.active[lane] = inlier ? 1 : 0;
+        o.active[lane] = inlier ? o.share[lane] : 0;
         inliers += inlier ? 1 : 0;
       }
     }
@@ -212,7 +213,7 @@ class PoseProblem {
       const LaneErrors e = errors_of(o, camera_, T.data());
       for (int lane = 0; lane < kLanes; ++lane) {
         const bool use = o.bound[lane] > 0 && e.z[lane] >= kMinDepth;
-        o.active[lane] = use ? 1 : 0;
+        o.active[lane] = use ? o.share[lane] : 0;
         active += use ? 1 : 0;
       }
     }
@@ -226,6 +227,7 @@ class PoseProblem {
     ObservationLanes& to = lanes_[i / kLanes];
     const auto lane = static_cast<int>(i % kLanes);
     if (!is_usable(from.p_w) || !is_usable(from.u, from.v, from.u_right, from.inv_sigma)) return;
+    if (!(from.share >= 0)) return;
     const bool stereo = !std::isnan(from.u_right);
     to.x[lane] = from.p_w.x();
     to.y[lane] = from.p_w.y();
@@ -236,6 +238,7 @@ class PoseProblem {
     to.weight[lane] = static_cast<double>(from.inv_sigma) * from.inv_sigma;
     to.weight_disparity[lane] = stereo ? to.weight[lane] : 0;
     to.bound[lane] = stereo ? options.chi2_stereo : options.chi2_mono;
+    to.share[lane] = from.share;
   }
 
   CameraNumbers camera_;

@@ -16,6 +16,7 @@ struct PoseObservation {
   float v = 0;          ///< px
   float u_right = 0;    ///< px, right image; NaN for a monocular observation
   float inv_sigma = 1;  ///< 1/px, inverse standard deviation (ScaleLevels::inv_sigma)
+  float share = 1;      ///< 0..1, factor on its information; chi-square bounds do not depend on it
 };
 
 struct PoseOptions {

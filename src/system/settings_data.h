@@ -78,6 +78,17 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("tracking.reference_ratio", s.tracking.reference_ratio, "",
         "best over second best distance without prediction");
 
+  auto& c = s.tracking.consensus;
+  visit("tracking.balanced", c.enabled, "",
+        "poses agree with most of the image area, not with most matches");
+  visit("tracking.cell_columns", c.columns, "", "square cells across the image that measure area");
+  visit("tracking.contested_share", c.contested, "",
+        "share of the area held by outliers from which other motions are tried");
+  visit("tracking.consensus_tolerance", c.tolerance, "",
+        "factor on the bound of the error within which area supports a pose");
+  visit("tracking.consensus_samples", c.samples, "", "motions tried where outliers hold much area");
+  visit("tracking.consensus_seed", c.seed, "", "of these samples");
+
   auto& k = s.tracking.keyframes;
   visit("keyframes.min_frames", k.min_frames, "frames", "between two keyframes at least");
   visit("keyframes.max_frames", k.max_frames, "frames", "after which one is made anyway");

@@ -51,6 +51,8 @@ void TrackerOptions::check() const {
   positive(local_radius, "local_radius");
   positive(local_ratio, "local_ratio");
   positive(max_distance, "max_distance");
+  positive(consensus.columns, "cell_columns");
+  positive(consensus.tolerance, "consensus_tolerance");
 }
 
 Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
@@ -107,6 +109,7 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
 void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   result.status = TrackingStatus::kTracked;
+  if (result.overruled) result.reason += "; image area against most matches";
   if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
@@ -126,7 +129,7 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (replica_.landmarks().contains(place.landmarks[i])) frame.landmarks[i] = place.landmarks[i];
   }
-  refine_pose(frame);
+  refine_pose(frame, result);
   const KeyFrameId before = std::exchange(reference_, place.reference);
   const bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
@@ -222,7 +225,7 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
     result.reason = "motion model: " + std::to_string(matches) + " matches";
     return false;
   }
-  const int inliers = refine_pose(frame);
+  const int inliers = refine_pose(frame, result);
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -301,7 +304,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
     return false;
   }
   frame.T_c_w = last_->T_c_w;
-  const int inliers = refine_pose(frame);
+  const int inliers = refine_pose(frame, result);
   result.reason = before + "reference keyframe";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -309,7 +312,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
 }
 
 /// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers.
-int Tracker::refine_pose(Frame& frame) const {
+int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   std::vector<PoseObservation> observations;
   std::vector<std::size_t> features;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
@@ -319,12 +322,16 @@ int Tracker::refine_pose(Frame& frame) const {
                             pixel.u_right, pixel.inv_sigma});
     features.push_back(i);
   }
-  const PoseResult result = optimize_pose(camera_, frame.T_c_w, observations);
-  frame.T_c_w = result.T_c_w;
+  std::optional<ExpectedPose> expected;
+  if (velocity_) expected = {*velocity_ * last_->T_c_w, frame.timestamp - last_->timestamp};
+  const ConsensusResult consensus =
+      estimate_pose(camera_, frame.T_c_w, observations, expected, options_.consensus);
+  frame.T_c_w = consensus.pose.T_c_w;
+  result.overruled |= consensus.overruled;
   for (std::size_t k = 0; k < features.size(); ++k) {
-    if (result.outlier[k] != 0) frame.landmarks[features[k]] = {};
+    if (consensus.pose.outlier[k] != 0) frame.landmarks[features[k]] = {};
   }
-  return result.inliers;
+  return consensus.pose.inliers;
 }
 
 bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
@@ -334,7 +341,7 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   match_local_landmarks(frame, local, result);
   result.matches = count_landmarks(frame.landmarks);
   const std::vector<LandmarkId> matched = frame.landmarks;
-  result.inliers = refine_pose(frame);
+  result.inliers = refine_pose(frame, result);
   for (const LandmarkId id : predicted) {
     if (id.valid()) count_visible(id);
   }

@@ -13,7 +13,7 @@
 #include "map/keyframe_message.h"
 #include "map/replica.h"
 #include "matching/landmark_search.h"
-#include "optimization/pose_optimization.h"
+#include "optimization/pose_consensus.h"
 #include "tracking/keyframe_policy.h"
 #include "tracking/local_map.h"
 
@@ -32,6 +32,7 @@ struct TrackerOptions {
   float max_distance = 100;       ///< bits
   float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
+  ConsensusOptions consensus;  ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
 
   /// \throws InputError naming the setting that makes no sense.
@@ -67,6 +68,7 @@ struct TrackResult {
   FramePose pose;
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
+  bool overruled = false;  ///< image area decided against the number of matches
   TrackTimes times;
   kys::Statistics statistics;
   std::optional<KeyFrameMessage> keyframe;  ///< for the back end
@@ -130,7 +132,7 @@ class Tracker {
   bool track_local_map(Frame& frame, TrackResult& result);
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
-  int refine_pose(Frame& frame) const;
+  int refine_pose(Frame& frame, TrackResult& result) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;
   KeyFrameMessage make_keyframe(Frame& frame);
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);

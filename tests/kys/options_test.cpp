@@ -49,13 +49,15 @@ TEST(Options, KeysReadBackWhatTheyWrite) {
   EXPECT_EQ(read, changed);
 }
 
-/// Sets what a configuration file of the tree says; returns how many keys it has.
+/// Sets what a configuration file of the tree says under `kys`; returns how many keys that are.
 int read_config(const std::string& name, ModeOptions& options) {
   std::ifstream file(std::string(KYS_SOURCE_DIR) + "/configs/" + name);
   int count = 0;
+  bool ours = false;
   for (std::string line; std::getline(file, line);) {
+    if (!line.starts_with(' ') && !line.starts_with('#')) ours = line.starts_with("kys:");
     const std::size_t colon = line.find(": ");
-    if (line.starts_with("  ") && colon != std::string::npos) {
+    if (ours && line.starts_with("  ") && colon != std::string::npos) {
       const std::size_t value = colon + 2;
       set_option(options, "kys." + line.substr(2, colon - 2),
                  line.substr(value, line.find(' ', value) - value));

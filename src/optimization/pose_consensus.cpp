@@ -1,0 +1,248 @@
+#include "optimization/pose_consensus.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <random>
+#include <utility>
+
+#include "geometry/absolute_orientation.h"
+#include "geometry/reprojection.h"
+
+namespace kys_slam {
+namespace {
+
+constexpr std::size_t kSample = 3;
+constexpr std::size_t kRefined = 5;  // samples that are refined
+constexpr int kRefinements = 4;      // of one sample, while its support grows
+constexpr double kImpossible =
+    0.25;  // factor on the support of a pose that no acceleration explains
+
+using CellMembers = std::vector<std::vector<std::size_t>>;
+
+/// The cell of every observation and how many observations each cell holds.
+class Cells {
+ public:
+  Cells(const StereoCamera& camera, std::span<const PoseObservation> observations, int columns) {
+    const float side = static_cast<float>(camera.width) / static_cast<float>(columns);
+    const int rows =
+        std::max(1, static_cast<int>(std::ceil(static_cast<float>(camera.height) / side)));
+    members_.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+    share_.resize(observations.size());
+    for (std::size_t i = 0; i < observations.size(); ++i) {
+      const PoseObservation& o = observations[i];
+      if (!is_usable(o.u, o.v, o.u_right, o.inv_sigma)) continue;
+      const int column = std::clamp(static_cast<int>(o.u / side), 0, columns - 1);
+      const int row = std::clamp(static_cast<int>(o.v / side), 0, rows - 1);
+      members_[static_cast<std::size_t>(row * columns + column)].push_back(i);
+    }
+    std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
+    for (const auto& cell : members_) {
+      for (const std::size_t i : cell) share_[i] = 1.0f / static_cast<float>(cell.size());
+    }
+  }
+
+  /// Occupied cells.
+  [[nodiscard]] std::size_t size() const { return members_.size(); }
+  /// Observations of each occupied cell.
+  [[nodiscard]] const CellMembers& members() const { return members_; }
+  /// What one observation stands for, in cells.
+  [[nodiscard]] float share(std::size_t i) const { return share_[i]; }
+
+ private:
+  CellMembers members_;
+  std::vector<float> share_;
+};
+
+/// A pose and the area that supports it, in cells.
+struct Rival {
+  Rigid3 T_c_w;
+  double support = 0;
+};
+
+class Consensus {
+ public:
+  Consensus(const StereoCamera& camera, std::span<const PoseObservation> observations,
+            const std::optional<ExpectedPose>& expected, const ConsensusOptions& options,
+            const PoseOptions& pose)
+      : camera_(camera),
+        observations_(observations),
+        expected_(expected),
+        options_(options),
+        pose_(pose),
+        cells_(camera, observations, std::max(options.columns, 1)) {}
+
+  [[nodiscard]] double area() const { return static_cast<double>(cells_.size()); }
+
+  /// 1 for the motion expected, falling to kImpossible for one that no vehicle can make.
+  [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
+    if (!expected_) return 1;
+    const Eigen::Vector3d step = T_c_w.inverse_t() - expected_->T_c_w.inverse_t();
+    const double acceleration = step.norm() / (expected_->interval * expected_->interval);
+    const double ratio = acceleration / options_.max_acceleration;
+    return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
+  }
+
+  /// Area whose observations are within `factor` times their bound, each counting less the worse
+  /// it fits if `graded`.
+  [[nodiscard]] double support(const Rigid3& T_c_w, double factor, bool graded) const {
+    const double scale = 1 / (factor * factor);
+    double sum = 0;
+    for (std::size_t i = 0; i < observations_.size(); ++i) {
+      const double error = scale * relative_error(T_c_w, observations_[i]);
+      if (error <= 1) sum += cells_.share(i) * (graded ? 1 - error : 1);
+    }
+    return sum;
+  }
+
+  /// What speaks for a pose: the area that supports it, less where it is no likely motion.
+  [[nodiscard]] Rival judged(const Rigid3& T_c_w, double factor) const {
+    return {T_c_w, support(T_c_w, factor, true) * plausibility(T_c_w)};
+  }
+
+  /// The pose with most support of those near `T_c_w_initial` and near samples of three matches
+  /// that do not fit `T_c_w_votes`.
+  [[nodiscard]] Rival best_rival(const Rigid3& T_c_w_votes, const Rigid3& T_c_w_initial) const {
+    Rival best = refined(T_c_w_initial);
+    for (const Rival& sampled : best_samples(T_c_w_votes)) {
+      const Rival rival = refined(sampled.T_c_w);
+      if (rival.support > best.support) best = rival;
+    }
+    return best;
+  }
+
+  /// Optimises over the observations within `factor` times their bound of `T_c_w`; the result is
+  /// indexed like all observations. `balanced`: cells weigh the same, not observations.
+  [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
+    std::vector<PoseObservation> near;
+    std::vector<std::size_t> at;
+    for (std::size_t i = 0; i < observations_.size(); ++i) {
+      if (!(relative_error(T_c_w, observations_[i]) <= factor * factor)) continue;
+      near.push_back(observations_[i]);
+      if (balanced) near.back().share *= cells_.share(i);
+      at.push_back(i);
+    }
+    PoseResult result = optimize_pose(camera_, T_c_w, near, pose_);
+    std::vector<std::uint8_t> outlier(observations_.size(), 1);
+    for (std::size_t k = 0; k < at.size(); ++k) outlier[at[k]] = result.outlier[k];
+    result.outlier = std::move(outlier);
+    return result;
+  }
+
+ private:
+  /// chi2 over its bound; infinite behind the camera.
+  [[nodiscard]] double relative_error(const Rigid3& T_c_w, const PoseObservation& o) const {
+    const Eigen::Vector3d p_c = T_c_w * o.p_w;
+    if (!(p_c.z() >= kMinDepth)) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
+    const double du = pixel.x() - o.u;
+    const double dv = pixel.y() - o.v;
+    double error = du * du + dv * dv;
+    const bool stereo = !std::isnan(o.u_right);
+    if (stereo) {
+      const double dd = (pixel.x() - pixel.z()) - (o.u - o.u_right);
+      error += dd * dd;
+    }
+    return error * o.inv_sigma * o.inv_sigma / (stereo ? pose_.chi2_stereo : pose_.chi2_mono);
+  }
+
+  /// Local optimisation: over what is near, as long as that gains support.
+  [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
+    Rival best = judged(T_c_w, options_.tolerance);
+    for (int k = 0; k < kRefinements; ++k) {
+      const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
+      const Rival next = judged(result.T_c_w, options_.tolerance);
+      if (result.inliers == 0 || next.support <= best.support) break;
+      best = next;
+    }
+    return best;
+  }
+
+  /// The few samples with most support, best first.
+  [[nodiscard]] std::vector<Rival> best_samples(const Rigid3& T_c_w_votes) const {
+    std::vector<Rival> best;
+    const CellMembers cells = unexplained(T_c_w_votes);
+    if (cells.size() < kSample) return best;
+    std::mt19937_64 random(options_.seed);
+    for (int k = 0; k < options_.samples; ++k) {
+      const std::optional<Rigid3> T_c_w = sample_pose(cells, random);
+      if (!T_c_w) continue;
+      const Rival rival = judged(*T_c_w, options_.reach);
+      const auto place = std::find_if(best.begin(), best.end(), [&](const Rival& other) {
+        return rival.support > other.support;
+      });
+      best.insert(place, rival);
+      if (best.size() > kRefined) best.pop_back();
+    }
+    return best;
+  }
+
+  /// Stereo observations out of reach of a pose, by cell.
+  [[nodiscard]] CellMembers unexplained(const Rigid3& T_c_w) const {
+    CellMembers cells;
+    for (const auto& members : cells_.members()) {
+      std::vector<std::size_t> rest;
+      for (const std::size_t i : members) {
+        const PoseObservation& o = observations_[i];
+        const bool explained = relative_error(T_c_w, o) <= options_.reach * options_.reach;
+        if (!explained && o.u - o.u_right > 0) rest.push_back(i);
+      }
+      if (!rest.empty()) cells.push_back(std::move(rest));
+    }
+    return cells;
+  }
+
+  /// Pose from one match of each of three cells.
+  [[nodiscard]] std::optional<Rigid3> sample_pose(const CellMembers& cells,
+                                                  std::mt19937_64& random) const {
+    std::array<std::size_t, kSample> chosen{};
+    std::array<Eigen::Vector3d, kSample> p_c;
+    std::array<Eigen::Vector3d, kSample> p_w;
+    for (std::size_t k = 0; k < kSample; ++k) {
+      chosen[k] = static_cast<std::size_t>(random() % cells.size());
+      const auto& members = cells[chosen[k]];
+      const PoseObservation& o = observations_[members[random() % members.size()]];
+      const double disparity = o.u - o.u_right;
+      const bool again = std::find(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(k),
+                                   chosen[k]) != chosen.begin() + static_cast<std::ptrdiff_t>(k);
+      if (again) return std::nullopt;
+      p_c[k] = camera_.back_project(o.u, o.v, camera_.bf() / disparity);
+      p_w[k] = o.p_w;
+    }
+    return absolute_orientation(p_c, p_w);
+  }
+
+  const StereoCamera& camera_;
+  std::span<const PoseObservation> observations_;
+  std::optional<ExpectedPose> expected_;
+  const ConsensusOptions& options_;
+  const PoseOptions& pose_;
+  Cells cells_;
+};
+
+}  // namespace
+
+ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
+                              std::span<const PoseObservation> observations,
+                              const std::optional<ExpectedPose>& expected,
+                              const ConsensusOptions& options, const PoseOptions& pose) {
+  ConsensusResult result;
+  result.pose = optimize_pose(camera, T_c_w_initial, observations, pose);
+  if (!options.enabled || observations.empty()) return result;
+  const Consensus consensus(camera, observations, expected, options, pose);
+  const double within_reach = consensus.support(result.pose.T_c_w, options.reach, false);
+  result.area = within_reach / consensus.area();
+  if (within_reach >= (1 - options.contested) * consensus.area()) return result;
+
+  result.contested = true;
+  const double support = consensus.judged(result.pose.T_c_w, options.tolerance).support;
+  const Rival rival = consensus.best_rival(result.pose.T_c_w, T_c_w_initial);
+  if (rival.support <= options.margin * support) return result;
+  result.overruled = true;
+  result.pose = consensus.optimize_near(rival.T_c_w, options.tolerance, false);
+  return result;
+}
+
+}  // namespace kys_slam

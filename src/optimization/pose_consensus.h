@@ -1,0 +1,51 @@
+#pragma once
+
+#include <optional>
+
+#include "optimization/pose_optimization.h"
+
+namespace kys_slam {
+
+struct ConsensusOptions {
+  bool enabled = true;      ///< false: the matches alone decide
+  int columns = 10;         ///< cells across the image's width; cells are square
+  double contested = 0.15;  ///< share of the area held by outliers from which rivals are looked for
+  double tolerance = 2;     ///< factor on the bound of the error within which area supports a pose
+  double reach = 5;         ///< the same for poses that are not refined yet
+  double margin = 1.02;     ///< factor by which a rival has to have more support
+  double max_acceleration = 20;  ///< m/s^2, of the camera
+  int samples = 300;             ///< of three matches from three cells
+  std::uint64_t seed = 0;        ///< of the samples
+};
+
+struct ConsensusResult {
+  PoseResult pose;
+  double area = 0;         ///< of the observations, in cells
+  bool contested = false;  ///< rivals were looked for
+  bool overruled = false;  ///< the pose is not the one that most matches agree on
+};
+
+/// Where a constant velocity puts the camera.
+struct ExpectedPose {
+  Rigid3 T_c_w;
+  double interval = 0;  ///< s, since the frame before
+};
+
+/// Pose of a frame by the image area that agrees with it, not by the number of matches.
+///
+/// An object that moves with the camera keeps its place in the image: nearly all its features
+/// match, and its landmarks live long, while those of the scene leave their search windows. So it
+/// can hold most matches and yet a small part of the image. `optimize_pose` gives the pose that
+/// most matches agree on. Every occupied cell of the image has one vote, shared by its matches.
+/// Where outliers hold less than the share `contested` of the area that pose stands as it is: a
+/// static scene is not touched. Else rivals are estimated from samples of three matches from three
+/// cells that the pose does not explain (RANSAC with local optimisation, Chum et al. 2003; score as
+/// MSAC, Torr and Zisserman 2000, weighted by area), and from the initial pose. Support counts less
+/// the more acceleration a pose needs from what is `expected`. When a rival has more support, the
+/// pose is refined over all matches that it explains, each at full weight.
+ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
+                              std::span<const PoseObservation> observations,
+                              const std::optional<ExpectedPose>& expected,
+                              const ConsensusOptions& options, const PoseOptions& pose = {});
+
+}  // namespace kys_slam

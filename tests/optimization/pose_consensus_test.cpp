@@ -1,0 +1,158 @@
+#include "optimization/pose_consensus.h"
+
+#include <gtest/gtest.h>
+
+#include "geometry/so3.h"
+#include "synthetic_scene.h"
+
+namespace kys_slam {
+namespace {
+
+using test::kitti_camera;
+using test::Random;
+
+constexpr double kNoise = 0.3;  // px
+
+/// A street seen from the origin of the world, and the same after the camera has moved by T_c_w.
+struct Street {
+  Rigid3 T_c_w;
+  std::vector<PoseObservation> observations;
+
+  void see(const StereoCamera& camera, const Eigen::Vector3d& p_w, const Eigen::Vector3d& p_c,
+           Random& random) {
+    const Eigen::Vector3d pixel = camera.project_stereo(p_c);
+    const double u = pixel.x() + random.normal(kNoise);
+    const double disparity = pixel.x() - pixel.z() + random.normal(kNoise);
+    observations.push_back({p_w, static_cast<float>(u),
+                            static_cast<float>(pixel.y() + random.normal(kNoise)),
+                            static_cast<float>(u - disparity), static_cast<float>(1 / kNoise)});
+  }
+};
+
+/// `scene` landmarks all over the image at 5 to 60 m, and `mover` landmarks on a lorry ahead, 20 %
+/// of the image's width, that keeps its distance to the camera.
+Street make_street(int scene, int mover, std::uint64_t seed, double wrong_share = 0) {
+  const StereoCamera camera = kitti_camera();
+  Random random(seed);
+  Street street;
+  street.T_c_w.translation = {0.02, 0.01, -0.9};
+  street.T_c_w.rotation = so3_exp({0.002, 0.004, -0.001});
+  while (static_cast<int>(street.observations.size()) < scene) {
+    const Eigen::Vector3d p_w = camera.back_project(
+        random.uniform(0, camera.width), random.uniform(0, camera.height), random.uniform(5, 60));
+    const Eigen::Vector3d p_c = street.T_c_w * p_w;
+    const Eigen::Vector3d pixel = camera.project_stereo(p_c);
+    if (!camera.in_image(pixel.x(), pixel.y())) continue;
+    street.see(camera, p_w, p_c, random);
+    if (random.uniform(0, 1) < wrong_share) {  // matched with something else
+      PoseObservation& o = street.observations.back();
+      o.u = static_cast<float>(random.uniform(0, camera.width));
+      o.v = static_cast<float>(random.uniform(0, camera.height));
+      o.u_right = o.u - static_cast<float>(random.uniform(3, 60));
+    }
+  }
+  for (int i = 0; i < mover; ++i) {
+    const Eigen::Vector3d p =
+        camera.back_project(random.uniform(520, 760), random.uniform(60, 300), 11);
+    street.see(camera, p, p, random);  // the same place in both images
+  }
+  return street;
+}
+
+double position_error(const Street& street, const Rigid3& T_c_w) {
+  return (T_c_w.inverse_t() - street.T_c_w.inverse_t()).norm();
+}
+
+TEST(PoseConsensus, AreaWinsOverMatches) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const Street street = make_street(150, 450, seed, 0.2);
+    const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
+    EXPECT_GT(position_error(street, votes.T_c_w), 0.5) << "the lorry has three of four matches";
+    const ConsensusResult area =
+        estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {});
+    EXPECT_TRUE(area.contested);
+    EXPECT_TRUE(area.overruled);
+    EXPECT_LT(position_error(street, area.pose.T_c_w), 0.02) << "seed " << seed;
+    for (std::size_t i = 150; i < street.observations.size(); ++i) {
+      ASSERT_EQ(area.pose.outlier[i], 1) << "a feature of the lorry is no inlier";
+    }
+  }
+}
+
+TEST(PoseConsensus, StaticSceneIsNotTouched) {
+  const Street street = make_street(400, 0, 3, 0.1);
+  const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
+  const ConsensusResult area =
+      estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {});
+  EXPECT_FALSE(area.contested);
+  EXPECT_EQ(area.pose.T_c_w.translation, votes.T_c_w.translation);
+  EXPECT_EQ(area.pose.T_c_w.rotation.coeffs(), votes.T_c_w.rotation.coeffs());
+  EXPECT_EQ(area.pose.outlier, votes.outlier);
+}
+
+TEST(PoseConsensus, SameAnswerTwice) {
+  const Street street = make_street(150, 450, 5, 0.2);
+  const auto run = [&] {
+    return estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {}).pose.T_c_w;
+  };
+  EXPECT_EQ(run().translation, run().translation);
+}
+
+/// A vehicle so near that it holds the larger part of the area: the past motion decides.
+TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
+  const StereoCamera camera = kitti_camera();
+  Random random(7);
+  Street street;
+  street.T_c_w.translation = {0, 0, -0.9};
+  for (int i = 0; i < 500; ++i) {
+    const double u = random.uniform(0, camera.width);
+    const bool mover = u > 450;
+    const Eigen::Vector3d p_c =
+        camera.back_project(u, random.uniform(0, camera.height), mover ? 6 : random.uniform(5, 40));
+    street.see(camera, mover ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
+  }
+  const auto error = [&](const std::optional<ExpectedPose>& expected) {
+    const Rigid3 start = expected ? expected->T_c_w : Rigid3{};
+    return position_error(
+        street, estimate_pose(camera, start, street.observations, expected, {}).pose.T_c_w);
+  };
+  EXPECT_GT(error(std::nullopt), 0.5);
+  ExpectedPose expected{street.T_c_w, 0.1};
+  expected.T_c_w.translation.z() += 0.02;
+  EXPECT_LT(error(expected), 0.02);
+}
+
+TEST(PoseConsensus, OffIsThePlainPose) {
+  const Street street = make_street(150, 450, 2);
+  ConsensusOptions off;
+  off.enabled = false;
+  const ConsensusResult result =
+      estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, off);
+  const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
+  EXPECT_EQ(result.pose.T_c_w.translation, votes.T_c_w.translation);
+  EXPECT_FALSE(result.contested);
+}
+
+TEST(PoseConsensus, ToleratesNothingUsable) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, {}, std::nullopt, {}).pose.inliers, 0);
+  std::vector<PoseObservation> bad(30, PoseObservation{{0, 0, -1}, 10, 10, nan, 1});
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, std::nullopt, {}).pose.inliers, 0);
+  for (PoseObservation& o : bad) o.u = nan;
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, std::nullopt, {}).pose.inliers, 0);
+}
+
+TEST(PoseOptimization, ShareIsAFactorOnTheInformation) {
+  const Street street = make_street(200, 0, 4);
+  std::vector<PoseObservation> twice = street.observations;
+  twice.insert(twice.end(), street.observations.begin(), street.observations.end());
+  for (PoseObservation& o : twice) o.share = 0.5f;
+  const PoseResult once = optimize_pose(kitti_camera(), {}, street.observations);
+  const PoseResult half = optimize_pose(kitti_camera(), {}, twice);
+  EXPECT_LT((once.T_c_w.translation - half.T_c_w.translation).norm(), 1e-6);
+  EXPECT_LT((once.information - half.information).norm(), 1e-4 * once.information.norm());
+  EXPECT_EQ(half.inliers, 2 * once.inliers);
+}
+
+}  // namespace
+}  // namespace kys_slam
