@@ -35,6 +35,24 @@ def main():
                 content = file.read()
             assert content.startswith(b"\x89PNG") and len(content) > 10000, len(content)
             os.unlink(picture)
+        # Moving objects are drawn into the picture: it changes.
+        objects = os.path.join(folder, "objects.csv")
+        pictures = []
+        for rows in ("", "".join(f"{k},{k:06},{k},65540,car,1,40,{k},0,{9 * k},1,0,9,0.1\n"
+                                 for k in range(20))):
+            with open(objects, "w", encoding="utf-8") as file:
+                file.write("frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,"
+                           "sigma_v\n" + rows)
+            result = run(script, folder, "--ground-truth", truth)
+            assert result.returncode == 0, result.stderr
+            with open(picture, "rb") as file:
+                pictures.append(file.read())
+        assert pictures[0] != pictures[1]
+        with open(objects, "a", encoding="utf-8") as file:
+            file.write("20,000020,20,65540,car,1,40,nan,0,1,1,0,9,0.1\n")
+        result = run(script, folder)
+        assert result.returncode == 2 and "objects.csv" in result.stderr, result
+        os.unlink(objects)
         for bad in (["/none"], [folder, "--ground-truth", "/none"],
                     [folder, "--ground-truth", script], [folder, "--output", "/none/x.png"]):
             result = run(script, *bad)

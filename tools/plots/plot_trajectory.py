@@ -3,12 +3,14 @@
 
     plot_trajectory.py RUN [--ground-truth FILE] [--output FILE] [--plane xz|xy]
 
-RUN is the output folder of a run (trajectory.tum, summary.json). Ground truth is RUN/ground_truth.tum
+RUN is the output folder of a run (trajectory.tum, summary.json, objects.csv: the paths of moving
+objects are drawn as well). Ground truth is RUN/ground_truth.tum
 or a KITTI, TUM or EuRoC file; it must be of the left camera. The trajectory is associated with it by
 time (KITTI: row by row) and aligned (SE(3), Umeyama). Views from above: x-z for cameras that
 drive (y points down), x-y for ground truth whose z points up (EuRoC).
 """
 import argparse
+import csv
 import json
 import os
 import sys
@@ -89,6 +91,25 @@ def pair_up(times, positions, truth_path):
     return ours, shift[theirs], truth[inside]
 
 
+def read_objects(path):
+    """Paths (N x 3, m) of moving objects by instance, in order of time; none without the file."""
+    paths = {}
+    try:
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                place = [float(row[axis]) for axis in "xyz"]
+                if not np.isfinite(place).all():
+                    raise ValueError
+                paths.setdefault(int(row["instance"]), []).append(place)
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError, csv.Error):
+        raise InputError(f"{path}: not a table of objects") from None
+    return {name: np.array(places) for name, places in paths.items()}
+
+
 def read_summary(run):
     try:
         with open(os.path.join(run, "summary.json"), encoding="utf-8") as file:
@@ -98,8 +119,13 @@ def read_summary(run):
         return {}
 
 
-def draw_view(axes, estimate, truth, plane):
+def draw_view(axes, estimate, truth, objects, plane):
     a, b = {"xz": (0, 2), "xy": (0, 1)}[plane]
+    label = "moving objects"
+    for path in objects:
+        axes.plot(path[:, a], path[:, b], color="C1", lw=0.9, alpha=0.8, label=label)
+        axes.plot(*path[-1, [a, b]], ".", color="C1", ms=4)
+        label = None
     if truth is not None:
         axes.plot(truth[:, a], truth[:, b], color="0.55", lw=1.5, label="ground truth")
     axes.plot(estimate[:, a], estimate[:, b], color="C0", lw=1.2, label="estimate")
@@ -115,11 +141,12 @@ def draw_view(axes, estimate, truth, plane):
 def draw(run, times, positions, truth_path, plane):
     summary = read_summary(run)
     title = os.path.basename(os.path.abspath(run))
+    objects = list(read_objects(os.path.join(run, "objects.csv")).values())
     if "mode" in summary:
         title += f"  (mode {summary['mode']})"
     if truth_path is None:
         figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
-        draw_view(axes, positions, None, plane)
+        draw_view(axes, positions, None, objects, plane)
         axes.set_title(title)
         return figure
     ours, theirs, truth = pair_up(times, positions, truth_path)
@@ -128,7 +155,8 @@ def draw(run, times, positions, truth_path, plane):
     errors = np.linalg.norm(aligned[ours] - truth[theirs], axis=1)
     rmse = float(np.sqrt((errors**2).mean()))
     figure, (view, curve) = plt.subplots(1, 2, figsize=(12, 5.5), layout="constrained")
-    draw_view(view, aligned, truth, plane)
+    objects = [path @ rotation.T + shift for path in objects]
+    draw_view(view, aligned, truth, objects, plane)
     view.set_title(title)
     curve.plot(times[ours] - times[0], errors, color="C0", lw=1)
     curve.axhline(rmse, color="C3", lw=1, ls="--", label=f"RMSE {rmse:.3f} m")

@@ -1,0 +1,285 @@
+#include "motion/object_tracks.h"
+
+#include <kys_slam/error.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <tuple>
+
+namespace kys_slam {
+
+namespace {
+
+using State = Eigen::Matrix<double, 6, 1>;  // position (m), velocity (m/s)
+using Covariance = Eigen::Matrix<double, 6, 6>;
+
+struct Gaussian {
+  State mean = State::Zero();
+  Covariance covariance = Covariance::Zero();
+};
+
+Covariance transition(double dt) {
+  Covariance F = Covariance::Identity();
+  F.topRightCorner<3, 3>().diagonal().setConstant(dt);
+  return F;
+}
+
+/// White acceleration, integrated exactly.
+Gaussian predict(const Gaussian& from, double dt, double density) {
+  const Covariance F = transition(dt);
+  Gaussian to{F * from.mean, F * from.covariance * F.transpose()};
+  to.covariance.topLeftCorner<3, 3>().diagonal().array() += density * dt * dt * dt / 3;
+  to.covariance.topRightCorner<3, 3>().diagonal().array() += density * dt * dt / 2;
+  to.covariance.bottomLeftCorner<3, 3>().diagonal().array() += density * dt * dt / 2;
+  to.covariance.bottomRightCorner<3, 3>().diagonal().array() += density * dt;
+  return to;
+}
+
+/// `value` observes the position (offset 0) or the velocity (offset 3).
+void update(Gaussian& state, int offset, const Eigen::Vector3d& value, const Eigen::Matrix3d& R) {
+  const Eigen::Matrix<double, 6, 3> PHt = state.covariance.middleCols<3>(offset);
+  const Eigen::Matrix3d S = PHt.middleRows<3>(offset) + R;
+  const Eigen::Matrix<double, 6, 3> K = S.ldlt().solve(PHt.transpose()).transpose();
+  state.mean += K * (value - state.mean.segment<3>(offset));
+  const Covariance P = state.covariance - K * PHt.transpose();
+  state.covariance = 0.5 * (P + P.transpose());
+}
+
+struct Place {
+  Eigen::Vector3d value;
+  Eigen::Matrix3d covariance;
+};
+Place world_place(const ObjectFrame& frame, const ObjectObservation& seen,
+                  const ObjectTrackOptions& options) {
+  const Eigen::Matrix3d R = frame.T_w_c->R();
+  Eigen::Matrix3d covariance = R * seen.covariance * R.transpose();
+  covariance.diagonal().array() += options.surface_sigma * options.surface_sigma;
+  return {*frame.T_w_c * seen.centre_c, covariance};
+}
+Place world_velocity(const ObjectFrame& frame, const ObservedVelocity& seen,
+                     const ObjectTrackOptions& options) {
+  const Eigen::Matrix3d R = frame.T_w_c->R();
+  Eigen::Matrix3d covariance = R * seen.covariance * R.transpose();
+  covariance.diagonal().array() += options.speed_sigma * options.speed_sigma;
+  return {R * seen.velocity_c, covariance};
+}
+
+/// A thing that is followed.
+struct Track {
+  std::int32_t identity = 0;
+  std::int32_t instance = 0;  // the name under which it was seen last
+  std::uint16_t label = 0;
+  std::vector<std::pair<std::size_t, std::size_t>> seen;  // frame, observation
+  double timestamp = 0;                                   // of the last one
+  Gaussian state;                                         // then
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();       // m, seen last, in the world
+};
+
+/// Assigns observations to tracks, frame by frame.
+class Assigner {
+ public:
+  Assigner(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options)
+      : frames_(frames), options_(options) {}
+
+  std::vector<Track> run() {
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      if (frames_[k].T_w_c) step(k);
+    }
+    for (Track& track : active_) ended_.push_back(std::move(track));
+    return std::move(ended_);
+  }
+
+ private:
+  /// How well an observation continues a track: nothing when it cannot; less is better. The middle
+  /// of what is seen is compared with where it should be now; the same name is worth half the gate.
+  [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
+                                           const ObjectObservation& seen) const {
+    const bool named = track.instance == seen.instance;
+    if (!named && track.label != seen.label) return std::nullopt;
+    const double dt = frame.timestamp - track.timestamp;
+    const Eigen::Vector3d expected = track.centre + dt * track.state.mean.tail<3>();
+    const Eigen::Matrix3d& P = track.state.covariance.bottomRightCorner<3, 3>();
+    const double gate = options_.gate + options_.gate_growth * dt + dt * std::sqrt(P.trace()) +
+                        2 * std::sqrt(seen.covariance.trace());
+    const double distance = (*frame.T_w_c * seen.centre_c - expected).norm();
+    if (distance > gate) return std::nullopt;
+    return distance / gate - (named ? 0.5 : 0.0);
+  }
+
+  void step(std::size_t k) {
+    const ObjectFrame& frame = frames_[k];
+    end_old(frame.timestamp);
+    std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;  // cost, track, observation
+    for (std::size_t t = 0; t < active_.size(); ++t) {
+      for (std::size_t o = 0; o < frame.observations.size(); ++o) {
+        if (const auto c = cost(active_[t], frame, frame.observations[o])) {
+          pairs.emplace_back(*c, t, o);
+        }
+      }
+    }
+    std::sort(pairs.begin(), pairs.end());
+    std::vector<bool> continued(active_.size(), false);
+    std::vector<bool> taken(frame.observations.size(), false);
+    for (const auto& [c, t, o] : pairs) {
+      if (continued[t] || taken[o]) continue;
+      continued[t] = taken[o] = true;
+      extend(active_[t], k, o);
+    }
+    for (std::size_t o = 0; o < frame.observations.size(); ++o) {
+      if (!taken[o]) start(k, o);
+    }
+  }
+
+  void end_old(double now) {
+    std::vector<Track> kept;
+    for (Track& track : active_) {
+      (now - track.timestamp > options_.max_gap ? ended_ : kept).push_back(std::move(track));
+    }
+    active_ = std::move(kept);
+  }
+
+  void extend(Track& track, std::size_t k, std::size_t o) {
+    const ObjectFrame& frame = frames_[k];
+    const ObjectObservation& seen = frame.observations[o];
+    track.state =
+        predict(track.state, frame.timestamp - track.timestamp, options_.acceleration_density);
+    note(track, k, o, frame, seen);
+  }
+
+  void note(Track& track, std::size_t k, std::size_t o, const ObjectFrame& frame,
+            const ObjectObservation& seen) {
+    const Place place = world_place(frame, seen, options_);
+    update(track.state, 0, place.value, place.covariance);
+    if (seen.velocity) {
+      const Place velocity = world_velocity(frame, *seen.velocity, options_);
+      update(track.state, 3, velocity.value, velocity.covariance);
+    }
+    track.seen.emplace_back(k, o);
+    track.timestamp = frame.timestamp;
+    track.instance = seen.instance;
+    track.label = seen.label;
+    track.centre = place.value;
+  }
+
+  void start(std::size_t k, std::size_t o) {
+    const ObjectFrame& frame = frames_[k];
+    const ObjectObservation& seen = frame.observations[o];
+    Track track;
+    track.identity = free_identity(seen.instance);
+    const Place place = world_place(frame, seen, options_);
+    track.state.mean.head<3>() = place.value;
+    track.state.covariance.topLeftCorner<3, 3>() = place.covariance;
+    track.state.covariance.bottomRightCorner<3, 3>().diagonal().setConstant(options_.start_speed *
+                                                                            options_.start_speed);
+    track.timestamp = frame.timestamp;
+    note(track, k, o, frame, seen);
+    active_.push_back(std::move(track));
+  }
+
+  /// The priors' own name, unless a thing that is followed has it: then one that priors never use
+  /// (those of the left camera are below 2^30, those of the right one are not looked at).
+  std::int32_t free_identity(std::int32_t instance) {
+    const bool used = std::any_of(active_.begin(), active_.end(),
+                                  [&](const Track& t) { return t.identity == instance; });
+    return used ? next_identity_++ : instance;
+  }
+
+  std::span<const ObjectFrame> frames_;
+  const ObjectTrackOptions& options_;
+  std::vector<Track> active_;
+  std::vector<Track> ended_;
+  std::int32_t next_identity_ = 1 << 30;
+};
+
+/// Filters a track forward with each velocity in the middle of its span, then smooths it backward
+/// (Rauch, Tung, Striebel). The state after each observation, in their order.
+std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& track,
+                             const ObjectTrackOptions& options) {
+  const std::size_t count = track.seen.size();
+  const auto time = [&](std::size_t i) { return frames[track.seen[i].first].timestamp; };
+  std::vector<std::vector<Place>> velocities(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const ObjectFrame& frame = frames[track.seen[i].first];
+    const auto& velocity = frame.observations[track.seen[i].second].velocity;
+    if (!velocity) continue;
+    const double middle = frame.timestamp - velocity->span / 2;
+    std::size_t at = i;
+    while (at > 0 && std::abs(time(at - 1) - middle) <= std::abs(time(at) - middle)) --at;
+    velocities[at].push_back(world_velocity(frame, *velocity, options));
+  }
+  std::vector<Gaussian> predicted(count);
+  std::vector<Gaussian> filtered(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const ObjectFrame& frame = frames[track.seen[i].first];
+    const Place place = world_place(frame, frame.observations[track.seen[i].second], options);
+    if (i == 0) {
+      predicted[0].mean.head<3>() = place.value;
+      predicted[0].covariance.diagonal().head<3>().setConstant(1e6);
+      predicted[0].covariance.diagonal().tail<3>().setConstant(options.start_speed *
+                                                               options.start_speed);
+    } else {
+      predicted[i] = predict(filtered[i - 1], time(i) - time(i - 1), options.acceleration_density);
+    }
+    filtered[i] = predicted[i];
+    update(filtered[i], 0, place.value, place.covariance);
+    for (const Place& v : velocities[i]) update(filtered[i], 3, v.value, v.covariance);
+  }
+  std::vector<Gaussian> smoothed = filtered;
+  for (std::size_t i = count - 1; i-- > 0;) {
+    const Covariance F = transition(time(i + 1) - time(i));
+    const Covariance G =
+        predicted[i + 1].covariance.ldlt().solve(F * filtered[i].covariance).transpose();
+    smoothed[i].mean += G * (smoothed[i + 1].mean - predicted[i + 1].mean);
+    smoothed[i].covariance +=
+        G * (smoothed[i + 1].covariance - predicted[i + 1].covariance) * G.transpose();
+  }
+  return smoothed;
+}
+
+}  // namespace
+
+void ObjectTrackOptions::check() const {
+  const auto require = [](bool good, const char* name) {
+    if (!good) throw InputError(std::string("objects.") + name + " is out of range");
+  };
+  require(acceleration_density > 0, "acceleration_density");
+  require(start_speed > 0, "start_speed");
+  require(surface_sigma > 0, "surface_sigma");
+  require(speed_sigma > 0, "speed_sigma");
+  require(gate > 0, "gate");
+  require(gate_growth >= 0, "gate_growth");
+  require(max_gap > 0, "max_gap");
+  require(min_observations >= 1, "min_observations");
+}
+
+std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
+                                          const ObjectTrackOptions& options) {
+  options.check();
+  std::vector<ObjectEstimate> estimates;
+  for (const Track& track : Assigner(frames, options).run()) {
+    if (track.seen.size() < static_cast<std::size_t>(options.min_observations)) continue;
+    const std::vector<Gaussian> states = smooth(frames, track, options);
+    for (std::size_t i = 0; i < states.size(); ++i) {
+      const auto [k, o] = track.seen[i];
+      const ObjectObservation& seen = frames[k].observations[o];
+      ObjectEstimate estimate;
+      estimate.frame = static_cast<std::int64_t>(k);
+      estimate.instance = track.identity;
+      estimate.label = seen.label;
+      estimate.p_moving = seen.p_moving;
+      estimate.keypoints = seen.keypoints;
+      estimate.position = states[i].mean.head<3>();
+      estimate.velocity = states[i].mean.tail<3>();
+      estimate.velocity_covariance = states[i].covariance.bottomRightCorner<3, 3>();
+      estimates.push_back(estimate);
+    }
+  }
+  std::sort(estimates.begin(), estimates.end(), [](const auto& a, const auto& b) {
+    return std::tie(a.frame, a.instance) < std::tie(b.frame, b.instance);
+  });
+  return estimates;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,236 @@
+#include "motion/object_tracks.h"
+
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <cmath>
+#include <map>
+#include <random>
+#include <set>
+
+namespace kys_slam {
+namespace {
+
+constexpr double kStep = 0.1;  // s
+
+/// A camera that drives along z at 8 m/s and turns slowly.
+Rigid3 camera_at(int frame) {
+  const double t = kStep * frame;
+  return {so3_exp({0, 0.05 * t, 0}), Eigen::Vector3d(0.1 * t, 0, 8 * t)};
+}
+
+/// A thing that goes at a velocity, seen with noise of `sigma` on its velocity.
+struct Thing {
+  std::int32_t instance = 70000;
+  std::uint16_t label = 2;
+  Eigen::Vector3d start{2, 1, 15};
+  Eigen::Vector3d velocity{0.5, 0, 9};
+  double sigma = 0.3;
+
+  [[nodiscard]] Eigen::Vector3d at(int frame) const { return start + kStep * frame * velocity; }
+};
+
+ObjectObservation seen(const Thing& thing, int frame, std::mt19937& random,
+                       const Eigen::Vector3d& velocity) {
+  std::normal_distribution<double> noise(0, 1);
+  const Eigen::Matrix3d R_c_w = camera_at(frame).R().transpose();
+  const auto draw = [&](double sigma) {
+    return Eigen::Vector3d(sigma * noise(random), sigma * noise(random), sigma * noise(random));
+  };
+  ObjectObservation o;
+  o.instance = thing.instance;
+  o.label = thing.label;
+  o.p_moving = 0.9;
+  o.keypoints = 40;
+  o.centre_c = camera_at(frame).inverse() * thing.at(frame) + draw(0.2);
+  o.covariance = Eigen::Matrix3d::Identity() * 0.04;
+  ObservedVelocity v;
+  v.velocity_c = R_c_w * velocity + draw(thing.sigma);
+  v.covariance = Eigen::Matrix3d::Identity() * thing.sigma * thing.sigma;
+  v.span = kStep;
+  o.velocity = v;
+  return o;
+}
+
+std::vector<ObjectFrame> empty_frames(int count) {
+  std::vector<ObjectFrame> frames(static_cast<std::size_t>(count));
+  for (int k = 0; k < count; ++k) {
+    frames[static_cast<std::size_t>(k)].timestamp = kStep * k;
+    frames[static_cast<std::size_t>(k)].T_w_c = camera_at(k);
+  }
+  return frames;
+}
+
+std::vector<ObjectFrame> film(const std::vector<Thing>& things, int count, unsigned seed = 1) {
+  std::mt19937 random(seed);
+  std::vector<ObjectFrame> frames = empty_frames(count);
+  for (int k = 0; k < count; ++k) {
+    for (const Thing& thing : things) {
+      frames[static_cast<std::size_t>(k)].observations.push_back(
+          seen(thing, k, random, thing.velocity));
+    }
+  }
+  return frames;
+}
+
+TEST(ObjectTracks, VelocityAndPositionAreThoseOfTheThing) {
+  const Thing thing;
+  const auto estimates = track_objects(film({thing}, 40));
+  ASSERT_EQ(estimates.size(), 40u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_EQ(e.keypoints, 40);
+    // One velocity is known to 0.3 m/s; forty of them of a thing that hardly accelerates to less.
+    EXPECT_LT((e.velocity - thing.velocity).norm(), 0.6);
+    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.6);
+    EXPECT_GT(e.velocity_covariance.trace(), 0);
+  }
+}
+
+TEST(ObjectTracks, CovarianceOfTheVelocityIsHonest) {
+  double sum = 0;
+  int count = 0;
+  for (unsigned seed = 1; seed <= 60; ++seed) {
+    const Thing thing;
+    // Constant velocity is less than the model allows: the covariance may be too large, not small.
+    for (const ObjectEstimate& e : track_objects(film({thing}, 20, seed))) {
+      const Eigen::Vector3d error = e.velocity - thing.velocity;
+      sum += error.dot(e.velocity_covariance.inverse() * error) / 3;
+      ++count;
+    }
+  }
+  EXPECT_GT(sum / count, 0.2);
+  EXPECT_LT(sum / count, 1.1);
+}
+
+TEST(ObjectTracks, FollowsAThingThatBrakes) {
+  std::mt19937 random(3);
+  Thing thing;
+  thing.sigma = 0.1;
+  std::vector<ObjectFrame> frames = empty_frames(40);
+  const auto speed = [](double t) { return std::max(0.0, 9.0 - 3.0 * std::max(0.0, t - 1)); };
+  double z = 15;
+  std::vector<double> places;
+  for (int k = 0; k < 40; ++k) {
+    places.push_back(z);
+    Thing now = thing;
+    now.start = {2, 1, z};
+    now.velocity.setZero();
+    ObjectObservation o = seen(now, k, random, {0, 0, speed(kStep * (k - 0.5))});
+    frames[static_cast<std::size_t>(k)].observations.push_back(o);
+    z += kStep * speed(kStep * (k + 0.5));
+  }
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 40u);
+  for (const ObjectEstimate& e : estimates) {
+    const double t = kStep * static_cast<double>(e.frame);
+    EXPECT_NEAR(e.velocity.z(), speed(t), 0.45) << t;
+    EXPECT_NEAR(e.position.z(), places[static_cast<std::size_t>(e.frame)], 0.6) << t;
+  }
+}
+
+// The velocity over a long span is that of its middle: half a second late it would lag by 1 m/s
+// where the speed changes by 4 m/s in every second.
+TEST(ObjectTracks, VelocityOverASpanBelongsToItsMiddle) {
+  std::vector<ObjectFrame> frames = empty_frames(40);
+  for (int k = 5; k < 40; ++k) {
+    const double t = kStep * k;
+    const auto place = [](double s) { return 15 + 2.0 * s * s; };  // 4 m/s^2
+    ObjectObservation o;
+    o.instance = 70001;
+    o.label = 2;
+    o.p_moving = 1;
+    o.keypoints = 40;
+    o.centre_c = camera_at(k).inverse() * Eigen::Vector3d(2, 1, place(t));
+    o.covariance = Eigen::Matrix3d::Identity() * 0.01;
+    ObservedVelocity v;
+    v.span = 0.5;
+    v.velocity_c =
+        camera_at(k).R().transpose() * Eigen::Vector3d(0, 0, (place(t) - place(t - 0.5)) / 0.5);
+    v.covariance = Eigen::Matrix3d::Identity() * 0.01;
+    o.velocity = v;
+    frames[static_cast<std::size_t>(k)].observations.push_back(o);
+  }
+  for (const ObjectEstimate& e : track_objects(frames)) {
+    const double t = kStep * static_cast<double>(e.frame);
+    if (t < 1.0 || t > 3.3) continue;  // at the ends there is less to go by
+    EXPECT_NEAR(e.velocity.z(), 4 * t, 0.25) << t;
+  }
+}
+
+TEST(ObjectTracks, IdentityOutlivesNewNamesAndGaps) {
+  const Thing thing;
+  std::vector<ObjectFrame> frames = film({thing}, 40);
+  for (std::size_t k = 10; k < 40; ++k) frames[k].observations[0].instance = 70055;
+  for (std::size_t k = 20; k < 26; ++k) frames[k].observations.clear();
+  frames[30].T_w_c.reset();
+  const auto estimates = track_objects(frames);
+  EXPECT_EQ(estimates.size(), 33u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_NE(e.frame, 30);
+  }
+}
+
+TEST(ObjectTracks, AfterALongGapItIsANewThingUnlessNamedTheSame) {
+  const Thing thing;
+  std::vector<ObjectFrame> frames = film({thing}, 60);
+  for (std::size_t k = 20; k < 40; ++k) frames[k].observations.clear();
+  for (std::size_t k = 40; k < 60; ++k) frames[k].observations[0].instance = 70055;
+  std::set<std::int32_t> names;
+  for (const ObjectEstimate& e : track_objects(frames)) names.insert(e.instance);
+  EXPECT_EQ(names, (std::set<std::int32_t>{70000, 70055}));
+}
+
+// The names of two things are exchanged: places say who is who.
+TEST(ObjectTracks, ExchangedNamesDoNotExchangeThings) {
+  Thing left, right;
+  left.start = {-6, 1, 20};
+  right.start = {6, 1, 20};
+  right.instance = 70001;
+  std::vector<ObjectFrame> frames = film({left, right}, 30);
+  for (std::size_t k = 15; k < 30; ++k) {
+    std::swap(frames[k].observations[0].instance, frames[k].observations[1].instance);
+  }
+  for (const ObjectEstimate& e : track_objects(frames)) {
+    EXPECT_EQ(e.position.x() > e.frame * kStep * 0.5, e.instance == right.instance) << e.frame;
+  }
+}
+
+TEST(ObjectTracks, NoTwoThingsShareAnIdentityInAFrame) {
+  Thing a, b;
+  b.start = {-8, 1, 25};  // the same name as the other
+  const auto estimates = track_objects(film({a, b}, 20));
+  ASSERT_EQ(estimates.size(), 40u);
+  std::set<std::pair<std::int64_t, std::int32_t>> keys;
+  std::set<std::int32_t> names;
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_TRUE(keys.insert({e.frame, e.instance}).second);
+    names.insert(e.instance);
+  }
+  EXPECT_EQ(names.size(), 2u);
+}
+
+TEST(ObjectTracks, ShortTracksAreDropped) {
+  EXPECT_TRUE(track_objects(film({Thing{}}, 2)).empty());
+  EXPECT_TRUE(track_objects({}).empty());
+  ObjectTrackOptions options;
+  options.gate = 0;
+  EXPECT_THROW(track_objects({}, options), InputError);
+}
+
+TEST(ObjectTracks, EverythingMovesWithTheWorld) {
+  const std::vector<ObjectFrame> frames = film({Thing{}}, 20);
+  const Rigid3 T_v_w(so3_exp({0.3, -1.1, 0.4}), Eigen::Vector3d(100, -20, 7));
+  std::vector<ObjectFrame> moved = frames;
+  for (ObjectFrame& frame : moved) frame.T_w_c = T_v_w * *frame.T_w_c;
+  const auto before = track_objects(frames), after = track_objects(moved);
+  ASSERT_EQ(before.size(), after.size());
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    EXPECT_LT((after[i].position - T_v_w * before[i].position).norm(), 1e-5);
+    EXPECT_LT((after[i].velocity - T_v_w.rotation * before[i].velocity).norm(), 1e-5);
+  }
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,267 @@
+#include "object_files.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "io/text_table.h"
+#include "io/trajectory_file.h"
+
+namespace kys_slam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kSameTime = 1e-3;    // s
+constexpr double kMovingSpeed = 0.5;  // m/s, where nothing else says what moves
+constexpr std::size_t kKittiColumns = 17;
+constexpr std::size_t kSimulatorColumns = 26;
+constexpr std::size_t kVirtualColumns = 19;
+
+int small_integer(const TextTable& table, const TextRow& row, std::size_t column) {
+  const std::int64_t value = table.integer(row, column);
+  if (value < 0 || value > std::numeric_limits<int>::max()) {
+    table.fail(row, "a number is out of range");
+  }
+  return static_cast<int>(value);
+}
+
+void expect_columns(const TextTable& table, const TextRow& row, std::size_t count) {
+  if (row.fields.size() < count) {
+    table.fail(row, std::to_string(row.fields.size()) + " columns where " + std::to_string(count) +
+                        " are expected");
+  }
+}
+
+Eigen::Vector3d vector_at(const TextTable& table, const TextRow& row, std::size_t column) {
+  return {table.number(row, column), table.number(row, column + 1), table.number(row, column + 2)};
+}
+
+std::vector<EstimatedObject> read_estimates(const fs::path& path) {
+  const TextTable table(path);
+  if (table.rows().empty() || table.rows().front().fields.front() != "frame") {
+    throw InputError(path.string() + ": does not begin with the columns of a run's objects.csv");
+  }
+  std::vector<EstimatedObject> objects;
+  for (std::size_t i = 1; i < table.rows().size(); ++i) {
+    // A name or class may have blanks in it: columns are counted from the end.
+    const TextRow& row = table.rows()[i];
+    expect_columns(table, row, 14);
+    const std::size_t last = row.fields.size();
+    EstimatedObject o;
+    o.frame = small_integer(table, row, 0);
+    o.instance = small_integer(table, row, 3);
+    for (std::size_t k = 4; k + 9 < last; ++k) {
+      o.kind += (o.kind.empty() ? "" : " ") + std::string(row.fields[k]);
+    }
+    o.p_moving = table.number(row, last - 9);
+    o.keypoints = small_integer(table, row, last - 8);
+    o.position = vector_at(table, row, last - 7);
+    o.velocity = vector_at(table, row, last - 4);
+    o.sigma_v = table.number(row, last - 1);
+    objects.push_back(o);
+  }
+  return objects;
+}
+
+/// Both files of a run have a row per frame.
+std::map<int, FramePoses> read_frames(const fs::path& folder) {
+  const TextTable table(folder / "frames.csv");
+  const std::vector<Rigid3> poses = read_kitti_poses(folder / "trajectory.kitti");
+  if (table.rows().size() != poses.size() + 1) {
+    throw InputError((folder / "frames.csv").string() + ": " + std::to_string(table.rows().size()) +
+                     " lines, but trajectory.kitti has " + std::to_string(poses.size()));
+  }
+  std::map<int, FramePoses> frames;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const TextRow& row = table.rows()[k + 1];
+    expect_columns(table, row, 3);
+    frames[small_integer(table, row, 0)] = {table.number(row, 2), poses[k], poses[k]};
+  }
+  return frames;
+}
+
+/// Frames without ground truth are taken out.
+void take_ground_truth(const fs::path& path, std::map<int, FramePoses>& frames) {
+  const std::vector<TimedPose> truth = read_tum_poses(path, Stamps::kMayRepeat);
+  std::map<int, FramePoses> found;
+  for (auto& [index, frame] : frames) {
+    const auto at =
+        std::lower_bound(truth.begin(), truth.end(), frame.timestamp - kSameTime,
+                         [](const TimedPose& pose, double time) { return pose.timestamp < time; });
+    if (at == truth.end() || at->timestamp > frame.timestamp + kSameTime) continue;
+    found[index] = {frame.timestamp, frame.T_w_c, at->T_w_c};
+  }
+  if (found.empty()) throw InputError(path.string() + ": no pose at the times of the run");
+  frames = std::move(found);
+}
+
+/// Middle of a box and its axes (x forward, y left, z up) in the camera's frame, from the middle of
+/// its bottom and its rotation about the camera's y axis (KITTI's location and rotation_y).
+Rigid3 kitti_box_pose(const Eigen::Vector3d& bottom, double height, double rotation_y) {
+  Eigen::Matrix3d R;
+  R.col(0) = Eigen::Vector3d(std::cos(rotation_y), 0, -std::sin(rotation_y));
+  R.col(2) = Eigen::Vector3d(0, -1, 0);
+  R.col(1) = R.col(2).cross(R.col(0));
+  return {R, bottom - Eigen::Vector3d(0, height / 2, 0)};
+}
+
+Eigen::Vector3d half_of(const TextTable& table, const TextRow& row, double length, double width,
+                        double height) {
+  const Eigen::Vector3d size(length, width, height);
+  if (!(size.minCoeff() > 0)) table.fail(row, "a box without size");
+  return size / 2;
+}
+
+std::vector<TrueObject> read_simulator(const TextTable& table) {
+  std::vector<TrueObject> objects;
+  for (std::size_t i = 1; i < table.rows().size(); ++i) {
+    const TextRow& row = table.rows()[i];
+    expect_columns(table, row, kSimulatorColumns);
+    // A class may have blanks in it: columns are counted from the end.
+    const std::size_t shift = row.fields.size() - kSimulatorColumns;
+    TrueObject o;
+    o.frame = small_integer(table, row, 0);
+    o.object = small_integer(table, row, 2);
+    o.kind = row.fields[3];
+    o.moving = table.integer(row, 5 + shift) != 0;
+    const Eigen::Quaterniond q(table.number(row, 12 + shift), table.number(row, 9 + shift),
+                               table.number(row, 10 + shift), table.number(row, 11 + shift));
+    if (!(std::abs(q.norm() - 1) < 1e-3)) table.fail(row, "a quaternion that is not of length 1");
+    const Rigid3 T_g_o(q, vector_at(table, row, 6 + shift));
+    o.T_g_o = {T_g_o.rotation, T_g_o * vector_at(table, row, 16 + shift)};
+    o.half = half_of(table, row, table.number(row, 19 + shift), table.number(row, 20 + shift),
+                     table.number(row, 21 + shift));
+    o.pixels = small_integer(table, row, 23 + shift);
+    objects.push_back(o);
+  }
+  return objects;
+}
+
+/// Moves objects from the camera's frame to the ground truth's; frames the run lacks are left out.
+void to_ground_truth(std::vector<TrueObject>& objects, const std::map<int, FramePoses>& frames) {
+  std::erase_if(objects, [&](const TrueObject& o) { return !frames.contains(o.frame); });
+  for (TrueObject& o : objects) o.T_g_o = frames.at(o.frame).T_g_c * o.T_g_o;
+}
+
+/// What moves, from the poses: more than `kMovingSpeed` from this frame to the next, or from the
+/// one before where there is no next.
+void find_moving(std::vector<TrueObject>& objects, const std::map<int, FramePoses>& frames) {
+  std::map<std::pair<int, int>, const TrueObject*> at;
+  for (const TrueObject& o : objects) at[{o.object, o.frame}] = &o;
+  for (TrueObject& o : objects) {
+    auto other = at.find({o.object, o.frame + 1});
+    if (other == at.end()) other = at.find({o.object, o.frame - 1});
+    if (other == at.end()) continue;
+    const TrueObject& then = *other->second;
+    const double dt = std::abs(frames.at(then.frame).timestamp - frames.at(o.frame).timestamp);
+    o.moving = dt > 0 && (then.T_g_o.t() - o.T_g_o.t()).norm() / dt > kMovingSpeed;
+  }
+}
+
+struct SeenBox {
+  int pixels = -1;
+  bool moving = false;
+};
+
+/// bbox.txt: frame cameraID trackID left right top bottom number_pixels truncation occupancy
+/// moving.
+std::map<std::pair<int, int>, SeenBox> read_boxes(const fs::path& path) {
+  std::map<std::pair<int, int>, SeenBox> boxes;
+  std::error_code error;
+  if (!fs::exists(path, error)) return boxes;
+  const TextTable table(path);
+  for (const TextRow& row : table.rows()) {
+    if (row.fields.front() == "frame") continue;
+    expect_columns(table, row, 11);
+    if (table.integer(row, 1) != 0) continue;
+    boxes[{small_integer(table, row, 2), small_integer(table, row, 0)}] = {
+        small_integer(table, row, 7), row.fields[10] == "True"};
+  }
+  return boxes;
+}
+
+std::vector<TrueObject> read_virtual_kitti(const TextTable& table,
+                                           const std::map<int, FramePoses>& frames) {
+  std::vector<TrueObject> objects;
+  for (std::size_t i = 1; i < table.rows().size(); ++i) {
+    const TextRow& row = table.rows()[i];
+    expect_columns(table, row, kVirtualColumns);
+    if (table.integer(row, 1) != 0) continue;  // the left camera
+    TrueObject o;
+    o.frame = small_integer(table, row, 0);
+    o.object = small_integer(table, row, 2);
+    const double width = table.number(row, 4), height = table.number(row, 5),
+                 length = table.number(row, 6);
+    o.half = half_of(table, row, length, width, height);
+    o.T_g_o = kitti_box_pose(vector_at(table, row, 13), height, table.number(row, 16));
+    objects.push_back(o);
+  }
+  to_ground_truth(objects, frames);
+  const auto boxes = read_boxes(table.path().parent_path() / "bbox.txt");
+  if (boxes.empty()) {
+    find_moving(objects, frames);
+    return objects;
+  }
+  std::erase_if(objects, [&](const TrueObject& o) { return !boxes.contains({o.object, o.frame}); });
+  for (TrueObject& o : objects) {
+    const SeenBox& seen = boxes.at({o.object, o.frame});
+    o.pixels = seen.pixels;
+    o.moving = seen.moving;
+  }
+  return objects;
+}
+
+std::vector<TrueObject> read_kitti_labels(const TextTable& table,
+                                          const std::map<int, FramePoses>& frames) {
+  std::vector<TrueObject> objects;
+  for (const TextRow& row : table.rows()) {
+    expect_columns(table, row, kKittiColumns);
+    if (row.fields[2] == "DontCare") continue;
+    TrueObject o;
+    o.frame = small_integer(table, row, 0);
+    o.object = small_integer(table, row, 1);
+    o.kind = row.fields[2];
+    const double height = table.number(row, 10), width = table.number(row, 11),
+                 length = table.number(row, 12);
+    o.half = half_of(table, row, length, width, height);
+    o.T_g_o = kitti_box_pose(vector_at(table, row, 13), height, table.number(row, 16));
+    objects.push_back(o);
+  }
+  to_ground_truth(objects, frames);
+  find_moving(objects, frames);
+  return objects;
+}
+
+}  // namespace
+
+ObjectRun read_object_run(const fs::path& folder) {
+  ObjectRun run;
+  run.objects = read_estimates(folder / "objects.csv");
+  run.frames = read_frames(folder);
+  std::error_code error;
+  run.has_ground_truth = fs::exists(folder / "ground_truth.tum", error);
+  if (run.has_ground_truth) take_ground_truth(folder / "ground_truth.tum", run.frames);
+  return run;
+}
+
+std::vector<TrueObject> read_true_objects(const fs::path& file,
+                                          const std::map<int, FramePoses>& frames) {
+  const TextTable table(file);
+  if (table.rows().empty()) throw InputError(file.string() + ": is empty");
+  const auto& first = table.rows().front().fields;
+  if (first.size() == kSimulatorColumns && first[2] == "object") return read_simulator(table);
+  if (first.size() >= kVirtualColumns && first[1] == "cameraID") {
+    return read_virtual_kitti(table, frames);
+  }
+  if (first.size() >= kKittiColumns && first[0] != "frame") {
+    return read_kitti_labels(table, frames);
+  }
+  throw InputError(file.string() +
+                   ": neither objects.csv of simulate_sequence, nor pose.txt of Virtual KITTI 2, "
+                   "nor labels of KITTI Tracking");
+}
+
+}  // namespace kys_slam
