@@ -177,8 +177,16 @@ LabelSpace parse_label_space(std::string_view class_text, const std::string& cla
 
 std::string read_text(const std::filesystem::path& file) {
   std::error_code error;
-  if (std::filesystem::is_directory(file, error)) {
+  const auto type = std::filesystem::status(file, error).type();
+  if (type == std::filesystem::file_type::directory) {
     throw Error(file.string() + ": is a folder, not a file");
+  }
+  if (type != std::filesystem::file_type::regular) {
+    throw Error(file.string() + ": cannot be read: not a regular file");
+  }
+  constexpr std::uintmax_t kMaxBytes = 16 << 20;
+  if (!(std::filesystem::file_size(file, error) <= kMaxBytes)) {
+    throw Error(file.string() + ": is larger than any label space");
   }
   std::ifstream stream(file, std::ios::binary);
   std::ostringstream text;
@@ -217,9 +225,10 @@ LabelSpace load_label_space(const std::string& name_or_prefix) {
     known += (known.empty() ? "" : ", ") + std::string(space.name);
   }
   const std::filesystem::path class_file = name_or_prefix + ".classes.csv";
-  if (!std::filesystem::exists(class_file)) {
-    throw Error("label space '" + name_or_prefix + "' is not built in (" + known +
-                ") and there is no " + class_file.string());
+  std::error_code error;
+  if (!std::filesystem::exists(class_file, error)) {
+    throw Error("label space '" + name_or_prefix.substr(0, 200) + "' is not built in (" + known +
+                ") and there is no " + class_file.string().substr(0, 200));
   }
   return load_label_space(class_file, name_or_prefix + ".table.csv");
 }

@@ -6,34 +6,24 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <sstream>
 #include <vector>
 
 #include "io/image_io.h"
+#include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
 #include "priors/format/byte_io.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace {
 
 namespace fs = std::filesystem;
+constexpr std::size_t kMaxBytes = std::size_t{1} << 32;
 constexpr float kTooLarge = 1e5F;  ///< px; no disparity or flow is; networks mark "unknown" so
 
 [[noreturn]] void fail(const fs::path& path, const std::string& what) {
   throw InputError(path.string() + ": " + what);
-}
-
-std::vector<std::uint8_t> read_file(const fs::path& path) {
-  std::ifstream stream(path, std::ios::binary | std::ios::ate);
-  if (!stream) fail(path, "cannot open");
-  const auto size = static_cast<std::streamoff>(stream.tellg());
-  if (size < 0 || size > (std::streamoff{1} << 32)) fail(path, "is not a file of sensible size");
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-  stream.seekg(0);
-  stream.read(reinterpret_cast<char*>(bytes.data()), size);
-  if (!stream) fail(path, "cannot read");
-  return bytes;
 }
 
 void check_size(const fs::path& path, std::int64_t width, std::int64_t height) {
@@ -48,7 +38,7 @@ struct Planes {
 };
 
 Planes read_pfm(const fs::path& path) {
-  const std::vector<std::uint8_t> bytes = read_file(path);
+  const std::vector<std::uint8_t> bytes = read_bytes(path, kMaxBytes);
   // Three lines of text, then rows from bottom to top.
   std::size_t at = 0;
   const auto line = [&] {
@@ -97,7 +87,7 @@ std::string npy_value(const std::string& header, const std::string& key) {
 }
 
 Planes read_npy(const fs::path& path, std::size_t planes) {
-  const std::vector<std::uint8_t> bytes = read_file(path);
+  const std::vector<std::uint8_t> bytes = read_bytes(path, kMaxBytes);
   if (bytes.size() < 12 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
     fail(path, "is not an NPY file");
   }
@@ -147,7 +137,7 @@ Planes read_npy(const fs::path& path, std::size_t planes) {
 }
 
 Planes read_flo(const fs::path& path) {
-  const std::vector<std::uint8_t> bytes = read_file(path);
+  const std::vector<std::uint8_t> bytes = read_bytes(path, kMaxBytes);
   if (bytes.size() < 12 || prior_format::load_f32(bytes.data()) != 202021.25F) {
     fail(path, "is not a .flo file");
   }
@@ -206,12 +196,10 @@ fs::path find_field(const fs::path& folder, const std::string& name,
                     const std::string& vkitti_file) {
   for (const char* ending : {".png", ".pfm", ".npy", ".flo", "_disp.pfm", "_pred.flo"}) {
     fs::path path = folder / (name + ending);
-    std::error_code error;
-    if (fs::exists(path, error)) return path;
+    if (path_exists(path)) return path;
   }
   const bool vkitti = is_vkitti_frame(name);
-  std::error_code error;
-  if (vkitti && fs::exists(folder / vkitti_file, error)) return folder / vkitti_file;
+  if (vkitti && path_exists(folder / vkitti_file)) return folder / vkitti_file;
   fail(folder / name, "no .png, .pfm, .npy or .flo file of this frame" +
                           (vkitti ? ", nor " + vkitti_file : std::string()));
 }

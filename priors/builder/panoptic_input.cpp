@@ -3,11 +3,12 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "io/image_io.h"
+#include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace {
@@ -17,12 +18,11 @@ using Json = nlohmann::json;
 
 fs::path first_png(const fs::path& folder) {
   std::vector<fs::path> files;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(folder, error)) {
-    if (entry.path().extension() == ".png") files.push_back(entry.path());
+  for (const fs::path& path : list_folder(folder)) {
+    if (path.extension() == ".png") files.push_back(path);
   }
   if (files.empty()) throw InputError(folder.string() + ": has no segmentations (*.png)");
-  return *std::min_element(files.begin(), files.end());
+  return files.front();
 }
 
 /// The colours of Virtual KITTI 2.0.3's class pictures (colors.txt; the same in every scene).
@@ -115,9 +115,9 @@ PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
                                PanopticEncoding encoding)
     : folder_(std::move(folder)), labels_(&labels), encoding_(encoding) {
   while (!folder_.has_filename() && folder_.has_parent_path()) folder_ = folder_.parent_path();
-  if (!fs::is_directory(folder_)) throw InputError(folder_.string() + ": is not a folder");
+  if (!is_folder(folder_)) throw InputError(folder_.string() + ": is not a folder");
   const fs::path beside = folder_.parent_path() / (folder_.filename().string() + ".json");
-  const bool json = fs::exists(beside);
+  const bool json = path_exists(beside);
   if (encoding_ == PanopticEncoding::kAuto) {
     const fs::path first = json ? fs::path() : first_png(folder_);
     encoding_ = json                                   ? PanopticEncoding::kCoco
@@ -144,10 +144,9 @@ fs::path PanopticReader::class_path_of(const std::string& name) const {
 }
 
 void PanopticReader::read_json() {
-  std::ifstream stream(json_);
-  if (!stream) throw InputError(json_.string() + ": cannot open");
+  const std::string text = read_text(json_);
   try {
-    const Json document = Json::parse(stream);
+    const Json document = Json::parse(text);
     // Categories by name where the file lists them; else the ids are those of the label space.
     if (document.contains("categories")) {
       for (const Json& category : document.at("categories")) {

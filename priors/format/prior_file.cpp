@@ -51,7 +51,7 @@ std::vector<std::uint8_t> read_whole(const std::filesystem::path& path) {
     }
   };
   const std::string name = path.string();
-  const Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+  const Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
   if (file.fd < 0) fail(name, std::string("cannot open: ") + std::strerror(errno));
   struct stat status {};
   if (::fstat(file.fd, &status) != 0) fail(name, std::strerror(errno));

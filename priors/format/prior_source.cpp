@@ -5,7 +5,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <system_error>
+#include <vector>
+
+#include "util/paths.h"
 
 namespace kys_slam {
 
@@ -16,12 +18,9 @@ PriorSource::PriorSource(fs::path folder, ExpectedPriors expected, bool strict, 
       expected_(std::move(expected)),
       strict_(strict),
       warn_(std::move(warn)) {
-  std::error_code error;
-  fs::directory_iterator entries(folder_, error);
-  if (error) throw InputError(folder_.string() + ": cannot read prior folder: " + error.message());
-  const bool any = std::any_of(begin(entries), end(entries), [](const fs::directory_entry& e) {
-    return e.path().extension() == ".kysp";
-  });
+  const std::vector<fs::path> entries = list_folder(folder_);
+  const bool any = std::any_of(entries.begin(), entries.end(),
+                               [](const fs::path& p) { return p.extension() == ".kysp"; });
   if (!any) throw InputError(folder_.string() + ": has no prior files (*.kysp)");
 }
 
@@ -31,8 +30,7 @@ fs::path PriorSource::path_of(const std::string& name) const {
 
 std::optional<PriorFile> PriorSource::load(const std::string& name) {
   const fs::path path = path_of(name);
-  std::error_code error;
-  if (!fs::exists(path, error)) {
+  if (!path_exists(path)) {
     const std::string message = path.string() + ": no prior file for this frame";
     if (strict_) throw InputError(message);
     if (missing_++ == 0 && warn_) warn_(message + "; it has no priors (told once)");
@@ -45,7 +43,7 @@ std::optional<PriorFile> PriorSource::load(const std::string& name) {
 
 void PriorSource::prefetch(const std::string& name) const {
 #ifdef POSIX_FADV_WILLNEED
-  const int fd = ::open(path_of(name).c_str(), O_RDONLY | O_CLOEXEC);
+  const int fd = ::open(path_of(name).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) return;
   ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
   ::close(fd);

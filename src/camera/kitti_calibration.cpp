@@ -2,6 +2,8 @@
 
 #include <kys_slam/error.h>
 
+#include "camera/plausible.h"
+
 namespace kys_slam {
 
 StereoCamera stereo_camera_from_projections(const ProjectionMatrix& P_left,
@@ -30,6 +32,12 @@ StereoCamera stereo_camera_from_projections(const ProjectionMatrix& P_left,
   camera.baseline = (P_left(0, 3) - P_right(0, 3)) / fx;
   if (!(camera.baseline > 0)) fail("the right camera is not to the right of the left one");
   if (!camera.is_valid()) fail("invalid calibration");
+  if (const std::string why = implausible_camera(camera); !why.empty()) fail(why);
+  // KITTI's own rows differ by 1 % of the baseline; beyond this, rows do not match.
+  const double rows_apart = std::abs(P_left(1, 3) - P_right(1, 3));
+  if (rows_apart > 0.05 * camera.bf()) {
+    fail("the right camera is above or below the left one: not a rectified pair");
+  }
   return camera;
 }
 

@@ -3,10 +3,12 @@
 #include <cmath>
 
 #include "camera/stereo_rectifier.h"
+#include "io/image_io.h"
 #include "io/sensor_yaml.h"
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
 #include "io/trajectory_file.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -34,8 +36,7 @@ std::vector<Shot> read_shots(const fs::path& camera) {
     if (shots.size() > 1 && shots.back().nanoseconds <= shots[shots.size() - 2].nanoseconds) {
       table.fail(row, "time stamps do not increase");
     }
-    std::error_code error;
-    if (!fs::exists(shots.back().image, error)) {
+    if (!path_exists(shots.back().image)) {
       table.fail(row, "the image " + shots.back().image.string() + " is missing");
     }
   }
@@ -67,23 +68,35 @@ void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right,
 
 /// The folder that holds cam0 and cam1, given it or its parent.
 fs::path find_mav(const fs::path& folder) {
-  const bool inside = folder.filename() == "mav0" && !fs::is_directory(folder / "mav0");
+  const bool inside = folder.filename() == "mav0" && !is_folder(folder / "mav0");
   fs::path mav = inside ? folder : folder / "mav0";
-  if (!fs::is_directory(mav / "cam0") || !fs::is_directory(mav / "cam1")) {
+  if (!is_folder(mav / "cam0") || !is_folder(mav / "cam1")) {
     throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)");
   }
   return mav;
 }
 
-StereoRectifier read_rectifier(const fs::path& mav) {
-  return {read_sensor_yaml(mav / "cam0" / "sensor.yaml"),
-          read_sensor_yaml(mav / "cam1" / "sensor.yaml"), mav.string()};
+/// \param first the first image of the left camera, "" without: the calibration has to be of its
+///   size before tables of that size are made
+StereoRectifier read_rectifier(const fs::path& mav, const fs::path& first) {
+  const fs::path file = mav / "cam0" / "sensor.yaml";
+  const RawCamera left = read_sensor_yaml(file);
+  const RawCamera right = read_sensor_yaml(mav / "cam1" / "sensor.yaml");
+  if (!first.empty()) {
+    const ImageInfo image = read_image_info(first);
+    if (image.width != left.width || image.height != left.height) {
+      throw InputError(first.string() + ": image is " + std::to_string(image.width) + "x" +
+                       std::to_string(image.height) + ", " + file.string() + " says " +
+                       std::to_string(left.width) + "x" + std::to_string(left.height));
+    }
+  }
+  return {left, right, mav.string()};
 }
 
 }  // namespace
 
 Rigid3 read_euroc_T_b_c(const fs::path& folder) {
-  return read_rectifier(find_mav(sequence_folder(folder))).T_b_c();
+  return read_rectifier(find_mav(sequence_folder(folder)), "").T_b_c();
 }
 
 std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
@@ -93,18 +106,19 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
   Sequence::Content content;
   content.name = mav.parent_path().filename().string();
   content.layout = "EuRoC";
-  const auto rectifier = std::make_shared<StereoRectifier>(read_rectifier(mav));
-  content.camera = rectifier->camera();
-  content.T_b_c = rectifier->T_b_c();
-  content.rectifier = rectifier;
   pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), options.pairing_tolerance,
                content);
   if (content.frames.empty()) {
     throw InputError((mav / "cam1" / "data.csv").string() +
                      ": no image has the time stamp of a left one");
   }
+  const auto rectifier =
+      std::make_shared<StereoRectifier>(read_rectifier(mav, content.frames.front().left));
+  content.camera = rectifier->camera();
+  content.T_b_c = rectifier->T_b_c();
+  content.rectifier = rectifier;
   const fs::path truth = mav / "state_groundtruth_estimate0" / "data.csv";
-  if (fs::exists(truth)) {
+  if (path_exists(truth)) {
     content.ground_truth = read_euroc_poses(truth);
     for (TimedPose& pose : content.ground_truth) pose.T_w_c = pose.T_w_c * *content.T_b_c;
   }

@@ -3,6 +3,7 @@
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
 #include "io/trajectory_file.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -44,23 +45,23 @@ std::vector<TimedPose> read_ground_truth(const fs::path& file,
 
 std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
                                               const SequenceOptions& options) {
-  const bool gray = fs::is_directory(folder / "image_0");
+  const bool gray = is_folder(folder / "image_0");
   const std::string left = gray ? "0" : "2";
   const std::string right = gray ? "1" : "3";
   Sequence::Content content;
   content.name = folder.filename().string();
   content.layout = "KITTI odometry";
   const fs::path calibration = folder / "calib.txt";
-  if (!fs::exists(calibration)) throw InputError(calibration.string() + ": no such file");
+  if (!path_exists(calibration)) throw InputError(calibration.string() + ": no such file");
   content.frames = pair_by_name(folder / ("image_" + left), folder / ("image_" + right));
   content.camera = kitti_camera(calibration, "P" + left, "P" + right, content.frames.front().left);
   read_times(folder / "times.txt", content.frames);
 
   fs::path poses = folder / "poses.txt";
-  if (!fs::exists(poses)) {
+  if (!path_exists(poses)) {
     poses = folder.parent_path().parent_path() / "poses" / (content.name + ".txt");
   }
-  if (fs::exists(poses)) {
+  if (path_exists(poses)) {
     const auto P = kitti_projection(calibration, "P" + left);
     content.ground_truth = read_ground_truth(poses, content.frames, P(0, 3) / P(0, 0));
   }
@@ -70,10 +71,10 @@ std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
 std::unique_ptr<Sequence> open_kitti_sequence(const fs::path& given,
                                               const SequenceOptions& options) {
   const fs::path folder = sequence_folder(given);
-  if (fs::is_directory(folder / "image_0") || fs::is_directory(folder / "image_2")) {
+  if (is_folder(folder / "image_0") || is_folder(folder / "image_2")) {
     return open_kitti_odometry(folder, options);
   }
-  if (fs::is_directory(folder / "frames" / "rgb" / "Camera_0")) {
+  if (is_folder(folder / "frames" / "rgb" / "Camera_0")) {
     return open_virtual_kitti(folder, options);
   }
   if (folder.parent_path().filename() == "image_02") return open_kitti_tracking(folder, options);

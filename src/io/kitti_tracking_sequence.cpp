@@ -5,6 +5,7 @@
 
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -89,14 +90,14 @@ std::unique_ptr<Sequence> open_kitti_tracking(const fs::path& folder,
   content.name = name;
   content.layout = "KITTI Tracking";
   const fs::path calibration = root / "calib" / (name + ".txt");
-  if (!fs::exists(calibration)) throw InputError(calibration.string() + ": no such file");
+  if (!path_exists(calibration)) throw InputError(calibration.string() + ": no such file");
   content.frames = pair_by_name(folder, root / "image_03" / name);
   for (std::size_t i = 0; i < content.frames.size(); ++i) {
     content.frames[i].timestamp = static_cast<double>(i) / kFrameRate;
   }
   content.camera = kitti_camera(calibration, "P2", "P3", content.frames.front().left);
   const fs::path oxts = root / "oxts" / (name + ".txt");
-  if (fs::exists(oxts)) content.ground_truth = read_oxts(oxts, calibration, content.frames);
+  if (path_exists(oxts)) content.ground_truth = read_oxts(oxts, calibration, content.frames);
   return make_sequence(std::move(content), options, folder);
 }
 

@@ -1,11 +1,10 @@
 #include "io/sensor_yaml.h"
 
 #include <kys_slam/error.h>
-#include <yaml-cpp/yaml.h>
 
 #include "io/image_io.h"
-#include "io/read_bytes.h"
 #include "io/trajectory_file.h"
+#include "io/yaml_file.h"
 #include "util/parse_number.h"
 
 namespace kys_slam {
@@ -14,10 +13,7 @@ namespace {
 class SensorFile {
  public:
   explicit SensorFile(const std::filesystem::path& path) : path_(path) {
-    std::string text = read_text(path, 1 << 20);
-    // "%YAML:1.0", OpenCV's own way to begin, is no YAML.
-    if (text.starts_with('%')) text.erase(0, std::min(text.find('\n'), text.size()));
-    root_ = YAML::Load(text);
+    root_ = load_yaml(path);
     if (!root_.IsMap()) fail("not a calibration in YAML");
   }
 
@@ -83,6 +79,10 @@ RawCamera read_camera(const std::filesystem::path& path) {
   camera.cy = k[3];
   if (!(camera.fx > 0 && camera.fy > 0)) file.fail("'intrinsics': focal length is not positive");
   camera.distortion = file.numbers(file.get("distortion_coefficients"), "distortion_coefficients");
+  if (camera.distortion.size() != 4 && camera.distortion.size() != 5) {
+    file.fail("'distortion_coefficients' has " + std::to_string(camera.distortion.size()) +
+              " numbers instead of 4 or 5");
+  }
   const YAML::Node T_BS = file.get("T_BS");
   if (!T_BS.IsMap()) file.fail("'T_BS' has no 'data'");
   const std::vector<double> T = file.numbers(T_BS["data"], "T_BS.data");

@@ -2,20 +2,34 @@
 
 #include <kys_slam/error.h>
 
+#include <algorithm>
+#include <cstdint>
+
 #include "camera/stereo_rectifier.h"
 #include "io/image_io.h"
+#include "io/read_bytes.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace {
 
 GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera) {
-  GrayImage image = read_gray(path);
-  if (image.width() != camera.width || image.height() != camera.height) {
-    throw InputError(path.string() + ": image is " + std::to_string(image.width()) + "x" +
-                     std::to_string(image.height()) + ", the sequence is " +
+  const std::vector<std::uint8_t> bytes = read_bytes(path);
+  // Before memory for an image of any other size is asked for.
+  const ImageInfo info = decode_image_info(bytes, path.string());
+  if (info.width != camera.width || info.height != camera.height) {
+    throw InputError(path.string() + ": image is " + std::to_string(info.width) + "x" +
+                     std::to_string(info.height) + ", the sequence is " +
                      std::to_string(camera.width) + "x" + std::to_string(camera.height));
   }
-  return image;
+  return decode_gray(bytes, path.string());
+}
+
+/// Equal, and not of one shade (a shut or a dazzled camera).
+bool is_same_picture(const GrayImage& a, const GrayImage& b) {
+  if (!std::equal(a.data(), a.data() + a.size(), b.data())) return false;
+  return std::any_of(a.data(), a.data() + a.size(),
+                     [&](std::uint8_t value) { return value != *a.data(); });
 }
 
 }  // namespace
@@ -33,6 +47,9 @@ StereoFrame Sequence::read(std::int64_t position) const {
   result.timestamp = source.timestamp;
   result.left = read_image(source.left, content_.camera);
   result.right = read_image(source.right, content_.camera);
+  if (is_same_picture(result.left, result.right)) {
+    throw InputError(source.right.string() + ": the same picture as " + source.left.string());
+  }
   if (content_.rectifier) {
     result.left = content_.rectifier->rectify_left(result.left);
     result.right = content_.rectifier->rectify_right(result.right);
@@ -47,7 +64,7 @@ std::optional<StereoFrame> Sequence::next() {
 }
 
 bool is_euroc_folder(const std::filesystem::path& folder) {
-  const auto has = [&](const char* name) { return std::filesystem::is_directory(folder / name); };
+  const auto has = [&](const char* name) { return is_folder(folder / name); };
   return has("mav0") || (has("cam0") && has("cam1"));
 }
 

@@ -7,6 +7,7 @@
 #include "camera/kitti_calibration.h"
 #include "io/image_io.h"
 #include "io/text_table.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -26,26 +27,20 @@ fs::path sequence_folder(const fs::path& folder) {
   std::error_code error;
   fs::path path = fs::absolute(folder, error).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();
-  if (!fs::exists(path, error)) throw InputError(folder.string() + ": no such folder");
-  if (!fs::is_directory(path, error)) throw InputError(folder.string() + ": not a folder");
+  if (!path_exists(path)) throw InputError(folder.string() + ": no such folder");
+  if (!is_folder(path)) throw InputError(folder.string() + ": not a folder");
   return path;
 }
 
 std::vector<fs::path> list_images(const fs::path& folder) {
   std::vector<fs::path> images;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    std::string extension = it->path().extension().string();
+  for (const fs::path& path : list_folder(folder)) {
+    std::string extension = path.extension().string();
     std::transform(extension.begin(), extension.end(), extension.begin(),
                    [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
-    if (it->path().filename().string().starts_with('.')) continue;
-    if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") {
-      images.push_back(it->path());
-    }
+    if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") images.push_back(path);
   }
-  if (error) throw InputError("cannot read " + folder.string() + ": " + error.message());
   if (images.empty()) throw InputError(folder.string() + ": no PNG or JPEG images");
-  std::sort(images.begin(), images.end());
   return images;
 }
 

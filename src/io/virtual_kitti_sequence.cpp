@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "camera/plausible.h"
 #include "io/image_io.h"
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
@@ -107,6 +108,9 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   content.camera.baseline = median(baselines);
   if (!content.camera.is_valid()) {
     throw InputError((folder / "intrinsic.txt").string() + ": invalid calibration");
+  }
+  if (const std::string why = implausible_camera(content.camera); !why.empty()) {
+    throw InputError((folder / "intrinsic.txt").string() + ": " + why);
   }
   make_relative_to_first(content.ground_truth);
   return make_sequence(std::move(content), options, folder);

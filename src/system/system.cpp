@@ -7,15 +7,16 @@
 #include <chrono>
 #include <map>
 #include <stdexcept>
-#include <thread>
 #include <utility>
 
+#include "camera/plausible.h"
 #include "map_file/map_file.h"
 #include "system/back_end.h"
 #include "system/frame_links.h"
 #include "system/settings_data.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
+#include "util/interrupt.h"
 #include "util/process_figures.h"
 #include "util/stopwatch.h"
 
@@ -124,6 +125,7 @@ struct System::Impl {
   FrameLinks links;              // of every frame fed
   std::int64_t count = 0;        // frames fed: the index everything inside goes by
   KeyFrameId first_keyframe{0};  // older ones come from a loaded map
+  InterruptibleWait stall;
   int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
 };
 
@@ -131,6 +133,9 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
                std::unique_ptr<PriorProvider> priors) {
   settings.check();
   if (!camera.is_valid()) throw InputError("the camera's calibration makes no sense");
+  if (const std::string why = implausible_camera(camera); !why.empty()) {
+    throw InputError("the camera's calibration makes no sense: " + why);
+  }
   impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
 }
 
@@ -262,7 +267,7 @@ FrameReport System::feed(const StereoFrame& frame) {
   s.check_input(frame);
   Stopwatch watch;
   if (s.options.control.stall_ms > 0) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(s.options.control.stall_ms));
+    s.stall.wait_for(std::chrono::milliseconds(s.options.control.stall_ms));
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
   FrontEndResult seen = s.front_end.process(frame);
@@ -299,6 +304,7 @@ void System::finish() {
 }
 
 void System::interrupt() {
+  impl_->stall.interrupt();
   impl_->runner.interrupt();
 }
 

@@ -2,12 +2,17 @@
 
 #include <fcntl.h>
 #include <kys_slam/error.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <cstring>
+#include <ctime>
 #include <string>
+#include <string_view>
+#include <system_error>
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -17,14 +22,26 @@ namespace {
   throw InputError("cannot write " + path.string() + ": " + std::strerror(error));
 }
 
-/// A temporary file beside its target; removed unless committed.
+constexpr std::string_view kEnding = ".kys-tmp";
+
+/// A temporary file beside its target; removed unless committed. It is locked while it is in use,
+/// so that others can tell one that was left behind.
 class TemporaryFile {
  public:
   explicit TemporaryFile(const fs::path& target) : target_(target) {
+    static std::atomic<unsigned> count{0};
     const fs::path folder = target.has_parent_path() ? target.parent_path() : fs::path(".");
-    name_ = (folder / ".").string().append(target.filename().string()).append(".XXXXXX");
-    fd_ = ::mkostemp(name_.data(), O_CLOEXEC);
-    if (fd_ < 0) fail(target_, errno);
+    const std::string begin = (folder / ".").string() + target.filename().string() + "." +
+                              std::to_string(::getpid()) + "-";
+    do {
+      name_ = begin + std::to_string(count++) + std::string(kEnding);
+      fd_ = ::open(name_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    } while (fd_ < 0 && errno == EEXIST);
+    if (fd_ < 0) {
+      name_.clear();
+      fail(target_, errno);
+    }
+    ::flock(fd_, LOCK_EX | LOCK_NB);
   }
   TemporaryFile(const TemporaryFile&) = delete;
   TemporaryFile& operator=(const TemporaryFile&) = delete;
@@ -44,10 +61,6 @@ class TemporaryFile {
   }
 
   void commit(Durable durable) {
-    // mkstemp makes files only their owner can read; give them what open() would have.
-    const mode_t mask = ::umask(0);
-    ::umask(mask);
-    ::fchmod(fd_, static_cast<mode_t>(0666) & ~mask);
     if (durable == Durable::kYes && ::fsync(fd_) != 0 && errno != EINVAL && errno != EROFS) {
       fail(target_, errno);
     }
@@ -63,6 +76,25 @@ class TemporaryFile {
   std::string name_;
   int fd_ = -1;
 };
+
+/// Temporary files that nobody holds open any more. The pause covers the moment between making one
+/// and locking it.
+void remove_left_files(const fs::path& folder) {
+  constexpr std::time_t kPause = 10;  // s
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (!name.starts_with('.') || !name.ends_with(kEnding)) continue;
+    const int fd = ::open(it->path().c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW);
+    if (fd < 0) continue;
+    struct stat status {};
+    const bool left = ::fstat(fd, &status) == 0 && S_ISREG(status.st_mode) &&
+                      status.st_mtime + kPause < std::time(nullptr) &&
+                      ::flock(fd, LOCK_EX | LOCK_NB) == 0;
+    if (left) ::unlink(it->path().c_str());
+    ::close(fd);
+  }
+}
 
 }  // namespace
 
@@ -85,6 +117,14 @@ void make_output_folder(const fs::path& folder) {
     fail(folder, error ? error.value() : ENOTDIR);
   }
   if (::access(folder.c_str(), W_OK | X_OK) != 0) fail(folder, errno);
+  remove_left_files(folder);
+}
+
+void check_writable(const fs::path& path) {
+  if (!path.has_filename()) fail(path, EISDIR);
+  struct stat status {};
+  if (::stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode)) fail(path, EISDIR);
+  const TemporaryFile file(path);
 }
 
 }  // namespace kys_slam

@@ -21,8 +21,13 @@ void write_file_atomic(const std::filesystem::path& path, std::span<const std::u
 void write_file_atomic(const std::filesystem::path& path, std::string_view text,
                        Durable durable = Durable::kYes);
 
-/// Makes the folder and its parents, and checks that files can be made in it.
+/// Makes the folder and its parents, checks that files can be made in it, and removes the temporary
+/// files that a killed program left there.
 /// \throws InputError naming the folder.
 void make_output_folder(const std::filesystem::path& folder);
+
+/// Before hours of work: whether `path` could be written now. Leaves nothing behind.
+/// \throws InputError "cannot write PATH: reason"
+void check_writable(const std::filesystem::path& path);
 
 }  // namespace kys_slam

@@ -105,9 +105,13 @@ const char* version_text() {
 }
 
 std::string printable(std::string_view text, std::size_t max_bytes) {
+  if (text.size() > max_bytes) {
+    const std::size_t half = max_bytes / 2;
+    return printable(text.substr(0, half), half) + "..." +
+           printable(text.substr(text.size() - half), half);
+  }
   std::string out;
   for (std::size_t i = 0; i < text.size();) {
-    if (out.size() >= max_bytes) return out + "...";
     const auto byte = static_cast<unsigned char>(text[i]);
     std::size_t taken = byte >= 0x20 && byte < 0x7F ? 1 : 0;
     if (byte >= 0x80) taken = utf8_length(text.substr(i));

@@ -4,10 +4,12 @@
 #include <kys_slam/run_main.h>
 
 #include <CLI/CLI.hpp>
-#include <cmath>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
+
+#include "util/parse_number.h"
 
 namespace kys_slam {
 
@@ -28,6 +30,19 @@ inline std::optional<int> parse_command_line(CLI::App& app, int argc, char** arg
 /// the sequence alone.
 inline CLI::Option* one_at_a_time(CLI::Option* option) {
   return option->allow_extra_args(false);
+}
+
+/// A whole number from `least` to `most`. CLI11 takes the largest there is for what is larger.
+inline CLI::Validator whole_number(std::int64_t least,
+                                   std::int64_t most = std::numeric_limits<std::int64_t>::max()) {
+  return CLI::Validator(
+      [least, most](const std::string& text) -> std::string {
+        const auto value = parse_int(text);
+        if (value && *value >= least && *value <= most) return {};
+        return "'" + text + "' is not a whole number from " + std::to_string(least) + " to " +
+               std::to_string(most);
+      },
+      "INTEGER");
 }
 
 /// A finite number from `least` to `most`. CLI::Range lets NaN through.

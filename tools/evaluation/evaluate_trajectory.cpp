@@ -161,7 +161,7 @@ void add_options(CLI::App& app, Arguments& a) {
                "With --rpe N: steps from every frame, not from every N-th");
   app.add_option("--max-time-difference", a.options.max_time_difference,
                  "Largest difference of associated time stamps, s (0.01)")
-      ->check(CLI::Range(0.0, 1e6).description(""))
+      ->check(finite_range(0, 1e6).description(""))
       ->option_text("S");
   for (auto [flag, format] : {std::pair{"--reference-format", &a.reference_format},
                               std::pair{"--estimate-format", &a.estimate_format}}) {

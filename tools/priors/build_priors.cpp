@@ -2,7 +2,9 @@
 #include <kys_slam/error.h>
 #include <unistd.h>
 
+#include <cstdint>
 #include <cstdio>
+#include <optional>
 
 #include "common/command_line.h"
 #include "open_sequence.h"
@@ -19,7 +21,8 @@ struct Arguments {
   std::vector<std::string> set;
   BuildInputs inputs;
   BuildSettings settings;
-  std::size_t start = 0, frames = 0;
+  std::int64_t start = 0;
+  std::optional<std::int64_t> frames;
   bool quiet = false;
 };
 
@@ -59,8 +62,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
   one_at_a_time(app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable"));
   app.add_option("--jobs", a.settings.jobs, "Threads")->check(CLI::Range(1, 256));
-  app.add_option("--start", a.start, "First frame, from 0");
-  app.add_option("--frames", a.frames, "How many frames (default: all)");
+  app.add_option("--start", a.start, "First frame, from 0")->check(whole_number(0));
+  app.add_option("--frames", a.frames, "How many frames (default: all)")->check(whole_number(1));
   app.add_flag("--debug-images", a.settings.debug_images, "A picture of every frame's stages");
   app.add_flag("--rebuild", a.settings.rebuild, "Also what is complete and current");
   app.add_flag("--quiet", a.quiet, "No progress");
@@ -86,12 +89,12 @@ void prepare(Arguments& a) {
 }
 
 void select_frames(const Arguments& a, BuildSequence& sequence) {
-  if (a.start >= sequence.names.size()) throw InputError("--start is beyond the last frame");
-  const std::size_t count =
-      std::min(a.frames == 0 ? sequence.names.size() : a.frames, sequence.names.size() - a.start);
-  const auto first = sequence.names.begin() + static_cast<std::ptrdiff_t>(a.start);
-  sequence.names = {first, first + static_cast<std::ptrdiff_t>(count)};
-  sequence.read = [read = sequence.read, start = a.start](std::size_t t) {
+  const auto all = static_cast<std::int64_t>(sequence.names.size());
+  if (a.start >= all) throw InputError("--start is beyond the last frame");
+  const std::int64_t count = std::min(a.frames.value_or(all), all - a.start);
+  const auto first = sequence.names.begin() + a.start;
+  sequence.names = {first, first + count};
+  sequence.read = [read = sequence.read, start = static_cast<std::size_t>(a.start)](std::size_t t) {
     return read(start + t);
   };
 }

@@ -9,6 +9,7 @@
 #include "open_sequence.h"
 #include "priors/format/prior_file.h"
 #include "util/atomic_file.h"
+#include "util/paths.h"
 
 namespace {
 
@@ -46,7 +47,7 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
   std::size_t used = 0;
   for (std::size_t t = 0; t < sequence.names.size(); ++t) {
     const fs::path name = sequence.names[t] + ".kysp";
-    if (!fs::exists(reference / name) || !fs::exists(other / name)) continue;
+    if (!path_exists(reference / name) || !path_exists(other / name)) continue;
     ++used;
     const PriorFile first = open_checked(reference / name, sequence.camera);
     const PriorFile second = open_checked(other / name, sequence.camera);
@@ -97,7 +98,7 @@ int run(int argc, char** argv) {
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   orb.check();
   for (const std::string& folder : {reference, other}) {
-    if (!fs::is_directory(folder)) throw InputError(folder + ": is not a folder");
+    if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
   }
   run(reference, other, sequence, orb, csv);
   return 0;

@@ -1,26 +1,37 @@
 #include "options_file.h"
 
 #include <kys_slam/error.h>
-#include <yaml-cpp/yaml.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "io/yaml_file.h"
 
 namespace kys_slam {
 
 void load_options(const std::filesystem::path& path, BuilderOptions& options) {
+  std::vector<std::pair<std::string, std::string>> entries;
   try {
-    const YAML::Node root = YAML::LoadFile(path.string());
+    const YAML::Node root = load_yaml(path);
     if (root.IsNull()) return;
-    if (!root.IsMap()) throw InputError("is not a list of sections");
+    if (!root.IsMap()) throw InputError(path.string() + ": is not a list of sections");
     for (const auto& section : root) {
       const auto name = section.first.as<std::string>();
-      if (!section.second.IsMap()) throw InputError("section " + name + " has no settings");
+      if (!section.second.IsMap()) {
+        throw InputError(path.string() + ": section " + name + " has no settings");
+      }
       for (const auto& entry : section.second) {
-        set_option(options, name + "." + entry.first.as<std::string>(),
-                   entry.second.as<std::string>());
+        entries.emplace_back(name + "." + entry.first.as<std::string>(),
+                             entry.second.as<std::string>());
       }
     }
-    options.check();
   } catch (const YAML::Exception& error) {
     throw InputError(path.string() + ": " + error.what());
+  }
+  try {
+    for (const auto& [key, value] : entries) set_option(options, key, value);
+    options.check();
   } catch (const InputError& error) {
     throw InputError(path.string() + ": " + error.what());
   }

@@ -5,14 +5,16 @@
 // whose motion detector is wrong, late or absent.
 #include <kys_slam/error.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "common/command_line.h"
 #include "decision_errors.h"
 #include "perturbation.h"
+#include "util/paths.h"
 
-int main(int argc, char** argv) {
+namespace {
+
+int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
   CLI::App app("Puts errors into perception outputs, to build priors from, or into prior files.");
@@ -46,43 +48,40 @@ int main(int argc, char** argv) {
     command->add_option("--seed", seed, "Seed")->capture_default_str();
   }
   segments->add_option("--share", share, "Of thing segments, 0..1; smaller ones are subsets")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(finite_range(0, 1));
   segments->add_option("--label-space", label_space, "Label space");
   flow->add_option("--relative", relative, "Noise per component, of the flow's length")
-      ->check(CLI::Range(0.0, 10.0));
+      ->check(finite_range(0, 10));
   flow->add_option("--correlation", correlation,
                    "px over which errors are alike (0: independent pixels, as in the paper)")
-      ->check(CLI::Range(0.0, 1000.0));
+      ->check(finite_range(0, 1000));
   flow->add_option("--encoding", encoding, "Of PNGs: kitti, vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
   decisions->add_option("--case", error_case, "Kind of error")
       ->required()
       ->check(CLI::IsMember(decision_error_names()));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
-  try {
-    while (input.size() > 1 && input.back() == '/') input.pop_back();
-    while (output.size() > 1 && output.back() == '/') output.pop_back();
-    if (!fs::is_directory(input)) throw InputError(input + ": is not a folder");
-    if (segments->parsed()) {
-      const Relabelling done =
-          relabel_segments(input, output, share, seed, kys::load_label_space(label_space));
-      std::printf("relabelled %zu of %zu thing segments\n", done.hit, done.things);
-    } else if (decisions->parsed()) {
-      const DecisionErrorCounts done =
-          disturb_decisions(input, output, parse_decision_error(error_case), seed);
-      std::printf("wrote %zu of %zu files; of %zu thing segments %zu were called moving, now %zu\n",
-                  done.written, done.files, done.things, done.moving_before, done.moving_after);
-    } else {
-      std::printf("mean error %.2f px\n",
-                  disturb_flow(input, output, relative, correlation, seed, encoding));
-    }
-  } catch (const std::exception& error) {
-    std::cerr << "perturb_priors: " << error.what() << "\n";
-    return 2;
+  if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  while (input.size() > 1 && input.back() == '/') input.pop_back();
+  while (output.size() > 1 && output.back() == '/') output.pop_back();
+  if (!is_folder(input)) throw InputError(input + ": is not a folder");
+  if (segments->parsed()) {
+    const Relabelling done =
+        relabel_segments(input, output, share, seed, kys::load_label_space(label_space));
+    std::printf("relabelled %zu of %zu thing segments\n", done.hit, done.things);
+  } else if (decisions->parsed()) {
+    const DecisionErrorCounts done =
+        disturb_decisions(input, output, parse_decision_error(error_case), seed);
+    std::printf("wrote %zu of %zu files; of %zu thing segments %zu were called moving, now %zu\n",
+                done.written, done.files, done.things, done.moving_before, done.moving_after);
+  } else {
+    std::printf("mean error %.2f px\n",
+                disturb_flow(input, output, relative, correlation, seed, encoding));
   }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return kys_slam::run_main("perturb_priors", [&] { return run(argc, argv); });
 }

@@ -5,13 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "io/image_io.h"
+#include "io/read_bytes.h"
 #include "seeded_random.h"
 #include "util/atomic_file.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 namespace {
@@ -59,10 +60,9 @@ Rgb16Image to_kitti(const FlowField& flow) {
 Relabelling relabel_segments(const std::string& folder, const std::string& output, double share,
                              std::uint64_t seed, const kys::LabelSpace& labels) {
   const std::string json_in = folder + ".json", json_out = output + ".json";
-  std::ifstream stream(json_in);
-  if (!stream) throw InputError(json_in + ": cannot open");
+  const std::string text = read_text(json_in);
   try {
-    Json document = Json::parse(stream);
+    Json document = Json::parse(text);
     std::set<std::int64_t> observed;
     for (const Json& a : document.at("annotations")) {
       for (const Json& s : a.at("segments_info")) {
@@ -100,16 +100,14 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
   } catch (const Json::exception& error) {
     throw InputError(json_in + ": is not a COCO panoptic file: " + error.what());
   } catch (const fs::filesystem_error& error) {
-    throw InputError(error.what());
+    throw InputError(error.path1().string() + ": " + error.code().message());
   }
 }
 
 double disturb_flow(const std::string& folder, const std::string& output, double relative,
                     double correlation, std::uint64_t seed, FieldEncoding encoding) {
   make_output_folder(output);
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(folder)) files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
+  const std::vector<fs::path> files = list_folder(folder);
   double sum = 0, count = 0;
   std::size_t done = 0;
   for (const fs::path& file : files) {

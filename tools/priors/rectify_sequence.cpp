@@ -8,6 +8,7 @@
 #include "io/image_io.h"
 #include "open_sequence.h"
 #include "util/atomic_file.h"
+#include "util/paths.h"
 
 namespace {
 
@@ -23,6 +24,13 @@ int run(int argc, char** argv) {
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   const BuildSequence sequence = open_build_sequence(input);
   const fs::path left = fs::path(output) / "image_0", right = fs::path(output) / "image_1";
+  for (const fs::path& place : {left, right}) {
+    for (const char* name : {"image_0", "image_1", "image_2", "image_3", "mav0"}) {
+      if (is_same_path(place, fs::path(input) / name) || is_same_path(output, input)) {
+        throw InputError("--output " + output + ": is the sequence itself");
+      }
+    }
+  }
   make_output_folder(left);
   make_output_folder(right);
   const StereoCamera& k = sequence.camera;
@@ -34,7 +42,7 @@ int run(int argc, char** argv) {
   write_file_atomic(fs::path(output) / "calib.txt", calib);
   for (std::size_t t = 0; t < sequence.names.size(); ++t) {
     const std::string file = sequence.names[t] + ".png";
-    if (!fs::exists(right / file)) {
+    if (!path_exists(right / file)) {
       const auto pair = sequence.read(t);
       write_png(left / file, pair.first);
       write_png(right / file, pair.second);

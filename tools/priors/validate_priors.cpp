@@ -11,6 +11,7 @@
 #include "priors/format/calibration_hash.h"
 #include "priors/format/prior_file.h"
 #include "priors/format/prior_format.h"
+#include "util/paths.h"
 
 namespace {
 
@@ -23,8 +24,7 @@ int run(int argc, char** argv) {
   app.add_option("--sequence", sequence_folder, "The sequence they are for")->required();
   app.add_option("--label-space", label_space, "Label space they must use");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
-  if (std::error_code ignored; !fs::is_directory(folder, ignored))
-    throw InputError(folder + ": is not a folder");
+  if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
   const BuildSequence sequence = open_build_sequence(sequence_folder);
   ExpectedPriors expected;
   expected.width = sequence.camera.width;
@@ -36,7 +36,7 @@ int run(int argc, char** argv) {
   double labelled = 0, pixels = 0;
   for (const std::string& name : sequence.names) {
     const fs::path path = fs::path(folder) / (name + ".kysp");
-    if (!fs::exists(path)) {
+    if (!path_exists(path)) {
       ++missing;
       continue;
     }

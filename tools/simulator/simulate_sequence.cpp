@@ -42,7 +42,7 @@ int run(int argc, char** argv) {
   app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
       ->required();
   app.add_option("--seed", world_options.seed, "of houses, cars, textures, noise")
-      ->check(CLI::NonNegativeNumber)
+      ->check(kys_slam::whole_number(0))
       ->capture_default_str();
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
@@ -55,7 +55,7 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(0, 1));
   auto* share = app.add_option("--drop-share", write_options.drop_share,
                                "hall: share of frames lost by --drop-camera (default 0.1)")
-                    ->check(CLI::Range(0.0, 0.9));
+                    ->check(kys_slam::finite_range(0, 0.9));
   app.add_flag("--quiet", write_options.quiet, "no progress");
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (!size.empty()) parse_size(size, world_options);

@@ -1,0 +1,13 @@
+#pragma once
+
+#include <kys_slam/stereo_camera.h>
+
+#include <string>
+
+namespace kys_slam {
+
+/// What no camera has, or "": a focal length (px) far from the image's size, a principal point far
+/// outside the image, a baseline of more than 1 km.
+std::string implausible_camera(const StereoCamera& camera);
+
+}  // namespace kys_slam
