@@ -26,7 +26,7 @@ class Settings {
 
   /// Reads a YAML file of nested or dotted keys over the present values.
   /// \throws InputError naming the file and the unknown key (and the nearest known one) or the
-  ///         value that is not of the setting's type.
+  ///         value that is not of the setting's type or not in its range.
   void load(const std::filesystem::path& file);
   /// \throws InputError as above.
   void set(std::string_view key, std::string_view value);
@@ -41,6 +41,7 @@ class Settings {
     std::string value;  ///< present one
     std::string unit;   ///< "" for plain numbers
     std::string meaning;
+    std::string range;  ///< "1 to 60000"; "" when the value is no number
   };
   [[nodiscard]] std::vector<Description> describe() const;
   /// The effective settings as an annotated YAML text that `load` reads back.

@@ -75,6 +75,18 @@ std::vector<Rigid3> all_poses(const std::vector<FrameEstimate>& trajectory) {
   return poses;
 }
 
+/// A field of a CSV file that stays one field on one line.
+std::string csv_field(const std::string& value) {
+  const std::string text = printable(value);
+  if (text.find_first_of(",\"") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) {
+    if (c == '"') quoted += '"';
+    quoted += c;
+  }
+  return quoted + "\"";
+}
+
 std::string frames_csv(const System& system, const std::vector<FrameEstimate>& estimates) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
@@ -86,10 +98,10 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   text += ",resident_mb\n";
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = system.reports()[k];
-    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, r.name,
-                        r.timestamp, to_string(r.status), estimates[k].submap, r.reason,
-                        r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame, r.loop_distance_m,
-                        r.loop_gap_m);
+    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index,
+                        csv_field(r.name), r.timestamp, to_string(r.status), estimates[k].submap,
+                        r.reason, r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame,
+                        r.loop_distance_m, r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
@@ -136,17 +148,14 @@ std::string map_ply(const std::vector<Eigen::Vector3d>& landmarks) {
   return text;
 }
 
-/// Folder names need not be UTF-8.
-constexpr auto kReplace = nlohmann::ordered_json::error_handler_t::replace;
-
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
                                const RunOutcome& outcome) {
   nlohmann::ordered_json json;
-  json["sequence"] = info.sequence;
+  json["sequence"] = printable(info.sequence);
   json["mode"] = info.mode;
   json["schedule"] = to_string(schedule);
   json["complete"] = info.complete;
-  if (!info.complete) json["end_reason"] = info.end_reason;
+  if (!info.complete) json["end_reason"] = printable(info.end_reason);
   json["frames"] = outcome.trajectory.size();
   json["frames_tracked"] = outcome.tracked;
   json["keyframes"] = system.map().keyframes().size();
@@ -242,6 +251,10 @@ class Files {
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome) {
   make_output_folder(folder);
+  // The summary comes last: without it a folder is not a complete run.
+  std::error_code ignored;
+  std::filesystem::remove(folder / "summary.json", ignored);
+  if (info.ground_truth.empty()) std::filesystem::remove(folder / "ground_truth.tum", ignored);
   Files files;
   files.write([&] { write_tum_poses(folder / "trajectory.tum", outcome.connected); });
   files.write(
@@ -256,9 +269,8 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   files.write([&] { write_file_atomic(folder / "config.yaml", settings.to_yaml()); });
   files.write([&] { write_file_atomic(folder / "map.ply", map_ply(system.landmarks())); });
   files.write([&] {
-    write_file_atomic(
-        folder / "summary.json",
-        summary(system, schedule, info, outcome).dump(2, ' ', false, kReplace) + "\n");
+    write_file_atomic(folder / "summary.json",
+                      summary(system, schedule, info, outcome).dump(2) + "\n");
   });
   files.check();
 }

@@ -1,12 +1,13 @@
 #include <kys/mode_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/settings.h>
-#include <yaml-cpp/yaml.h>
 
 #include <sstream>
 #include <type_traits>
 
+#include "io/yaml_file.h"
 #include "kys/error.h"
+#include "system/setting_ranges.h"
 #include "system/settings_data.h"
 #include "util/nearest_name.h"
 #include "util/parse_number.h"
@@ -28,12 +29,16 @@ std::string to_text(const T& value) {
   return text.str();
 }
 
+std::string range_text(const SettingRange& range) {
+  return to_text(range.least) + " to " + to_text(range.most);
+}
+
 /// Throws InputError when `text` is not a value of the type.
 template <typename T>
 void from_text(std::string_view key, std::string_view text, T& value) {
   const auto fail = [&](const char* what) {
-    throw InputError("setting " + std::string(key) + ": '" + std::string(text) + "' is not " +
-                     what);
+    throw InputError("setting " + std::string(key) + ": '" + std::string(text.substr(0, 80)) +
+                     "' is not " + what);
   };
   if constexpr (std::is_same_v<T, std::string>) {
     value = std::string(text);
@@ -49,18 +54,26 @@ void from_text(std::string_view key, std::string_view text, T& value) {
     if (!number) fail("a finite number");
     value = static_cast<T>(*number);
   }
+  if constexpr (std::is_arithmetic_v<T> && !std::is_same_v<T, bool>) {
+    const auto range = setting_range(key);
+    if (!range) return;
+    const auto number = static_cast<double>(value);
+    if (!(number >= range->least && number <= range->most)) {
+      fail(("from " + range_text(*range)).c_str());
+    }
+  }
 }
 
-void flatten(const YAML::Node& node, const std::string& prefix,
+void flatten(const YAML::Node& node, const std::string& prefix, const std::string& file,
              std::vector<std::pair<std::string, std::string>>& entries) {
   for (const auto& entry : node) {
     const std::string key = prefix + entry.first.as<std::string>();
     if (entry.second.IsMap()) {
-      flatten(entry.second, key + ".", entries);
+      flatten(entry.second, key + ".", file, entries);
     } else if (entry.second.IsScalar()) {
       entries.emplace_back(key, entry.second.as<std::string>());
     } else {
-      throw InputError("setting " + key + " has no single value");
+      throw InputError(file + ": setting " + key + " has no single value");
     }
   }
 }
@@ -98,7 +111,9 @@ void Settings::set(std::string_view key, std::string_view value) {
   visit_settings(*data_, [&](const char* name, auto& place, const char*, const char*) {
     if (key != name) return;
     found = true;
-    from_text(key, value, place);
+    auto parsed = place;
+    from_text(key, value, parsed);
+    place = parsed;
   });
   if (found) return;
   std::vector<std::string> known;
@@ -126,14 +141,16 @@ std::string Settings::get(std::string_view key) const {
 void Settings::load(const std::filesystem::path& file) {
   std::vector<std::pair<std::string, std::string>> entries;
   try {
-    const YAML::Node root = YAML::LoadFile(file.string());
-    if (!root.IsNull() && !root.IsMap()) throw InputError("is not a list of settings");
-    if (root.IsMap()) flatten(root, "", entries);
-    for (const auto& [key, value] : entries) set(key, value);
-  } catch (const YAML::BadFile&) {
-    throw InputError(file.string() + ": cannot be read");
+    const YAML::Node root = load_yaml(file);
+    if (!root.IsNull() && !root.IsMap()) {
+      throw InputError(file.string() + ": is not a list of settings");
+    };
+    if (root.IsMap()) flatten(root, "", file.string(), entries);
   } catch (const YAML::Exception& error) {
     throw InputError(file.string() + ": " + error.what());
+  }
+  try {
+    for (const auto& [key, value] : entries) set(key, value);
   } catch (const InputError& error) {
     throw InputError(file.string() + ": " + error.what());
   }
@@ -155,12 +172,13 @@ void Settings::check() const {
 
 std::vector<Settings::Description> Settings::describe() const {
   std::vector<Description> all;
-  visit_settings(std::as_const(*data_),
-                 [&](const char* key, const auto& value, const char* unit, const char* meaning) {
-                   all.push_back({key, to_text(value), unit, meaning});
-                 });
+  visit_settings(std::as_const(*data_), [&](const char* key, const auto& value, const char* unit,
+                                            const char* meaning) {
+    const auto range = setting_range(key);
+    all.push_back({key, to_text(value), unit, meaning, range ? range_text(*range) : ""});
+  });
   for (const auto& [key, value] : kys::option_values(data_->kys)) {
-    all.push_back({key, value, "", "see kys/README.md"});
+    all.push_back({key, value, "", "see kys/README.md", ""});
   }
   return all;
 }
@@ -177,7 +195,7 @@ std::string Settings::to_yaml() const {
     }
     text << "  " << d.key.substr(dot + 1) << ": " << d.value << "  # ";
     if (!d.unit.empty()) text << "[" << d.unit << "] ";
-    text << d.meaning << "\n";
+    text << d.meaning << (d.range.empty() ? "" : "; " + d.range) << "\n";
   }
   return text.str();
 }

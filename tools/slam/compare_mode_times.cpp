@@ -121,7 +121,7 @@ int run(int argc, char** argv) {
   one_at_a_time(
       app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated"));
   app.add_option("--frames", a.frames, "number of frames (default: all)")
-      ->check(CLI::PositiveNumber);
+      ->check(whole_number(1));
   app.add_option("--rounds", a.rounds, "passes over the sequence")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();

@@ -6,11 +6,11 @@
 
 #include <cmath>
 #include <fstream>
-#include <system_error>
 #include <utility>
 
 #include "io/feature_sequence.h"
 #include "system/settings_data.h"
+#include "util/paths.h"
 
 namespace kys_slam {
 
@@ -33,8 +33,7 @@ FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOp
 
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
                             const OpenSequence& open_folder) {
-  std::error_code error;
-  if (std::filesystem::is_regular_file(path, error)) {
+  if (is_file(path)) {
     if (!std::ifstream(path)) throw InputError("cannot read " + path.string());
     if (!is_feature_file(path)) {
       throw InputError(path.string() + ": neither the folder of a sequence nor a feature file");

@@ -2,6 +2,7 @@
 
 #include <kys/error.h>
 #include <kys_slam/error.h>
+#include <kys_slam/run_main.h>
 #include <spdlog/spdlog.h>
 
 #include "priors/format/calibration_hash.h"
@@ -29,7 +30,7 @@ ExpectedPriors expected(const StereoCamera& camera, const std::string& label_spa
 PriorFiles::PriorFiles(const std::filesystem::path& folder, const StereoCamera& camera,
                        const std::string& label_space, bool strict)
     : source_(folder, expected(camera, label_space), strict,
-              [](const std::string& message) { spdlog::warn("{}", message); }) {}
+              [](const std::string& message) { spdlog::warn("{}", printable(message)); }) {}
 
 bool PriorFiles::look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                          std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,

@@ -9,20 +9,21 @@
 
 #include <algorithm>
 #include <chrono>
-#include <limits>
+#include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <optional>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "common/command_line.h"
 #include "io/read_ahead.h"
+#include "io/read_bytes.h"
 #include "prior_files.h"
 #include "system/output.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"
 #include "util/memory_reserve.h"
+#include "util/paths.h"
 #include "util/process_figures.h"
 #include "util/progress.h"
 #include "util/stopwatch.h"
@@ -40,13 +41,14 @@ struct Arguments {
   std::filesystem::path output;
   std::string schedule = "pipelined";
   std::int64_t start = 0;
-  std::int64_t frames = 0;
+  std::optional<std::int64_t> frames;
   bool quiet = false;
   bool strict_priors = false;
   std::filesystem::path load_map;
   std::filesystem::path save_map;
   bool localize_only = false;
   bool list_settings = false;
+  bool overwrite = false;
   std::string log_level = "info";
 };
 
@@ -55,8 +57,6 @@ void declare(CLI::App& app, Arguments& a) {
   for (const kys::Mode mode : kys::all_modes()) {
     modes += (modes.empty() ? "" : ", ") + std::string(kys::mode_name(mode));
   }
-  // CLI11's own check spells out the largest double, three hundred digits long.
-  const CLI::Range not_negative(std::int64_t{0}, std::numeric_limits<std::int64_t>::max());
   app.add_option("SEQUENCE", a.sequence,
                  "folder of the sequence, or a feature file (simulate_features)");
   app.add_option("--priors", a.priors, "folder of this sequence's prior files");
@@ -67,13 +67,15 @@ void declare(CLI::App& app, Arguments& a) {
   one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
   app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
   app.add_option("--output", a.output, "folder for the results (default: runs/<sequence>-<mode>)");
+  app.add_flag("--overwrite", a.overwrite,
+               "also a folder that holds the run of another sequence or mode");
   app.add_option("--schedule", a.schedule,
                  "pipelined: mapping beside tracking, reproducible; sequential: one after the "
                  "other, reproducible; realtime: frames by their time stamps")
       ->capture_default_str();
-  app.add_option("--start", a.start, "first frame")->check(not_negative);
+  app.add_option("--start", a.start, "first frame")->check(whole_number(0));
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
-      ->check(not_negative);
+      ->check(whole_number(1));
   app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
   app.add_option("--load-map", a.load_map, "go on with this map");
   app.add_option("--save-map", a.save_map, "write the map to this file at the end");
@@ -149,7 +151,7 @@ struct Pace {
 
 /// Feeds frames until the end or an interrupt, which is noted in `info`.
 void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
-              const Pace& pace, const InterruptGuard& guard, RunInfo& info) {
+              const Pace& pace, InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   Stopwatch clock;
@@ -163,8 +165,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
     if (pace.on) {
       if (!first_time) first_time = frame->timestamp;
       const double due_ms = pace.due_ms(frame->timestamp - *first_time, done);
-      std::this_thread::sleep_for(
-          std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
+      guard.wait_for(std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
     }
     const FrameReport report = system.feed(*frame);
     if (report.status == FrameStatus::kLost) {
@@ -176,8 +177,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
 
 /// To the end of the frames, and of what the back end still has in hand.
 void track(System& system, FrameSource& frames, const Arguments& a, const Pace& pace,
-           const Stopwatch& start_up, RunInfo& info, Failures& failures) {
-  const InterruptGuard guard([&] { system.interrupt(); });
+           const Stopwatch& start_up, InterruptGuard& guard, RunInfo& info, Failures& failures) {
   const double cpu_before = process_figures().cpu_seconds();
   info.start_up_s = start_up.elapsed_ms() / 1000;
   const Stopwatch wall;
@@ -194,13 +194,45 @@ void track(System& system, FrameSource& frames, const Arguments& a, const Pace& 
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
 }
 
+/// A second run of the same sequence and mode takes the place of the first; another one's results
+/// are not lost by a slip of the pen.
+void check_not_of_another_run(const std::filesystem::path& output, const RunInfo& info) {
+  const std::filesystem::path file = output / "summary.json";
+  if (!path_exists(file)) return;
+  const auto summary =
+      nlohmann::json::parse(read_text(file, std::size_t{16} << 20), nullptr, false);
+  const auto text = [&](const char* key) {
+    const auto found = summary.is_object() ? summary.find(key) : summary.end();
+    return found != summary.end() && found->is_string() ? found->get<std::string>() : std::string();
+  };
+  const std::string sequence = text("sequence");
+  const std::string mode = text("mode");
+  if (sequence == printable(info.sequence) && mode == info.mode) return;
+  throw InputError(
+      fmt::format("{}: holds another run (sequence '{}', mode '{}'); --overwrite, or "
+                  "another --output",
+                  output.string(), sequence, mode));
+}
+
+/// To `file`, or when that has become impossible beside the other results.
+void save_map(const System& system, const std::filesystem::path& file,
+              const std::filesystem::path& output) {
+  try {
+    system.save_map(file);
+  } catch (const InputError& error) {
+    const std::filesystem::path instead = output / "saved.map";
+    system.save_map(instead);
+    throw InputError(fmt::format("{}; the map is in {}", error.what(), instead.string()));
+  }
+}
+
 int run(const RunProgram& program, const Arguments& a) {
   const Stopwatch start_up;
   const Settings settings = effective_settings(program.settings, a);
   const Schedule schedule = parse_schedule(a.schedule);
   SequenceOptions options;
   options.start = a.start;
-  if (a.frames > 0) options.frames = a.frames;
+  options.frames = a.frames;
   const FrameInput input = open_frame_input(a.sequence, options, program.open);
   check_octaves(input, settings, a.sequence);
 
@@ -211,7 +243,9 @@ int run(const RunProgram& program, const Arguments& a) {
   const std::filesystem::path output =
       a.output.empty() ? std::filesystem::path("runs") / (info.sequence + "-" + info.mode)
                        : a.output;
+  if (!a.overwrite) check_not_of_another_run(output, info);
   make_output_folder(output);
+  if (!a.save_map.empty()) check_writable(a.save_map);
   std::unique_ptr<PriorFiles> priors;
   if (!a.priors.empty()) {
     priors = std::make_unique<PriorFiles>(a.priors, input.frames->camera(),
@@ -226,12 +260,13 @@ int run(const RunProgram& program, const Arguments& a) {
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   Failures failures(info);
   const Pace pace{schedule == Schedule::kRealtime, std::stod(settings.get("control.stall_ms"))};
-  track(system, *input.frames, a, pace, start_up, info, failures);
+  InterruptGuard guard([&] { system.interrupt(); });
+  track(system, *input.frames, a, pace, start_up, guard, info, failures);
   if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = judge_run(system, info); });
   failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
-  if (!a.save_map.empty()) failures.guard([&] { system.save_map(a.save_map); });
+  if (!a.save_map.empty()) failures.guard([&] { save_map(system, a.save_map, output); });
   if (!a.quiet) {
     failures.guard([&] {
       print_text(describe_run(system, info, outcome) +

@@ -1,0 +1,614 @@
+#!/usr/bin/env python3
+"""Input that nobody should give a program, and machines that give it too little. Every case: the
+program ends by itself within its time, with the status and the line the table says, without an abort,
+and what was tracked before is saved.
+
+    hostile_test.py BIN_DIR [CASE ...]
+"""
+import json
+import os
+import resource
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import zlib
+
+SKIPPED = 77
+WIDTH, HEIGHT, FRAMES, DISPARITY = 320, 120, 12, 16
+FX, BF = 200.0, 100.0
+OUTPUTS = ("trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "graph.csv",
+           "config.yaml", "map.ply", "summary.json")
+
+
+def png(path, rows, width=None, height=None):
+    """8-bit grey; `width` and `height` can be told wrongly."""
+    def chunk(kind, data):
+        return (struct.pack(">I", len(data)) + kind + data +
+                struct.pack(">I", zlib.crc32(kind + data)))
+    header = struct.pack(">IIBBBBB", width or len(rows[0]), height or len(rows), 8, 0, 0, 0, 0)
+    data = zlib.compress(b"".join(b"\0" + bytes(row) for row in rows), 1)
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) +
+                   chunk(b"IEND", b""))
+
+
+def wall():
+    """A picture of squares of all sizes, wider than the images: a wall seen while driving along."""
+    state, width = 12345, WIDTH + 200
+    rows = [bytearray([128]) * width for _ in range(HEIGHT)]
+    for _ in range(1200):
+        values = []
+        for _ in range(5):
+            state = (state * 6364136223846793005 + 1442695040888963407) % 2**64
+            values.append(state >> 33)
+        side = 4 + values[2] % 14
+        x, y = values[0] % (width - side), values[1] % (HEIGHT - side)
+        for row in rows[y:y + side]:
+            row[x:x + side] = bytes([values[3] % 256]) * side
+    return rows
+
+
+class Folder:
+    """What one case works with."""
+
+    def __init__(self, path, sequence):
+        self.path = path
+        self.output = os.path.join(path, "out")
+        self.sequence = os.path.join(path, "seq")
+        shutil.copytree(sequence, self.sequence)
+
+    def __call__(self, *names):
+        return os.path.join(self.path, *names)
+
+    def write(self, name, text):
+        with open(self(name), "wb") as file:
+            file.write(text if isinstance(text, bytes) else text.encode())
+        return self(name)
+
+    def image(self, frame, camera=1):
+        return os.path.join(self.sequence, f"image_{camera}", f"{frame:06d}.png")
+
+
+def make_sequence(folder):
+    rows = wall()
+    for camera in (0, 1):
+        os.makedirs(os.path.join(folder, f"image_{camera}"))
+    for i in range(FRAMES):
+        for camera in (0, 1):
+            left = 60 + 6 * i + camera * DISPARITY
+            png(os.path.join(folder, f"image_{camera}", f"{i:06d}.png"),
+                [row[left:left + WIDTH] for row in rows])
+    with open(os.path.join(folder, "times.txt"), "w", encoding="ascii") as file:
+        file.writelines(f"{0.1 * i:.2f}\n" for i in range(FRAMES))
+    write_calibration(folder)
+
+
+def write_calibration(folder, fx=FX, bf=BF, tx=0.0, ty=0.0):
+    with open(os.path.join(folder, "calib.txt"), "w", encoding="ascii") as file:
+        for name, x, y in (("P0", 0, 0), ("P1", -bf + tx, ty)):
+            file.write(f"{name}: {fx} 0 {WIDTH / 2} {x} 0 {fx} {HEIGHT / 2} {y} 0 0 1 0\n")
+
+
+def make_euroc(folder, sequence, resolution=(WIDTH, HEIGHT), distortion="[0.0, 0.0, 0.0, 0.0]",
+               model="camera_model: pinhole\n"):
+    for camera in (0, 1):
+        place = os.path.join(folder, "mav0", f"cam{camera}")
+        shutil.copytree(os.path.join(sequence, f"image_{camera}"), os.path.join(place, "data"))
+        with open(os.path.join(place, "data.csv"), "w", encoding="ascii") as file:
+            file.writelines(f"{100000000 * (i + 1)},{i:06d}.png\n" for i in range(FRAMES))
+        with open(os.path.join(place, "sensor.yaml"), "w", encoding="ascii") as file:
+            x = camera * BF / FX
+            file.write(f"sensor_type: camera\n{model}distortion_model: radial-tangential\n"
+                       f"distortion_coefficients: {distortion}\nresolution: {list(resolution)}\n"
+                       f"intrinsics: [{FX}, {FX}, {WIDTH / 2}, {HEIGHT / 2}]\n"
+                       f"T_BS:\n  cols: 4\n  rows: 4\n"
+                       f"  data: [1.0, 0.0, 0.0, {x}, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, "
+                       "0.0, 0.0, 0.0, 1.0]\n")
+
+
+class Result:
+    def __init__(self, status, out, err):
+        self.status, self.out, self.err = status, out, err
+
+
+class Programs:
+    def __init__(self, folder):
+        self.folder = folder
+
+    def start(self, name, arguments, before=None, **more):
+        def prepare():
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it
+            if before:
+                before()
+        return subprocess.Popen([os.path.join(self.folder, name), *arguments],
+                                stdout=more.pop("stdout", subprocess.PIPE), stderr=subprocess.PIPE,
+                                stdin=subprocess.DEVNULL, preexec_fn=prepare, **more)
+
+    def finish(self, process, seconds=60):
+        try:
+            out, err = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise AssertionError(f"still running after {seconds} s") from None
+        return Result(process.returncode, (out or b"").decode(errors="replace"),
+                      err.decode(errors="replace"))
+
+    def run(self, name, *arguments, **more):
+        return self.finish(self.start(name, arguments, **more))
+
+    def kitti(self, f, *arguments, **more):
+        return self.run("run_stereo_kitti", f.sequence, "--output", f.output, "--quiet", *arguments,
+                        **more)
+
+
+def expect(condition, text):
+    if not condition:
+        raise AssertionError(text)
+
+
+def lines(path):
+    with open(path, encoding="utf-8") as file:
+        return len(file.readlines())
+
+
+def refused(result, *parts, status=2):
+    """One line on stderr that has the parts in it."""
+    expect(result.status == status, f"status {result.status} instead of {status}: {result.err}")
+    expect(result.err.count("\n") == 1, f"not one line: {result.err!r}")
+    expect("terminate" not in result.err, result.err)
+    for part in parts:
+        expect(part in result.err, f"{part!r} is not in {result.err!r}")
+
+
+def passed(result):
+    expect(result.status == 0, f"status {result.status}: {result.err}")
+
+
+def complete(f, frames=FRAMES):
+    for name in OUTPUTS:
+        expect(os.path.isfile(os.path.join(f.output, name)), f"{name} is missing")
+    got = lines(os.path.join(f.output, "frames.csv")) - 1
+    expect(got == frames, f"{got} frames instead of {frames}")
+    with open(os.path.join(f.output, "summary.json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def saved(f, least):
+    """A run that ended early has kept the frames it had."""
+    expect(lines(os.path.join(f.output, "trajectory.kitti")) >= least, "frames are lost")
+    return complete(f, lines(os.path.join(f.output, "trajectory.kitti")))
+
+
+CASES = {}
+
+
+def case(function):
+    CASES[function.__name__] = function
+    return function
+
+
+def refusals(name, table):
+    """Cases that differ in what is prepared and in the words of the refusal."""
+    for key, (prepare, parts) in table.items():
+        def check(f, programs, prepare=prepare, parts=parts):
+            arguments = prepare(f) or []
+            refused(programs.kitti(f, *arguments), *parts)
+        CASES[f"{name}_{key}"] = check
+
+
+@case
+def sound_input_is_tracked(f, programs):
+    passed(programs.kitti(f))
+    summary = complete(f)
+    expect(summary["frames_tracked"] == FRAMES, summary)
+    expect(abs(summary["path_length_m"] - (FRAMES - 1) * 6 * BF / DISPARITY / FX) < 0.3, summary)
+
+
+# --- files and folders ---------------------------------------------------------------------------
+
+def loop_at(name):
+    def prepare(f):
+        path = os.path.join(f.sequence, name)
+        if os.path.isdir(path):
+            shutil.rmtree(path)
+        elif os.path.exists(path):
+            os.remove(path)
+        os.symlink(os.path.basename(name), path)
+    return prepare
+
+
+def whole_sequence_is_a_loop(f):
+    shutil.rmtree(f.sequence)
+    os.symlink("seq", f.sequence)
+
+
+def fifo_as(name, *arguments):
+    def prepare(f):
+        path = os.path.join(f.path, name)
+        if os.path.exists(path):
+            os.remove(path)
+        os.mkfifo(path)
+        return [a.format(path) for a in arguments]
+    return prepare
+
+
+refusals("paths", {
+    "loop_as_sequence": (whole_sequence_is_a_loop, ["seq", "symbolic links"]),
+    "loop_as_calib": (loop_at("calib.txt"), ["calib.txt", "symbolic links"]),
+    "loop_as_poses": (loop_at("poses.txt"), ["poses.txt", "symbolic links"]),
+    "loop_as_images": (loop_at("image_0"), ["image_0", "symbolic links"]),
+    "too_long": (lambda f: ["--config", "x" * 4000], ["too long"]),
+    "config_is_a_folder": (lambda f: ["--config", f.path], ["not a regular file"]),
+    "config_is_a_fifo": (fifo_as("c.yaml", "--config", "{}"), ["c.yaml", "not a regular file"]),
+    "calib_is_a_fifo": (fifo_as("seq/calib.txt"), ["calib.txt", "not a regular file"]),
+    "image_is_a_fifo": (fifo_as("seq/image_0/000000.png"), ["000000.png", "not a regular file"]),
+    "map_is_a_fifo": (fifo_as("m.map", "--load-map", "{}"), ["m.map", "not a regular file"]),
+    "label_space_is_long": (lambda f: ["--set", "kys.mode=kys", "--set", "control.label_space=" +
+                                       "a" * 100000], ["label space"]),
+})
+
+
+@case
+def paths_loop_in_euroc(f, programs):
+    make_euroc(f("euroc"), f.sequence)
+    for name in ("mav0/cam1", "mav0"):
+        shutil.rmtree(f("euroc", name))
+        os.symlink(os.path.basename(name), f("euroc", name))
+        refused(programs.run("run_stereo_euroc", f("euroc"), "--output", f.output, "--quiet"),
+                "symbolic links")
+
+
+@case
+def paths_fifos_as_priors(f, programs):
+    os.mkdir(f("priors"))
+    os.mkfifo(f("priors", "000000.kysp"))
+    refused(programs.kitti(f, "--priors", f("priors")), "000000.kysp", "not a regular file")
+    refused(programs.run("inspect_priors", f("priors")), "000000.kysp", "not a regular file")
+    refused(programs.run("inspect_priors", f("priors", "000000.kysp")), "not a regular file")
+    os.mkfifo(f("c.yaml"))
+    refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
+                         f.output, "--config", f("c.yaml")), "c.yaml", "not a regular file")
+
+
+@case
+def paths_names_that_are_not_utf8(f, programs):
+    name = os.fsencode(f.path) + b"/se\xffq,\"\n"
+    os.rename(f.sequence, name)
+    result = programs.finish(programs.start("run_stereo_kitti",
+                                            [name, "--output", f.output, "--quiet"]))
+    passed(result)
+    expect(complete(f)["sequence"] == 'se\\xffq,"\\n', "name in summary.json")
+    os.remove(os.path.join(name, b"calib.txt"))
+    result = programs.finish(programs.start("run_stereo_kitti", [name, "--output", f.output]))
+    refused(result, "se\\xffq", "\\n", "calib.txt")
+
+
+@case
+def paths_frame_names_with_commas(f, programs):
+    for camera in (0, 1):
+        for i in range(FRAMES):
+            os.rename(f.image(i, camera), f.image(i, camera).replace(f"{i:06d}", f'a,"{i:06d}'))
+    passed(programs.kitti(f))
+    with open(os.path.join(f.output, "frames.csv"), encoding="utf-8") as file:
+        row = file.readlines()[1]
+    expect(row.startswith('0,"a,""000000",0.0'), row)
+
+
+@case
+def paths_output_into_the_input(f, programs):
+    refused(programs.run("rectify_sequence", f.sequence, "--output", f.sequence), "itself")
+
+
+@case
+def paths_validate_priors_of_no_folder(f, programs):
+    refused(programs.run("validate_priors", f("nothing"), "--sequence", f.sequence), "nothing",
+            "not a folder")
+
+
+# --- settings and options ------------------------------------------------------------------------
+
+def config(text):
+    return lambda f: ["--config", f.write("c.yaml", text)]
+
+
+LAUGHS = "a: &a [x, x]\n" + "".join(f"{b}: &{b} [*{a}, *{a}, *{a}, *{a}, *{a}, *{a}]\n"
+                                    for a, b in zip("abcdefghijk", "bcdefghijkl"))
+refusals("settings", {
+    "self_reference": (config("orb: &a\n  levels: *a\n"), ["c.yaml", "not allowed"]),
+    "many_aliases": (config(LAUGHS), ["c.yaml", "not allowed"]),
+    "deep": (config("[" * 3000), ["c.yaml"]),
+    "deep_maps": (config("{a: " * 100 + "1" + "}" * 100), ["c.yaml", "too deeply"]),
+    "tag": (config("orb: !thing\n  levels: 8\n"), ["c.yaml", "tag"]),
+    "two_documents": (config("orb:\n  levels: 8\n---\norb:\n  levels: 7\n"), ["one document"]),
+    "large": (config("# " + "x" * 2000000), ["c.yaml", "more than"]),
+    "binary": (config(bytes(range(256))), ["c.yaml"]),
+    "frames_0": (lambda f: ["--frames", "0"], ["--frames"]),
+    "frames_huge": (lambda f: ["--frames", str(2**63)], ["--frames"]),
+    "frames_negative": (lambda f: ["--frames", "-1"], ["--frames"]),
+})
+
+
+@case
+def settings_build_priors_frames(f, programs):
+    for frames in ("-1", "0", str(2**63), str(2**64)):
+        refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
+                             f.output, "--frames", frames), "--frames")
+
+
+@case
+def settings_set_leaves_the_sequence(f, programs):
+    passed(programs.run("run_stereo_kitti", "--set", "orb.levels=7", f.sequence, "--output",
+                        f.output, "--quiet"))
+    complete(f)
+
+
+@case
+def settings_not_a_number(f, programs):
+    refused(programs.run("perturb_priors", "segments", f.sequence, "--output", f.output, "--share",
+                         "nan"), "--share")
+    refused(programs.run("perturb_priors", "flow", f.sequence, "--output", f.output, "--relative",
+                         "nan"), "--relative")
+    refused(programs.run("evaluate_trajectory", "--reference", f.path, "--estimate", f.path,
+                         "--max-time-difference", "nan"), "--max-time-difference")
+
+
+# --- calibrations and pairs ----------------------------------------------------------------------
+
+def calibration(**values):
+    return lambda f: write_calibration(f.sequence, **values)
+
+
+def same_images(f):
+    shutil.rmtree(os.path.join(f.sequence, "image_1"))
+    shutil.copytree(os.path.join(f.sequence, "image_0"), os.path.join(f.sequence, "image_1"))
+
+
+refusals("pair", {
+    "absurd_focal_length": (calibration(fx=1e30), ["calib.txt", "focal length"]),
+    "right_camera_above": (calibration(ty=100.0), ["calib.txt", "above or below"]),
+    "left_is_right": (same_images, ["000000.png", "same picture"]),
+})
+
+
+@case
+def pair_euroc_of_another_size(f, programs):
+    make_euroc(f("euroc"), f.sequence, resolution=(16384, 16384))
+    begin = time.monotonic()
+    refused(programs.run("run_stereo_euroc", f("euroc"), "--output", f.output, "--quiet"),
+            "sensor.yaml", "16384")
+    expect(time.monotonic() - begin < 20, "tables were made before the sizes were compared")
+
+
+@case
+def pair_euroc_calibration_names_the_file(f, programs):
+    make_euroc(f("a"), f.sequence, distortion="[0.0, 0.0, 0.0]")
+    refused(programs.run("run_stereo_euroc", f("a"), "--output", f.output),
+            "sensor.yaml", "distortion_coefficients")
+    make_euroc(f("b"), f.sequence, model="")
+    refused(programs.run("run_stereo_euroc", f("b"), "--output", f.output),
+            "sensor.yaml", "camera_model")
+
+
+@case
+def pair_map_of_another_camera(f, programs):
+    passed(programs.kitti(f, "--save-map", f("m.map")))
+    write_calibration(f.sequence, fx=FX * 1.01)
+    refused(programs.kitti(f, "--load-map", f("m.map")), "m.map", "camera")
+
+
+# --- outputs -------------------------------------------------------------------------------------
+
+@case
+def output_one_file_is_a_folder(f, programs):
+    for name in ("frames.csv", "trajectory.tum"):
+        shutil.rmtree(f.output, ignore_errors=True)
+        os.makedirs(os.path.join(f.output, name))
+        refused(programs.kitti(f, "--save-map", f("m.map")), name)
+        for other in OUTPUTS:
+            expect(other == name or os.path.isfile(os.path.join(f.output, other)), other)
+        expect(os.path.isfile(f("m.map")), "the map is lost")
+
+
+@case
+def output_map_is_checked_first(f, programs):
+    os.mkdir(f("folder"))
+    for target in (f("folder"), f("missing", "m.map"), f("seq", "calib.txt", "m.map")):
+        refused(programs.kitti(f, "--save-map", target), target)
+        expect(not os.path.exists(os.path.join(f.output, "frames.csv")), "tracked before the check")
+    expect(not [n for n in os.listdir(f.path) if n.startswith(".")], "left a temporary file")
+
+
+@case
+def output_map_goes_beside_the_rest(f, programs):
+    os.mkdir(f("maps"))
+    times = "".join(f"{i}\n" for i in range(FRAMES))
+    f.write("seq/times.txt", times)
+    process = programs.start("run_stereo_kitti", [f.sequence, "--output", f.output, "--quiet",
+                                                  "--schedule", "realtime", "--save-map",
+                                                  f("maps", "m.map")])
+    time.sleep(2)
+    shutil.rmtree(f("maps"))
+    process.send_signal(signal.SIGINT)
+    refused(programs.finish(process), "m.map", "saved.map")
+    expect(os.path.getsize(os.path.join(f.output, "saved.map")) > 1000, "no map")
+
+
+@case
+def output_of_another_run(f, programs):
+    passed(programs.kitti(f))
+    passed(programs.kitti(f))  # the same again
+    os.rename(f.sequence, f("other"))
+    other = [f("other"), "--output", f.output, "--quiet"]
+    refused(programs.run("run_stereo_kitti", *other), "another run", "--overwrite")
+    passed(programs.run("run_stereo_kitti", *other, "--overwrite"))
+    expect(complete(f)["sequence"] == "other", "not overwritten")
+
+
+@case
+def output_left_files_are_cleared(f, programs):
+    os.mkdir(f.output)
+    old = os.path.join(f.output, ".trajectory.tum.999-0.kys-tmp")
+    with open(old, "w", encoding="ascii"):
+        pass
+    os.utime(old, (time.time() - 100, time.time() - 100))
+    passed(programs.kitti(f))
+    expect(not [n for n in os.listdir(f.output) if n.startswith(".")], "left files")
+
+
+@case
+def output_permissions_are_the_users(f, programs):
+    passed(programs.kitti(f, before=lambda: os.umask(0o027)))
+    mode = os.stat(os.path.join(f.output, "trajectory.tum")).st_mode & 0o777
+    expect(mode == 0o640, oct(mode))
+
+
+@case
+def output_full_disk(f, programs):
+    with open("/dev/full", "w", encoding="ascii") as full:
+        result = programs.finish(programs.start("run_stereo_kitti", ["--list-settings"],
+                                                stdout=full))
+    refused(result, "standard output")
+
+
+# --- limits --------------------------------------------------------------------------------------
+
+def limit(kind, value):
+    return lambda: resource.setrlimit(kind, (value, value))
+
+
+@case
+def limits_file_size(f, programs):
+    result = programs.kitti(f, "--save-map", f("m.map"), before=limit(resource.RLIMIT_FSIZE, 8192))
+    expect(result.status == 2, f"status {result.status}")
+    expect("File too large" in result.err, result.err)
+    expect(lines(os.path.join(f.output, "trajectory.kitti")) == FRAMES, "frames are lost")
+    expect(not [n for n in os.listdir(f.output) if n.startswith(".")], "left files")
+
+
+@case
+def limits_memory(f, programs):
+    for megabytes in range(60, 420, 20):
+        shutil.rmtree(f.output, ignore_errors=True)
+        result = programs.kitti(f, before=limit(resource.RLIMIT_AS, megabytes << 20))
+        # 127: the loader itself had no room.
+        expect(result.status in (0, 2, 127), f"{megabytes} MB: {result.status}: {result.err}")
+        expect(result.status != 2 or "memory" in result.err or "thread" in result.err or
+               "resource" in result.err.lower(), f"{megabytes} MB: {result.err}")
+
+
+@case
+def limits_descriptors(f, programs):
+    for count in range(3, 16):
+        shutil.rmtree(f.output, ignore_errors=True)
+        result = programs.kitti(f, before=limit(resource.RLIMIT_NOFILE, count))
+        expect(result.status in (0, 2, 127), f"{count} descriptors: {result.status}: {result.err}")
+
+
+@case
+def limits_a_huge_image_in_the_middle(f, programs):
+    png(f.image(7), [bytes(WIDTH)] * HEIGHT, 16384, 16384)
+    refused(programs.kitti(f, before=limit(resource.RLIMIT_AS, 700 << 20)), "000007.png")
+    saved(f, 7)
+
+
+# --- signals -------------------------------------------------------------------------------------
+
+def slow_run(f, programs, *arguments, before=None):
+    """A run that waits for its second frame."""
+    f.write("seq/times.txt", "".join(f"{1000 * i}\n" for i in range(FRAMES)))
+    process = programs.start("run_stereo_kitti", [f.sequence, "--output", f.output, "--quiet",
+                                                  *arguments], before=before)
+    end = time.monotonic() + 20
+    while not os.path.isdir(f.output) and time.monotonic() < end:
+        time.sleep(0.01)
+    time.sleep(2)
+    expect(process.poll() is None, "ended by itself")
+    return process
+
+
+def saving_signal(number, *arguments):
+    def check(f, programs):
+        process = slow_run(f, programs, *arguments)
+        begin = time.monotonic()
+        process.send_signal(number)
+        result = programs.finish(process, 30)
+        expect(time.monotonic() - begin < 10, "waited")
+        expect(result.status == 0, f"status {result.status}: {result.err}")
+        summary = saved(f, 1)
+        expect(summary["end_reason"] == "interrupted", summary)
+    return check
+
+
+for signal_name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    CASES[f"signals_{signal_name}_while_waiting"] = saving_signal(
+        getattr(signal, signal_name), "--schedule", "realtime")
+CASES["signals_SIGINT_in_a_stall"] = saving_signal(signal.SIGINT, "--set",
+                                                   "control.stall_ms=60000")
+
+
+@case
+def signals_ignored_stay_ignored(f, programs):
+    def ignore():
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process = slow_run(f, programs, "--schedule", "realtime", before=ignore)
+    process.send_signal(signal.SIGHUP)
+    process.send_signal(signal.SIGINT)
+    time.sleep(1)
+    expect(process.poll() is None, "ended by an ignored signal")
+    process.send_signal(signal.SIGTERM)
+    passed(programs.finish(process, 30))
+    saved(f, 1)
+
+
+@case
+def signals_nobody_reads(f, programs):
+    process = programs.start("run_stereo_kitti", [f.sequence, "--output", f.output])
+    process.stdout.close()
+    process.stdout = None
+    passed(programs.finish(process))
+    complete(f)
+
+
+# --- priors --------------------------------------------------------------------------------------
+
+def run_case(name, programs, sequence, folder, failures, lock):
+    path = os.path.join(folder, name)
+    os.mkdir(path)
+    try:
+        CASES[name](Folder(path, sequence), programs)
+        error = None
+    except AssertionError as problem:
+        error = str(problem)
+    except Exception as problem:  # pylint: disable=broad-except
+        error = f"{type(problem).__name__}: {problem}"
+    with lock:
+        print(f"{'FAILED' if error else 'passed'}  {name}{': ' + error if error else ''}",
+              flush=True)
+        if error:
+            failures.append(name)
+
+
+def main():
+    programs = Programs(os.path.abspath(sys.argv[1]))
+    wanted = sys.argv[2:]
+    names = [n for n in CASES if not wanted or any(w in n for w in wanted)]
+    failures, lock = [], threading.Lock()
+    with tempfile.TemporaryDirectory(prefix="kys_hostile_") as folder:
+        sequence = os.path.join(folder, "sequence")
+        make_sequence(sequence)
+        for name in names:
+            run_case(name, programs, sequence, folder, failures, lock)
+    print(f"{len(names) - len(failures)} of {len(names)} cases passed")
+    return 1 if failures or not names else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
