@@ -2,6 +2,7 @@
 # Installs what the project needs on Debian 12 or Ubuntu 24.04 (as root or with sudo), once.
 #   tools/setup.sh            compiler, libraries, tests
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
+#   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -39,6 +40,12 @@ case "${1:-}" in
     if ! .venv/bin/python -c 'import matplotlib' 2>/dev/null; then
       make_environment
       install_python numpy matplotlib
+    fi
+    ;;
+  --experiments)
+    if ! .venv/bin/python -c 'import matplotlib, scipy, snakemake, yaml' 2>/dev/null; then
+      make_environment
+      install_python numpy matplotlib 'scipy>=1.15' 'snakemake>=8,<10' pyyaml
     fi
     ;;
   --perception)

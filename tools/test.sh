@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 preset=${1:-release}
 
-tools/setup.sh --plots
+tools/setup.sh --experiments
 cmake --preset "$preset" -DPython3_EXECUTABLE="$PWD/.venv/bin/python" "${@:2}"
 cmake --build --preset "$preset"
 ctest --preset "$preset" -j "$(nproc)"

@@ -3,29 +3,25 @@
 A case is a file NAME.json beside this one; README.md says what is in it. Only the standard library
 is used.
 """
-import hashlib
 import json
 import math
 import os
-import shutil
 import statistics
-import subprocess
 import sys
 
 from drive import drive_text
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
 SOURCE = os.path.dirname(os.path.dirname(FOLDER))
+sys.path.insert(0, os.path.join(SOURCE, "tools", "experiments"))
+from runs import (DONE, TRACKING_FAILED, Failure, call, digest,  # noqa: E402
+                  perception_arguments, remove)
+
 SKIPPED = 77
-DONE, TRACKING_FAILED = 0, 3  # exit status of the run_stereo programs that leave results
 
 
 class Absent(Exception):
     """The input of a case is not on this machine."""
-
-
-class Failure(Exception):
-    """A program failed, or a result is not what was recorded."""
 
 
 def case_names():
@@ -35,14 +31,6 @@ def case_names():
 def load(name):
     with open(os.path.join(FOLDER, name + ".json"), encoding="utf-8") as file:
         return json.load(file)
-
-
-def call(command, allowed=(0,)):
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode not in allowed:
-        lines = done.stderr.strip().splitlines()
-        raise Failure(f"{' '.join(command)}: status {done.returncode}: {lines[-1] if lines else ''}")
-    return done.returncode
 
 
 # --- input -------------------------------------------------------------------------------------
@@ -65,33 +53,18 @@ class Workplace:
         return path
 
 
-def _digest(path):
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def _remove(path):
-    if os.path.isdir(path):
-        shutil.rmtree(path)
-    elif os.path.exists(path):
-        os.unlink(path)
-
-
 def _make(output, program, arguments, sources, announce):
     """Runs `program arguments --output OUTPUT`, unless that is there, made by the same program with
     the same arguments from the same sources."""
-    key = json.dumps([_digest(program), arguments, [_digest(s) for s in sources]])
+    key = json.dumps([digest(program), arguments, [digest(s) for s in sources]])
     note = output + ".key"
     if os.path.exists(output) and os.path.exists(note):
         with open(note, encoding="utf-8") as file:
             if file.read() == key:
                 return False
     announce(f"making {os.path.basename(output)}")
-    _remove(note)
-    _remove(output)
+    remove(note)
+    remove(output)
     call([program, *arguments, "--output", output])
     with open(note, "w", encoding="utf-8") as file:
         file.write(key)
@@ -121,12 +94,9 @@ def _world(spec, seed, place, announce):
 
 
 def _priors(world, place, announce):
-    exact = []
-    for option in ("panoptic-left", "panoptic-right", "disparity", "flow-left", "flow-right"):
-        exact += [f"--{option}", os.path.join(world, option.replace("-", "_"))]
     output = world + "-priors"
-    _make(output, place.program("build_priors"), [world, *exact, "--quiet"], [world + ".key"],
-          announce)
+    arguments = [world, *perception_arguments(world), "--quiet"]
+    _make(output, place.program("build_priors"), arguments, [world + ".key"], announce)
     return output
 
 
@@ -172,7 +142,7 @@ def is_generated(case):
 def run(case, name, arguments, settings, place):
     """Runs the case's program on an input; returns the folder of results."""
     output = os.path.join(place.runs, name)
-    _remove(output)
+    remove(output)
     command = [place.program(case["run"]["program"]), *arguments, *case["run"]["arguments"]]
     for setting in settings:
         command += ["--set", setting]

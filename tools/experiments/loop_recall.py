@@ -56,6 +56,39 @@ def linked(revisit, edges, times, positions, options):
     return False
 
 
+class Limits:
+    """The options' defaults, for callers that have none."""
+
+    radius, angle, gap, least, error = 4.0, 30.0, 10.0, 3.0, 0.5
+
+
+def recall_of(run, options=Limits):
+    """Loops closed and true, revisits and those the map ties, largest gap of a loop (m) of a run.
+    OSError, ValueError, IndexError: the folder has no ground truth or is incomplete."""
+    run = pathlib.Path(run)
+    times, positions, forward = read_truth(run / "ground_truth.tum")
+    with open(run / "frames.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    edges = np.loadtxt(run / "graph.csv", delimiter=",", skiprows=1, ndmin=2)[:, :3]
+    time_of = {row["index"]: float(row["timestamp"]) for row in rows}
+    exist = revisits(times, positions, forward, options)
+    closed, true, gap = [], 0, 0.0
+    for row in rows:
+        if not row["loop"]:
+            continue
+        closed.append(float(row["timestamp"]))
+        gap = max(gap, float(row["loop_gap_m"]))
+        if row["loop_frame"] not in time_of:
+            continue
+        a = int(np.argmin(abs(times - closed[-1])))
+        b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
+        error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
+        true += bool(error <= options.error)
+    tied = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
+    return {"loops_closed": len(closed), "loops_true": true, "revisits": len(exist),
+            "revisits_tied": tied, "loop_gap_m": gap}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -71,30 +104,13 @@ def main():
     totals = np.zeros(4, int)
     for run in options.run:
         try:
-            times, positions, forward = read_truth(run / "ground_truth.tum")
-            with open(run / "frames.csv", newline="") as file:
-                rows = list(csv.DictReader(file))
-            edges = np.loadtxt(run / "graph.csv", delimiter=",", skiprows=1, ndmin=2)[:, :3]
+            found = recall_of(run, options)
         except (OSError, ValueError, IndexError) as error:
             print(f"loop_recall.py: {run}: {error}", file=sys.stderr)
             return 2
-        time_of = {row["index"]: float(row["timestamp"]) for row in rows}
-        exist = revisits(times, positions, forward, options)
-        closed, true, gap = [], 0, 0.0
-        for row in rows:
-            if not row["loop"]:
-                continue
-            closed.append(float(row["timestamp"]))
-            gap = max(gap, float(row["loop_gap_m"]))
-            if row["loop_frame"] not in time_of:
-                continue
-            a = int(np.argmin(abs(times - closed[-1])))
-            b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
-            error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
-            true += bool(error <= options.error)
-        tied = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
-        print(f"| {run.name} | {len(closed)} | {true} | {len(exist)} | {tied} | {gap:.2f} |")
-        totals += [len(closed), true, len(exist), tied]
+        counts = [found[key] for key in ("loops_closed", "loops_true", "revisits", "revisits_tied")]
+        print(f"| {run.name} | {' | '.join(map(str, counts))} | {found['loop_gap_m']:.2f} |")
+        totals += counts
     print(f"| all | {totals[0]} | {totals[1]} | {totals[2]} | {totals[3]} | |")
     return 0
 

@@ -1,18 +1,22 @@
-"""Runs of the run_stereo programs for experiments: made once, kept, and read back as figures."""
+"""Programs run for experiments and tests: found, called, and their results read back as figures."""
 import csv
 import hashlib
 import json
 import os
 import shutil
 import subprocess
-import sys
 
 TIERS = ("same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped")
-DONE, TRACKING_FAILED = 0, 3  # exit status of the programs that leave results
+DONE, TRACKING_FAILED = 0, 3  # exit status of the run_stereo programs that leave results
+EXACT = ("panoptic-left", "panoptic-right", "disparity", "flow-left", "flow-right")
 
 
 class InputError(Exception):
     """Bad input; the message is one line that says what is wrong."""
+
+
+class Failure(Exception):
+    """A program failed; the message is one line that says how."""
 
 
 def program_for(sequence):
@@ -29,6 +33,7 @@ def find_program(folder, name):
 
 
 def digest(path):
+    """SHA-256 of a file, hexadecimal."""
     value = hashlib.sha256()
     with open(path, "rb") as file:
         while block := file.read(1 << 20):
@@ -37,12 +42,14 @@ def digest(path):
 
 
 def write_text(path, text):
+    """Complete or not at all."""
     with open(path + ".new", "w", encoding="utf-8") as file:
         file.write(text)
     os.replace(path + ".new", path)
 
 
 def read_json(path):
+    """The content; None when there is no such file or it is no JSON."""
     try:
         with open(path, encoding="utf-8") as file:
             return json.load(file)
@@ -50,26 +57,33 @@ def read_json(path):
         return None
 
 
-def run_once(command, output, announce):
-    """Runs `command --output OUTPUT` unless it was done before by the same program with the same
-    arguments. Returns the summary, or None when the program failed (the reason is announced)."""
-    key = [digest(command[0]), command[1:]]
-    note = os.path.join(output, "run.json")
-    if read_json(note) == key:
-        return read_json(os.path.join(output, "summary.json"))
-    shutil.rmtree(output, ignore_errors=True)
-    done = subprocess.run([*command, "--quiet", "--output", output], capture_output=True, text=True,
-                          check=False)
-    if done.returncode not in (DONE, TRACKING_FAILED):
+def remove(path):
+    if os.path.isdir(path) and not os.path.islink(path):
+        shutil.rmtree(path)
+    elif os.path.lexists(path):
+        os.unlink(path)
+
+
+def call(command, allowed=(DONE,)):
+    """Runs a command; its exit status and standard output.  Failure when the status is another."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in allowed:
         lines = done.stderr.strip().splitlines()
-        announce(f"failed with status {done.returncode}: {lines[-1] if lines else 'no message'}")
-        return None
-    write_text(note, json.dumps(key))
-    return read_json(os.path.join(output, "summary.json"))
+        raise Failure(f"{os.path.basename(command[0])}: status {done.returncode}: "
+                      f"{lines[-1] if lines else 'no message'}")
+    return done.returncode, done.stdout
+
+
+def perception_arguments(folder):
+    """Options of build_priors for perception outputs in the folders simulate_sequence writes."""
+    arguments = []
+    for name in EXACT:
+        arguments += [f"--{name}", os.path.join(folder, name.replace("-", "_"))]
+    return arguments
 
 
 def tier_counts(output):
-    """Pairs of descriptors evaluated and accepted, by tier."""
+    """Pairs of descriptors evaluated and accepted, by tier, of a run's output folder."""
     pairs, accepted = dict.fromkeys(TIERS, 0), dict.fromkeys(TIERS, 0)
     with open(os.path.join(output, "frames.csv"), encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
@@ -82,24 +96,3 @@ def tier_counts(output):
 def shares(counts):
     total = sum(counts.values())
     return {tier: count / total if total else 0.0 for tier, count in counts.items()}
-
-
-def show(value, digits):
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def markdown(header, rows):
-    lines = ["| " + " | ".join(header) + " |", "| " + " | ".join("---" for _ in header) + " |"]
-    return "\n".join(lines + ["| " + " | ".join(str(x) for x in row) + " |" for row in rows]) + "\n"
-
-
-def comma_separated(header, rows):
-    quote = ['"' + x.replace('"', '""') + '"' if "," in x or '"' in x else x
-             for row in [header, *rows] for x in map(str, row)]
-    width = len(header)
-    return "".join(",".join(quote[i:i + width]) + "\n" for i in range(0, len(quote), width))
-
-
-def fail(error):
-    print(f"{os.path.basename(sys.argv[0])}: {error}", file=sys.stderr)
-    return 2

@@ -1,0 +1,200 @@
+"""Parts of the experiments workflow, without running any experiment."""
+import json
+import os
+import pathlib
+import sys
+import tempfile
+import unittest
+
+SOURCE = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(SOURCE / "tools" / "experiments"))
+try:
+    import numpy as np
+
+    import data_sets
+    import paired
+    import plan
+    import results
+    import step
+    from tables import Table, show
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+
+def touch(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("")
+
+
+class Published(unittest.TestCase):
+    """The figures as copied from the paper agree with what the paper says of them."""
+
+    def values(self, name, method, metric="ate"):
+        return {r["sequence"]: r["value"] for r in results.published(name)
+                if r["method"] == method and r["metric"] == metric}
+
+    def test_every_row_has_a_source(self):
+        for path in (SOURCE / "tools" / "experiments" / "published").glob("*.csv"):
+            for row in results.published(path.name):
+                self.assertTrue(row["source"] and row["section"] and row["unit"], f"{path}: {row}")
+
+    def test_mean_reductions_of_table_1_follow_from_its_values(self):
+        base = self.values("table1.csv", "ORB-SLAM3")
+        self.assertEqual(len(base), 11)
+        for method, reduction in (("KYS-SLAM", 17.4), ("+Pano", 16.6), ("+Sem", 9.5),
+                                  ("DynaSLAM", 11.7), ("Semantic I", -2.1), ("ORB-SLAM2", -0.6)):
+            mine = self.values("table1.csv", method)
+            mean = np.mean([100 * (base[s] - mine[s]) / base[s] for s in base])
+            self.assertAlmostEqual(mean, reduction, delta=0.3, msg=method)
+
+    def test_means_of_table_2_follow_from_its_values(self):
+        for method in ("ORB-SLAM3", "+Sem", "+Pano", "KYS-SLAM", "SVO", "DVI-SLAM"):
+            stated = self.values("table2.csv", method, "ATE, mean over sequences")[""]
+            mean = np.mean(list(self.values("table2.csv", method).values()))
+            self.assertAlmostEqual(mean, stated, delta=0.0006, msg=method)
+
+
+class Statistics(unittest.TestCase):
+    def test_a_clear_difference(self):
+        base = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        d = paired.difference(base, [b - 0.5 - 0.01 * b for b in base])
+        self.assertAlmostEqual(d.mean, -0.535)
+        self.assertLess(d.high, 0)
+        self.assertEqual(d.verdict, "smaller")
+        self.assertAlmostEqual(d.wilcoxon_p, 2 / 2**6)  # all signs alike: two of 64 orders
+
+    def test_none_where_there_is_none(self):
+        d = paired.difference([1, 1, 1, 1], [1.1, 0.9, 1.2, 0.8])
+        self.assertLess(d.low, 0)
+        self.assertGreater(d.high, 0)
+        self.assertEqual(d.verdict, "no difference shown")
+        self.assertIsNone(d.wilcoxon_p, "four pairs cannot show anything")
+
+    def test_two_pairs_say_nothing(self):
+        self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too few pairs")
+        self.assertEqual(paired.difference([], []).pairs, 0)
+
+    def test_the_same_numbers_give_the_same_interval(self):
+        a, b = [1, 2, 3, 4], [1.5, 2.1, 2.5, 4.4]
+        self.assertEqual(paired.difference(a, b), paired.difference(a, b))
+
+    def test_pairs_are_of_the_same_input_seed_and_case(self):
+        row = lambda name, seed, ate, repeat=0: {
+            "input": name, "seed": seed, "case": "exact", "variant": "", "schedule": "pipelined",
+            "repeat": repeat, "ate": ate}
+        base = [row("a", 1, 1.0), row("a", 2, 2.0), row("b", 1, 4.0), row("b", 2, None)]
+        mine = [row("a", 1, 3.0), row("a", 1, 5.0, 1), row("b", 1, 1.0), row("b", 2, 9.0)]
+        keys, first, second = results.pairs(base, mine, "ate")
+        self.assertEqual([k[:2] for k in keys], [("a", 1), ("b", 1)])
+        self.assertEqual((first, second), ([1.0, 4.0], [4.0, 1.0]))  # repeats are averaged
+
+
+class Tables(unittest.TestCase):
+    table = Table("t", "A & B", ["name", "x|y", "50 %"], [["a_b", "1", "<2>"], ["c", "-", "3"]],
+                  "Note.", {1: "others"})
+
+    def test_every_form_has_every_cell_and_is_escaped(self):
+        self.assertIn("| a_b | 1 | <2> |", self.table.markdown())
+        self.assertIn("x\\|y", self.table.markdown())
+        self.assertEqual(self.table.comma_separated().splitlines()[1], "a_b,1,<2>")
+        self.assertIn(r"a\_b & 1 & <2> \\", self.table.latex())
+        self.assertIn(r"A \& B", self.table.latex())
+        self.assertIn("<td>&lt;2&gt;</td>", self.table.html())
+        self.assertIn('<td colspan="3">others</td>', self.table.html())
+
+    def test_numbers(self):
+        self.assertEqual([show(v) for v in (None, 0.01234567, 1.23456, 23.456789, 3, "x")],
+                         ["-", "0.0123", "1.235", "23.46", "3", "x"])
+
+
+class DataSets(unittest.TestCase):
+    def test_usual_layouts_are_found_anywhere(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            touch(root / "kitti" / "dataset" / "sequences" / "07" / "image_0" / "000000.png")
+            touch(root / "kitti" / "dataset" / "sequences" / "notes" / "x.txt")
+            touch(root / "tracking" / "training" / "image_02" / "0001" / "000000.png")
+            touch(root / "EuRoC" / "V1_01_easy" / "mav0" / "cam0" / "data.csv")
+            touch(root / "EuRoC" / "machine_hall" / "MH_04_difficult" / "mav0" / "cam0" / "data.csv")
+            touch(root / "vkitti_2.0.3_rgb" / "Scene18" / "clone" / "frames" / "x.txt")
+            touch(root / "vkitti_2.0.3_rgb" / "Scene18" / "rain" / "frames" / "x.txt")
+            found = data_sets.find(folder)
+        self.assertEqual(sorted(found), ["euroc/MH04", "euroc/V101", "kitti/07", "tracking/0001",
+                                         "vkitti/Scene18"])
+        self.assertEqual(found["vkitti/Scene18"].label_space, "vkitti2")
+
+    def test_perception_beside_a_sequence(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            sequence = data_sets.Sequence("kitti/07", str(root / "sequences" / "07"))
+            touch(root / "sequences" / "07" / "image_0" / "x.png")
+            self.assertIsNone(data_sets.perception_of(sequence, folder))
+            touch(root / "sequences" / "07" / "panoptic_left" / "x.png")
+            touch(root / "sequences" / "07" / "panoptic_right" / "x.png")
+            self.assertEqual(data_sets.perception_of(sequence, folder),
+                             ("perception", sequence.folder))
+            touch(root / "priors" / "kitti" / "07" / "000000.kysp")
+            self.assertEqual(data_sets.perception_of(sequence, folder)[0], "priors")
+
+
+class Experiments(unittest.TestCase):
+    def test_every_file_names_configurations_cases_and_inputs_that_exist(self):
+        configurations = plan.load_yaml("configurations.yaml")
+        cases, stand_ins = plan.load_yaml("cases.yaml"), plan.load_yaml("stand_ins.yaml")
+        folder = SOURCE / "configs" / "experiments"
+        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "stand_ins.yaml")
+        self.assertGreater(len(files), 8)
+        for name in files:
+            for spec in (e := plan.load_yaml(name), {**e, **e.get("quick", {})}):
+                self.assertLessEqual(set(spec["configurations"]), set(configurations), name)
+                self.assertLessEqual(set(spec.get("cases", [])), set(cases), name)
+                for given in spec["inputs"]:
+                    self.assertTrue(given.startswith("world/") or given in stand_ins, given)
+                self.assertIn(spec["baseline"], spec["configurations"], name)
+                if "published" in spec:
+                    self.assertTrue(results.published(spec["published"]))
+        for entry in configurations.values():
+            for key in ("config", "priors"):
+                if key in entry:
+                    self.assertTrue((SOURCE / "configs" / entry[key]).exists(), entry)
+
+
+class Steps(unittest.TestCase):
+    def run_step(self, job, done=None):
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            for name in ("jobs", "done"):
+                (work / name).mkdir()
+            (work / "plan.json").write_text(json.dumps(
+                {"bin": folder, "source": str(SOURCE), "cores": 2, "jobs": [job["id"]]}))
+            (work / "jobs" / (job["id"] + ".json")).write_text(json.dumps(job))
+            for name, result in (done or {}).items():
+                (work / "done" / (name + ".json")).write_text(json.dumps(result))
+            program = work / "simulate_sequence"
+            program.write_text("#!/bin/sh\necho first >&2\necho 'simulate_sequence: no room' >&2\nexit 2\n")
+            program.chmod(0o755)
+            old, sys.argv = sys.argv, ["step.py", folder, job["id"]]
+            quiet, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")
+            try:
+                self.assertEqual(step.main(), 0, "a failure is a result")
+            finally:
+                sys.stdout.close()
+                sys.argv, sys.stdout = old, quiet
+            return json.loads((work / "done" / (job["id"] + ".json")).read_text())
+
+    def test_a_program_that_fails_is_a_row_with_its_last_line(self):
+        result = self.run_step({"id": "input-x", "kind": "input", "needs": [], "threads": 2, "cost": 1,
+                                "spec": {"arguments": ["street", "--seed", "1"]}})
+        self.assertEqual(result["status"], "failed")
+        self.assertEqual(result["reason"], "simulate_sequence: status 2: simulate_sequence: no room")
+
+    def test_what_needs_a_failed_job_fails_with_its_reason(self):
+        result = self.run_step({"id": "run-x", "kind": "run", "needs": ["priors-y"], "threads": 1,
+                                "cost": 1, "spec": {}},
+                               {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
+        self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,83 @@
+"""Sequences of the known data sets under a folder, wherever in it they are."""
+import dataclasses
+import os
+import re
+
+DEPTH = 7  # of folders below the root that are looked into
+PERCEPTION = ("panoptic_left", "panoptic_right")
+
+
+@dataclasses.dataclass
+class Sequence:
+    """A recording in one of the layouts the run_stereo programs read."""
+
+    name: str  # "kitti/00", "tracking/0001", "euroc/MH01", "vkitti/Scene01"
+    folder: str
+
+    @property
+    def label_space(self):
+        return "vkitti2" if self.name.startswith("vkitti/") else "coco_panoptic_133"
+
+
+def name_of(folder):
+    """The name of the sequence in this very folder, None when it is none."""
+    parts = os.path.normpath(folder).split(os.sep)
+    name = parts[-1]
+    holds = lambda *inside: os.path.isdir(os.path.join(folder, *inside))
+    if holds("mav0"):
+        match = re.search(r"(MH|V1|V2)_?(\d\d)", name)
+        return f"euroc/{match[1]}{match[2]}" if match else None
+    if len(parts) > 1 and re.fullmatch(r"Scene\d+", parts[-2]) and name == "clone":
+        return f"vkitti/{parts[-2]}" if holds("frames") else None
+    if len(parts) > 1 and parts[-2] == "image_02" and re.fullmatch(r"\d{4}", name):
+        return f"tracking/{name}"
+    if re.fullmatch(r"\d\d", name) and (holds("image_0") or holds("image_2")):
+        return f"kitti/{name}"
+    return None
+
+
+def find(root):
+    """Sequences by name; of several folders with one name the first in alphabetical order."""
+    found = {}
+
+    def look(folder, depth):
+        name = name_of(folder)
+        if name is not None:
+            found.setdefault(name, Sequence(name, folder))
+            return
+        if depth == 0:
+            return
+        try:
+            inside = sorted(e.path for e in os.scandir(folder) if e.is_dir())
+        except OSError:
+            return
+        for path in inside:
+            look(path, depth - 1)
+
+    look(os.path.abspath(root), DEPTH)
+    return found
+
+
+def state_of(folder):
+    """What tells one state of a recording from another: number and latest change of its files."""
+    count, latest = 0, 0
+    for path, _, files in os.walk(folder):
+        count += len(files)
+        for name in files:
+            latest = max(latest, os.stat(os.path.join(path, name)).st_mtime_ns)
+    return [count, latest]
+
+
+def perception_of(sequence, root):
+    """Where prior files or perception outputs of a sequence are: ("priors" | "perception", folder),
+    ("vkitti", folder of its frames), or None."""
+    for folder in (os.path.join(root, "priors", sequence.name), sequence.folder + "-priors"):
+        if os.path.isdir(folder) and any(f.endswith(".kysp") for f in os.listdir(folder)):
+            return "priors", folder
+    for folder in (os.path.join(root, "perception", sequence.name), sequence.folder):
+        if all(os.path.isdir(os.path.join(folder, name)) for name in PERCEPTION):
+            return "perception", folder
+    frames = os.path.join(sequence.folder, "frames")
+    if os.path.isdir(os.path.join(frames, "instanceSegmentation")):
+        return "vkitti", frames
+    return None

@@ -1,0 +1,385 @@
+#!/usr/bin/env python3
+"""Turns the experiments of configs/experiments into jobs of the workflow.
+
+    plan.py --output DIR [--data ROOT] [--scale full|quick|miniature] [--only NAME ...]
+
+A job is a file DIR/jobs/ID.json: an input to simulate, prior files to make, or a run. ID names what
+it is and digests all that its result depends on: programs, arguments, the jobs it needs. What is
+done already (DIR/done/ID.json) is therefore never stale. DIR/plan.json lists the jobs, and by
+experiment the labels of its runs.
+"""
+import argparse
+import copy
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+
+import yaml
+
+import data_sets
+from runs import InputError, digest, find_program, read_json, write_text
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+SOURCE = os.path.dirname(os.path.dirname(HERE))
+CONFIGS = os.path.join(SOURCE, "configs")
+SCALES = ("full", "quick", "miniature")
+NO_PRIORS = ("stock", "scaled")  # modes that look at none
+SEED_STEP = 1000  # from one seed of a stand-in to the next
+
+# The miniature: enough to go through every step, far too little to say anything.
+MINIATURE = {"size": "414x126", "frames": 16, "seeds": [1]}
+
+
+def load_yaml(name):
+    path = os.path.join(CONFIGS, "experiments", name)
+    try:
+        with open(path, encoding="utf-8") as file:
+            return yaml.safe_load(file)
+    except (OSError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def short_digest(value):
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def slug(*words):
+    return re.sub(r"[^A-Za-z0-9.+]+", "-", "-".join(str(w) for w in words if w != "")).strip("-")
+
+
+class Programs:
+    """The programs, what they are (a digest), and what the run programs know."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self._digests = {}
+        run = self.path("run_stereo_kitti")
+        listed = subprocess.run([run, "--list-settings"], capture_output=True, text=True, check=True)
+        self.settings = self._keys(listed.stdout)
+        helped = subprocess.run([run, "--help"], capture_output=True, text=True, check=True).stdout
+        match = re.search(r"how descriptors are compared:([^(]*)", helped)
+        self.modes = set(re.findall(r"\w+", match[1])) if match else set()
+
+    @staticmethod
+    def _keys(text):
+        keys, group = set(), ""
+        for line in text.splitlines():
+            key = line.split("#")[0].partition(":")[0]
+            if key and not key.startswith(" "):
+                group = key.strip()
+            elif key.strip():
+                keys.add(f"{group}.{key.strip()}")
+        return keys
+
+    def path(self, name):
+        return find_program(self.folder, name)
+
+    def key(self, name):
+        if name not in self._digests:
+            self._digests[name] = digest(self.path(name))
+        return self._digests[name]
+
+
+class Planner:
+    def __init__(self, options):
+        self.options = options
+        self.programs = Programs(options.bin)
+        self.configurations = load_yaml("configurations.yaml")
+        self.cases = load_yaml("cases.yaml")
+        self.stand_ins = load_yaml("stand_ins.yaml")
+        self.given = data_sets.find(options.data) if options.data else {}
+        self.states = {}
+        self.jobs = {}
+        self.left_out = {}
+
+    def add(self, kind, words, spec, needs, threads, cost):
+        """Registers a job; returns its id. `spec` is all that its result depends on."""
+        ident = f"{kind}-{slug(*words)}-{short_digest([kind, spec, needs])}"
+        self.jobs[ident] = {"id": ident, "kind": kind, "spec": spec, "needs": needs,
+                            "threads": threads, "cost": cost}
+        return ident
+
+    # --- input ---------------------------------------------------------------------------------
+
+    def input_of(self, name, seed, experiment):
+        """Job id (None: given data), folder relative to the work folder or absolute, and labels."""
+        if name in self.given:
+            if seed != experiment["seeds"][0]:
+                return None  # a recording has no seeds
+            folder = self.given[name].folder
+            if folder not in self.states:
+                self.states[folder] = data_sets.state_of(folder)
+            return None, folder, {"origin": "given", "input": name}
+        spec, _, size = name.partition("@")
+        if spec.startswith("world/"):
+            stand_in = {"world": spec.removeprefix("world/"), "seed": 0}
+            what, steps = "simulated", 1
+        else:
+            if spec not in self.stand_ins:
+                raise InputError(f"{name}: no such sequence")
+            stand_in = self.stand_ins[spec]
+            if self.options.scale == "miniature":
+                stand_in = {**stand_in, "seed": 1}  # few worlds for all experiments
+            what, steps = "stand-in", SEED_STEP
+        size = size or experiment.get("size", "620x188")
+        number = stand_in["seed"] + (seed if steps == 1 else steps * (seed - 1))
+        frames = experiment.get("frames", stand_in.get("frames", 0))
+        arguments = [stand_in["world"], "--seed", str(number), "--size", size]
+        if frames:
+            arguments += ["--frames", str(frames)]
+        width, height = (int(x) for x in size.split("x"))
+        cost = (frames or 250) * width * height / 480e3
+        job = self.add("input", [stand_in["world"], number, size, frames or "all"],
+                       {"program": self.programs.key("simulate_sequence"), "arguments": arguments},
+                       [], 2, cost)
+        label = f"{what}: {stand_in['world']}, seed {number}"
+        return job, f"inputs/{job}", {"origin": what, "input": name, "what": label}
+
+    # --- priors --------------------------------------------------------------------------------
+
+    def priors_of(self, source, name, case, config, seed):
+        """Job id of prior files of an input."""
+        job, folder, labels = source
+        recipe = dict(self.cases[case])
+        spec = {"program": self.programs.key("build_priors"), "input": folder, "case": recipe,
+                "config": config, "seed": seed}
+        if config:
+            spec["config_digest"] = digest(os.path.join(CONFIGS, config))
+        if job is None:
+            sequence = self.given[name]
+            spec.update(state=self.states[folder], label_space=sequence.label_space,
+                        perception=data_sets.perception_of(sequence, self.options.data))
+        needs = [job] if job else []
+        if recipe:
+            spec["perturb"] = self.programs.key("perturb_priors")
+        if "decision" in recipe:
+            needs.append(self.priors_of(source, name, "exact", config, seed))
+        words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]
+        return self.add("priors", words, spec, needs, 1, 4 if not recipe.get("disparity") else 60)
+
+    # --- runs ----------------------------------------------------------------------------------
+
+    def known(self, settings):
+        """Settings the program has; None when one that asks for something is not there yet."""
+        kept = []
+        for assignment in settings:
+            key, _, value = assignment.partition("=")
+            if key in self.programs.settings:
+                kept.append(assignment)
+            elif value not in ("false", "0"):
+                return None
+        return kept
+
+    def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, experiment):
+        job, folder, _ = source
+        mode = configuration["mode"]
+        needs = [job] if job else []
+        arguments = ["--mode", mode, "--schedule", schedule]
+        spec = {"input": folder}
+        if job is None:
+            spec["state"] = self.states[folder]
+            if experiment.get("frames"):
+                arguments += ["--frames", str(experiment["frames"])]
+            if self.given[name].label_space != "coco_panoptic_133":
+                settings = [*settings, f"control.label_space={self.given[name].label_space}"]
+        for setting in settings:
+            arguments += ["--set", setting]
+        config = configuration.get("config")
+        if config:
+            spec["config"] = config
+            spec["config_digest"] = digest(os.path.join(CONFIGS, config))
+        priors = None
+        if mode not in NO_PRIORS:
+            priors = self.priors_of(source, name, case, configuration.get("priors"), seed)
+            needs.append(priors)
+        euroc = name.startswith("euroc/") or "hall" in name
+        if job is not None:
+            euroc = self.jobs[job]["spec"]["arguments"][0] == "hall"
+        spec.update(program="run_stereo_euroc" if euroc else "run_stereo_kitti",
+                    arguments=arguments, priors=priors, repeat=repeat)
+        spec["key"] = self.programs.key(spec["program"])
+        realtime = schedule == "realtime" or experiment.get("alone", False)
+        cost = 0.03 * (experiment.get("frames") or 250) * (4 if realtime else 1)
+        return self.add("run", [name.replace("/", ""), seed, configuration["name"],
+                                case if priors else "", schedule],
+                        spec, needs, self.options.cores if realtime else 1, cost)
+
+    def leave_out(self, experiment, what, why):
+        self.left_out.setdefault(experiment, {})[what] = why
+
+    def configurations_of(self, experiment):
+        """Configurations of an experiment, those of a sweep included, that the program can run."""
+        chosen = []
+        for name in experiment["configurations"]:
+            entry = self.configurations.get(name)
+            if entry is None:
+                raise InputError(f"experiment {experiment['name']}: no configuration '{name}'")
+            chosen.append({"settings": [], **entry, "name": name})
+        for value in experiment.get("sweep", {}).get("values", []):
+            entry = copy.deepcopy(self.configurations[experiment["sweep"]["configuration"]])
+            settings = [s.replace("$", str(v)) for s, v in
+                        zip(experiment["sweep"]["settings"], value["set"])]
+            chosen.append({**entry, "settings": entry.get("settings", []) + settings,
+                           "name": str(value["name"])})
+        usable = []
+        for c in chosen:
+            if c["mode"] not in self.programs.modes:
+                self.leave_out(experiment["name"], c["name"], f"no mode {c['mode']} in this program")
+            elif self.known(c["settings"]) is None:
+                self.leave_out(experiment["name"], c["name"], "a setting this program does not have")
+            else:
+                usable.append(c)
+        return usable
+
+    def worlds_exist(self, experiment, name):
+        if name in self.given or not name.startswith("world/"):
+            return True
+        world = name.removeprefix("world/").partition("@")[0]
+        if world in self.worlds():
+            return True
+        self.leave_out(experiment["name"], name, f"no world {world} in this program")
+        return False
+
+    def worlds(self):
+        if not hasattr(self, "_worlds"):
+            done = subprocess.run([self.programs.path("simulate_sequence"), "--help"],
+                                  capture_output=True, text=True, check=True)
+            self._worlds = set(re.findall(r"\b[a-z]+\b", done.stdout))
+        return self._worlds
+
+    def runs_of(self, experiment):
+        """All runs of an experiment as rows of labels."""
+        rows = []
+        configurations = self.configurations_of(experiment)
+        for name in experiment["inputs"]:
+            if not self.worlds_exist(experiment, name):
+                continue
+            for seed in experiment["seeds"]:
+                source = self.input_of(name, seed, experiment)
+                if source is None:
+                    continue
+                for configuration in configurations:
+                    rows += self.runs_of_input(experiment, source, name, seed, configuration)
+        return rows
+
+    def runs_of_input(self, experiment, source, name, seed, configuration):
+        rows = []
+        for variant, extra in experiment.get("variants", {"": []}).items():
+            settings = self.known([*configuration["settings"], *extra])
+            if settings is None:
+                self.leave_out(experiment["name"], variant, "a setting this program does not have")
+                continue
+            for case in experiment.get("cases", ["exact"]):
+                for schedule in experiment.get("schedules", ["pipelined"]):
+                    for repeat in range(experiment.get("repeats", {}).get(schedule, 1)):
+                        job = self.run_of(source, name, configuration, settings, case, schedule,
+                                          repeat, seed, experiment)
+                        rows.append({**source[2], "job": job, "seed": seed, "variant": variant,
+                                     "configuration": configuration["name"], "case": case,
+                                     "schedule": schedule, "repeat": repeat})
+        return rows
+
+    # --- experiments ---------------------------------------------------------------------------
+
+    def experiment(self, file):
+        spec = load_yaml(file)
+        spec["name"] = file.removesuffix(".yaml")
+        spec.setdefault("seeds", [1])
+        if self.options.scale != "full":
+            spec.update(spec.get("quick", {}))
+        if self.options.scale == "miniature":
+            spec.update(MINIATURE)
+            first = spec.get("baseline", spec["configurations"][0])
+            others = [c for c in spec["configurations"] if c != first]
+            second = [c for c in others if c == "KYS"] or others
+            spec["configurations"] = [first, *second[:1]]
+            spec["inputs"] = spec["inputs"][:2]
+            spec["cases"] = spec.get("cases", ["exact"])[:2]
+            if "sweep" in spec:
+                spec["sweep"]["values"] = spec["sweep"]["values"][:2]
+            if "variants" in spec:
+                spec["variants"] = dict(list(spec["variants"].items())[:1])
+            spec["repeats"] = {}
+        if self.options.seeds:
+            spec["seeds"] = self.options.seeds
+        if self.options.inputs:
+            spec["inputs"] = [i for i in spec["inputs"] if i in self.options.inputs]
+        return spec
+
+    def plan(self):
+        folder = os.path.join(CONFIGS, "experiments")
+        files = sorted(f for f in os.listdir(folder) if re.fullmatch(r"(table|study)_\w+\.yaml", f))
+        names = [f.removesuffix(".yaml") for f in files]
+        for wanted in self.options.only:
+            if wanted not in names:
+                raise InputError(f"--only {wanted}: there are {', '.join(names)}")
+        experiments = []
+        for file in files:
+            if self.options.only and file.removesuffix(".yaml") not in self.options.only:
+                continue
+            spec = self.experiment(file)
+            spec["runs"] = self.runs_of(spec)
+            spec["left_out"] = self.left_out.get(spec["name"], {})
+            experiments.append(spec)
+        experiments.sort(key=lambda e: e.get("order", 99))
+        return {"scale": self.options.scale, "source": SOURCE, "bin": self.options.bin,
+                "data": self.options.data, "worlds": self.options.worlds, "cores": self.options.cores,
+                "given": {n: s.folder for n, s in self.given.items()},
+                "jobs": list(self.jobs), "experiments": experiments}
+
+
+def write_plan(plan, jobs, output):
+    """Job files that are there already stay as they are: their times mean something."""
+    os.makedirs(os.path.join(output, "jobs"), exist_ok=True)
+    os.makedirs(os.path.join(output, "done"), exist_ok=True)
+    for ident, job in jobs.items():
+        path = os.path.join(output, "jobs", ident + ".json")
+        if read_json(path) != job:
+            write_text(path, json.dumps(job))
+    write_text(os.path.join(output, "plan.json"), json.dumps(plan, indent=1))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", required=True, metavar="DIR")
+    parser.add_argument("--data", default="", metavar="ROOT", help="folder that holds data sets")
+    parser.add_argument("--scale", choices=SCALES, default="full")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these experiments")
+    parser.add_argument("--inputs", nargs="+", default=[], metavar="NAME", help="these inputs")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[], metavar="N",
+                        help="instead of those of the experiments")
+    parser.add_argument("--worlds", default="", metavar="DIR",
+                        help="worlds rendered before by this simulator: taken where the command in "
+                             "their README is the same")
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--bin", default=os.path.join(SOURCE, "build", "release", "bin"),
+                        metavar="DIR")
+    options = parser.parse_args()
+    options.data = os.path.abspath(options.data) if options.data else ""
+    options.bin = os.path.abspath(options.bin)
+    options.worlds = os.path.abspath(options.worlds) if options.worlds else ""
+    try:
+        if options.data and not os.path.isdir(options.data):
+            raise InputError(f"{options.data}: no such folder")
+        planner = Planner(options)
+        plan = planner.plan()
+        write_plan(plan, planner.jobs, options.output)
+    except (InputError, OSError, subprocess.CalledProcessError) as error:
+        print(f"plan.py: {error}", file=sys.stderr)
+        return 2
+    for name, folder in sorted(planner.given.items()):
+        print(f"found {name} in {folder}")
+    left = [planner.jobs[j] for j in plan["jobs"]
+            if not os.path.exists(os.path.join(options.output, "done", j + ".json"))]
+    runs = sum(len(e["runs"]) for e in plan["experiments"])
+    print(f"{len(plan['experiments'])} experiments, {runs} results of {len(plan['jobs'])} jobs, "
+          f"{len(left)} of them to do")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

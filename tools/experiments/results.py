@@ -1,0 +1,83 @@
+"""Results of a work folder as rows: the labels of a run with its figures."""
+import csv
+import os
+
+from paired import mean
+from runs import InputError, read_json
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+METRICS = {"ate": ("ATE", "m"), "rpe_m": ("E_t per frame", "m"), "rpe_deg": ("E_R per frame", "deg"),
+           "wall_s": ("wall clock", "s"), "tracked": ("frames tracked", "%")}
+ORIGINS = {"given": "given data", "stand-in": "simulated stand-ins", "simulated": "simulated worlds"}
+
+
+class Results:
+    def __init__(self, work):
+        self.work = os.path.abspath(work)
+        self.plan = read_json(os.path.join(self.work, "plan.json"))
+        if self.plan is None:
+            raise InputError(f"{work}: no plan.json; see plan.py")
+        self._done = {}
+
+    def done(self, ident):
+        if ident not in self._done:
+            self._done[ident] = read_json(os.path.join(self.work, "done", ident + ".json")) or {
+                "status": "missing", "reason": "not run yet"}
+        return self._done[ident]
+
+    def job(self, ident):
+        return read_json(os.path.join(self.work, "jobs", ident + ".json"))
+
+    def folder(self, row):
+        return os.path.join(self.work, "runs", row["job"])
+
+    def rows(self, experiment):
+        """Rows of an experiment's runs; `tracked` in %. What failed has no figures."""
+        rows = []
+        for labels in experiment["runs"]:
+            row = {**self.done(labels["job"]), **labels}
+            if row.get("frames"):
+                row["frames_tracked"], row["tracked"] = row["tracked"], (
+                    100.0 * row["tracked"] / row["frames"])
+            rows.append(row)
+        return rows
+
+
+def published(name):
+    """Rows of a file of published figures; values are numbers."""
+    path = os.path.join(HERE, "published", name)
+    with open(path, encoding="utf-8", newline="") as file:
+        return [{**row, "value": float(row["value"])} for row in csv.DictReader(file)]
+
+
+def unique(rows, key):
+    """Values of a label in the order of their first appearance."""
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def select(rows, **labels):
+    return [r for r in rows if all(r.get(k) == v for k, v in labels.items())]
+
+
+def over_repeats(rows, metric):
+    """Runs that differ in their repeat alone become one: {(input, seed, case, ...): mean}."""
+    groups = {}
+    for r in rows:
+        key = tuple(r[k] for k in ("input", "seed", "case", "variant", "schedule"))
+        groups.setdefault(key, []).append(r.get(metric))
+    return {key: mean(values) for key, values in groups.items()}
+
+
+def pairs(baseline_rows, rows, metric, ignore=()):
+    """Values of both of what was run under both, and the keys; `ignore`: labels that may differ."""
+    order = ("input", "seed", "case", "variant", "schedule")
+    strip = lambda key: tuple(v for k, v in zip(order, key) if k not in ignore)
+    first = {strip(k): v for k, v in over_repeats(baseline_rows, metric).items()}
+    keys, a, b = [], [], []
+    for key, value in over_repeats(rows, metric).items():
+        other = first.get(strip(key))
+        if value is not None and other is not None:
+            keys.append(key)
+            a.append(other)
+            b.append(value)
+    return keys, a, b

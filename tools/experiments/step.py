@@ -1,0 +1,299 @@
+#!/usr/bin/env python3
+"""Does one job of a plan (plan.py): simulates an input, makes prior files, or runs the program.
+
+    step.py WORK ID
+
+Writes WORK/done/ID.json, always: a job that fails says so there and exits with status 0, so that
+the others go on and the failure becomes a row of the tables. Prints one line with the time left.
+"""
+import csv
+import json
+import os
+import re
+import sys
+import time
+
+from loop_recall import recall_of
+from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, perception_arguments, read_json,
+                  remove, shares, tier_counts, write_text)
+
+VKITTI_FRAMES = (("panoptic-left", "instanceSegmentation/Camera_0"),
+                 ("panoptic-right", "instanceSegmentation/Camera_1"),
+                 ("disparity", "depth/Camera_0"), ("disparity-right", "depth/Camera_1"),
+                 ("flow-left", "forwardFlow/Camera_0"), ("flow-right", "forwardFlow/Camera_1"))
+
+
+class Work:
+    """The work folder and its plan."""
+
+    def __init__(self, folder):
+        self.folder = os.path.abspath(folder)
+        self.plan = read_json(self.path("plan.json"))
+        if self.plan is None:
+            raise InputError(f"{self.path('plan.json')}: cannot be read; run plan.py")
+
+    def path(self, *parts):
+        return os.path.join(self.folder, *parts)  # an absolute part stands for itself
+
+    def job(self, ident):
+        return read_json(self.path("jobs", ident + ".json"))
+
+    def done(self, ident):
+        return read_json(self.path("done", ident + ".json"))
+
+    def program(self, name):
+        return os.path.join(self.plan["bin"], name)
+
+    def config(self, name):
+        return os.path.join(self.plan["source"], "configs", name)
+
+
+# --- input -------------------------------------------------------------------------------------
+
+
+def rendered_before(worlds, arguments):
+    """The folder among `worlds` whose README names this very command; None when there is none."""
+    as_options = lambda words: (words[0], dict(zip(words[1::2], words[2::2])))
+    world, options = as_options(arguments)
+    for entry in sorted(os.scandir(worlds), key=lambda e: e.name):
+        try:
+            with open(os.path.join(entry.path, "README"), encoding="utf-8") as file:
+                command = re.search(r"simulate_sequence (.*)", file.read())
+        except OSError:
+            continue
+        if command is None:
+            continue
+        words = command[1].split()
+        if "--images-only" in words or len(words) % 2 == 0:
+            continue
+        name, made = as_options(words)
+        made.pop("--output", None)
+        if (name, made) == (world, options):
+            return entry.path
+    return None
+
+
+def simulate(work, job):
+    folder = work.path("inputs", job["id"])
+    remove(folder)
+    remove(folder + ".partial")
+    os.makedirs(os.path.dirname(folder), exist_ok=True)
+    worlds = work.plan.get("worlds")
+    before = rendered_before(worlds, job["spec"]["arguments"]) if worlds else None
+    if before is not None:
+        os.symlink(before, folder)
+        return {"rendered_before": before}
+    call([work.program("simulate_sequence"), *job["spec"]["arguments"], "--output", folder, "--quiet"])
+    return {}
+
+
+# --- priors ------------------------------------------------------------------------------------
+
+
+def perception(spec, folder):
+    """Options of build_priors: where perception outputs are."""
+    if "state" not in spec:
+        return perception_arguments(folder)
+    if spec["perception"] is None:
+        raise Failure("no prior files and no perception outputs (tools/perception makes them)")
+    kind, place = spec["perception"]
+    if kind == "vkitti":
+        arguments = ["--label-space", "vkitti2", "--disparity-encoding", "vkitti",
+                     "--flow-encoding", "vkitti"]
+        for option, inside in VKITTI_FRAMES:
+            arguments += [f"--{option}", os.path.join(place, inside)]
+        return arguments
+    arguments = perception_arguments(place)
+    for i in range(0, len(arguments), 2):  # what is missing is estimated from the images
+        if not os.path.isdir(arguments[i + 1]):
+            arguments[i + 1] = "sgbm" if arguments[i] == "--disparity" else "dis"
+    return arguments
+
+
+def replace(arguments, option, value):
+    arguments[arguments.index(option) + 1] = value
+
+
+def relabel(work, arguments, case, seed, scratch):
+    """Nested errors of the segmentation, the same share in both cameras."""
+    for side in ("left", "right"):
+        out = os.path.join(scratch, f"panoptic_{side}")
+        source = arguments[arguments.index(f"--panoptic-{side}") + 1]
+        call([work.program("perturb_priors"), "segments", source, "--output", out, "--share",
+              str(case["relabel"]), "--seed", str(seed)])
+        replace(arguments, f"--panoptic-{side}", out)
+
+
+def disturb_flow(work, arguments, case, seed, scratch):
+    """Noise of the flow; the check against a backward flow would take it out again."""
+    said = []
+    for side in ("left", "right"):
+        out = os.path.join(scratch, f"flow_{side}")
+        source = arguments[arguments.index(f"--flow-{side}") + 1]
+        _, text = call([work.program("perturb_priors"), "flow", source, "--output", out,
+                        "--relative", str(case["flow_relative"]), "--correlation",
+                        str(case.get("correlation", 0)), "--seed", str(seed)])
+        said.append(text.strip())
+        replace(arguments, f"--flow-{side}", out)
+    arguments += ["--set", "flow_check.enabled=false"]
+    return {"flow_error_px": float(said[0].split()[2])}
+
+
+def exposure(work, clean, perturbed, folder, scratch):
+    """Share of keypoints with wrong priors, % per frame (both cameras): mean, p95, maximum."""
+    table = os.path.join(scratch, "exposure.csv")
+    call([work.program("compare_priors"), clean, perturbed, folder, "--csv", table])
+    frames = {}
+    with open(table, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            seen = frames.setdefault(row["frame"], [0, 0])
+            seen[0] += int(row["any"])
+            seen[1] += int(row["keypoints"])
+    values = sorted(100 * wrong / max(1, total) for wrong, total in frames.values())
+    return {"exposure_mean": sum(values) / len(values), "exposure_max": values[-1],
+            "exposure_p95": values[min(len(values) - 1, int(0.95 * len(values)))]}
+
+
+def make_priors(work, job):
+    spec, case = job["spec"], job["spec"]["case"]
+    output, scratch = work.path("priors", job["id"]), work.path("scratch", job["id"])
+    folder = work.path(spec["input"])
+    remove(output)
+    remove(scratch)
+    os.makedirs(scratch)
+    if "state" in spec and spec["perception"] and spec["perception"][0] == "priors" and not case:
+        os.makedirs(os.path.dirname(output), exist_ok=True)
+        os.symlink(spec["perception"][1], output)
+        return {}
+    results = {}
+    if "decision" in case:
+        clean = work.path("priors", job["needs"][-1])
+        call([work.program("perturb_priors"), "decisions", clean, "--output", output, "--case",
+              case["decision"], "--seed", str(spec["seed"])])
+        return results
+    arguments = perception(spec, folder)
+    if "disparity" in case:
+        replace(arguments, "--disparity", case["disparity"])
+    if "flow" in case:
+        replace(arguments, "--flow-left", case["flow"])
+        replace(arguments, "--flow-right", case["flow"])
+    if "relabel" in case:
+        relabel(work, arguments, case, spec["seed"], scratch)
+    if "flow_relative" in case:
+        results.update(disturb_flow(work, arguments, case, spec["seed"], scratch))
+    if spec["config"]:
+        arguments += ["--config", work.config(spec["config"])]
+    for assignment in case.get("set", []):
+        arguments += ["--set", assignment]
+    _, text = call([work.program("build_priors"), folder, "--output", output, "--quiet", *arguments])
+    for line in text.splitlines():
+        if line.startswith("fusion "):
+            results["fusion_ms"] = float(line.split()[1])
+    if "relabel" in case or "flow_relative" in case:
+        config = ["--config", work.config(spec["config"])] if spec["config"] else []
+        clean = os.path.join(scratch, "clean")
+        call([work.program("build_priors"), folder, "--output", clean, "--quiet",
+              *perception(spec, folder), *config])
+        results.update(exposure(work, clean, output, folder, scratch))
+    remove(scratch)
+    return results
+
+
+# --- runs --------------------------------------------------------------------------------------
+
+
+def figures_of(output):
+    """What the tables need of a run's folder."""
+    s = read_json(os.path.join(output, "summary.json"))
+    if s is None:
+        raise Failure("no summary.json")
+    pairs, accepted = tier_counts(output)
+    figures = {
+        "frames": s["frames"], "tracked": s["frames_tracked"], "ate": s.get("ate_se3_rmse_m"),
+        "rpe_m": s.get("rpe_translation_rmse_m"), "rpe_deg": s.get("rpe_rotation_rmse_deg"),
+        "keyframes": s["keyframes"], "loops": s["loops_closed"], "submaps": s["submaps"],
+        "path_m": s["path_length_m"], "missing_priors": s["missing_priors"],
+        "peak_mb": s["peak_memory_mb"], "wall_s": s["process"]["wall_s"],
+        "timing_ms": s["timing_ms"], "accepted": shares(accepted),
+        "gated": shares(pairs)["gated"],
+    }
+    try:
+        figures.update(recall_of(output))
+    except (OSError, ValueError, IndexError):
+        pass  # no ground truth
+    return figures
+
+
+def run(work, job):
+    spec = job["spec"]
+    output = work.path("runs", job["id"])
+    remove(output)
+    command = [work.program(spec["program"]), work.path(spec["input"]), *spec["arguments"]]
+    if "config" in spec:
+        command += ["--config", work.config(spec["config"])]
+    if spec["priors"]:
+        command += ["--priors", work.path("priors", spec["priors"])]
+    status, _ = call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
+    figures = figures_of(output)
+    if status == TRACKING_FAILED:
+        figures.update(status="lost", reason=f"{figures['tracked']} of {figures['frames']} frames "
+                                             "tracked")
+    return figures
+
+
+# --- one job -----------------------------------------------------------------------------------
+
+KINDS = {"input": simulate, "priors": make_priors, "run": run}
+
+
+def do(work, job):
+    for need in job["needs"]:
+        needed = work.done(need) or {"status": "failed", "reason": "was not made"}
+        if needed["status"] == "failed":
+            return {"status": "failed", "reason": f"{need.split('-')[0]}: {needed['reason']}"}
+    try:
+        return {"status": "done", **KINDS[job["kind"]](work, job)}
+    except (Failure, InputError, OSError, ValueError, KeyError) as error:
+        return {"status": "failed", "reason": str(error) or type(error).__name__}
+
+
+def time_left(work):
+    """Jobs done and left, and the seconds the rest takes if it goes on like this."""
+    done = set(f[:-5] for f in os.listdir(work.path("done")) if f.endswith(".json"))
+    spent = expected = rest = 0.0
+    count = 0
+    for ident in work.plan["jobs"]:
+        job = work.job(ident)
+        result = work.done(ident) if ident in done else None
+        share = job["cost"] * min(job["threads"], work.plan["cores"])
+        if result is None:
+            rest += share
+        else:
+            count += 1
+            spent += result["seconds"] * min(job["threads"], work.plan["cores"])
+            expected += share
+    pace = spent / expected if expected > 0 else 1.0
+    return count, len(work.plan["jobs"]), pace * rest / work.plan["cores"]
+
+
+def main():
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
+    try:
+        work = Work(sys.argv[1])
+    except InputError as error:
+        print(f"step.py: {error}", file=sys.stderr)
+        return 2
+    job = work.job(sys.argv[2])
+    start = time.monotonic()
+    result = {"id": job["id"], **do(work, job), "seconds": time.monotonic() - start}
+    write_text(work.path("done", job["id"] + ".json"), json.dumps(result))
+    count, total, seconds = time_left(work)
+    said = "" if result["status"] == "done" else f": {result['status']}: {result['reason']}"
+    print(f"[{count}/{total}, about {seconds / 60:.0f} min left] {job['id']}{said}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

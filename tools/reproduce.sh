@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Every table and figure of the paper, with the published figures beside: sets up, builds, runs the
+# experiments of configs/experiments, and writes a report. What was done before is not done again;
+# interrupt it (Ctrl-C) and call it again as you like.
+#   tools/reproduce.sh [--data ROOT] [--quick] [--cores N] [--profile NAME] [--output DIR]
+#                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--no-setup]
+#   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
+#                   of them, anywhere in it; what is not there is simulated, and marked so
+#   --quick         short sequences, one or two seeds: about 40 minutes of two cores
+#   --miniature     two sequences of 16 frames, two modes: whether it all works
+#   --profile NAME  where jobs run: local (default), slurm, kubernetes, or a folder with a profile
+#   --output DIR    default runs/reproduce, runs/reproduce-quick
+#   --only NAME...  experiments by name (table_1_kitti, study_priors ...)
+#   --worlds DIR    simulated worlds rendered before, taken where the command in their README fits
+#   --bin DIR       programs that are built already
+#   --no-setup      nothing is installed or built
+#   --dry-run       say what would be done
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+scale=full cores=$(nproc) profile=local output="" setup=true bin=build/release/bin
+plan=() snake=()
+while [ $# -gt 0 ]; do
+  case $1 in
+    --quick) scale=quick; shift ;;
+    --miniature) scale=miniature; shift ;;
+    --cores) cores=${2:?--cores N}; shift 2 ;;
+    --profile) profile=${2:?--profile NAME}; shift 2 ;;
+    --output) output=${2:?--output DIR}; shift 2 ;;
+    --bin) bin=${2:?--bin DIR}; shift 2 ;;
+    --worlds) plan+=(--worlds "${2:?--worlds DIR}"); shift 2 ;;
+    --data) plan+=(--data "${2:?--data ROOT}"); shift 2 ;;
+    --no-setup) setup=false; shift ;;
+    --dry-run) snake+=(--dry-run); shift ;;
+    --only | --seeds | --inputs)
+      plan+=("$1"); shift
+      while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
+    -h | --help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+    *) echo "tools/reproduce.sh: unknown option $1; see --help" >&2; exit 2 ;;
+  esac
+done
+if [ -z "$output" ]; then
+  output=runs/reproduce
+  [ "$scale" = full ] || output=$output-$scale
+fi
+[ -d "$profile" ] || profile=tools/experiments/profiles/$profile
+[ -d "$profile" ] || { echo "tools/reproduce.sh: $profile: no such profile" >&2; exit 2; }
+
+python=${KYS_PYTHON:-.venv/bin/python}
+if $setup; then
+  tools/setup.sh --experiments
+  cmake --preset release >/dev/null
+  cmake --build --preset release --target simulate_sequence simulate_features build_priors \
+    perturb_priors compare_priors run_stereo_kitti run_stereo_euroc
+fi
+
+mkdir -p "$output"
+exec 9>"$output/.lock"
+flock -n 9 || { echo "tools/reproduce.sh: another one is at work in $output" >&2; exit 2; }
+"$python" tools/experiments/plan.py --output "$output" --scale "$scale" --cores "$cores" \
+  --bin "$bin" "${plan[@]}"
+status=0
+"$python" -m snakemake --snakefile tools/experiments/Snakefile --directory "$output" \
+  --profile "$profile" --cores "$cores" --nolock --rerun-incomplete --rerun-triggers mtime \
+  --keep-going --quiet all "${snake[@]}" || status=$?
+[ ${#snake[@]} -eq 0 ] || exit "$status"
+[ "$status" -lt 128 ] || exit "$status"
+"$python" tools/experiments/report.py "$output"
+exit "$status"
