@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <string>
 #include <tuple>
 
@@ -14,6 +15,8 @@ namespace {
 
 using State = Eigen::Matrix<double, 6, 1>;  // position (m), velocity (m/s)
 using Covariance = Eigen::Matrix<double, 6, 6>;
+
+constexpr double kFar = 100;  // m, standard deviation of a place before it is seen
 
 struct Gaussian {
   State mean = State::Zero();
@@ -51,7 +54,7 @@ struct Place {
   Eigen::Vector3d value;
   Eigen::Matrix3d covariance;
 };
-Place world_place(const ObjectFrame& frame, const ObjectObservation& seen,
+Place world_place(const ObjectFrame& frame, const ObservedPlace& seen,
                   const ObjectTrackOptions& options) {
   const Eigen::Matrix3d R = frame.T_w_c->R();
   Eigen::Matrix3d covariance = R * seen.covariance * R.transpose();
@@ -66,7 +69,8 @@ Place world_velocity(const ObjectFrame& frame, const ObservedVelocity& seen,
   return {R * seen.velocity_c, covariance};
 }
 
-/// A thing that is followed.
+/// A thing that is followed. The first observations may be without place: they came before the one
+/// that started it.
 struct Track {
   std::int32_t identity = 0;
   std::int32_t instance = 0;  // the name under which it was seen last
@@ -96,16 +100,24 @@ class Assigner {
   /// of what is seen is compared with where it should be now; the same name is worth half the gate.
   [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
                                            const ObjectObservation& seen) const {
+    if (!seen.place) return std::nullopt;
     const bool named = track.instance == seen.instance;
     if (!named && track.label != seen.label) return std::nullopt;
     const double dt = frame.timestamp - track.timestamp;
-    const Eigen::Vector3d expected = track.centre + dt * track.state.mean.tail<3>();
     const Eigen::Matrix3d& P = track.state.covariance.bottomRightCorner<3, 3>();
     const double gate = options_.gate + options_.gate_growth * dt + dt * std::sqrt(P.trace()) +
-                        2 * std::sqrt(seen.covariance.trace());
-    const double distance = (*frame.T_w_c * seen.centre_c - expected).norm();
+                        2 * std::sqrt(seen.place->covariance.trace());
+    const double distance = jump(track, frame, *seen.place);
     if (distance > gate) return std::nullopt;
     return distance / gate - (named ? 0.5 : 0.0);
+  }
+
+  /// m, from where the middle of what is seen of a track should be now.
+  [[nodiscard]] static double jump(const Track& track, const ObjectFrame& frame,
+                                   const ObservedPlace& seen) {
+    const double dt = frame.timestamp - track.timestamp;
+    const Eigen::Vector3d expected = track.centre + dt * track.state.mean.tail<3>();
+    return (*frame.T_w_c * seen.centre_c - expected).norm();
   }
 
   void step(std::size_t k) {
@@ -128,8 +140,41 @@ class Assigner {
       extend(active_[t], k, o);
     }
     for (std::size_t o = 0; o < frame.observations.size(); ++o) {
-      if (!taken[o]) start(k, o);
+      if (!taken[o]) go_by_name(k, o, continued);
     }
+  }
+
+  /// An observation that no track expects where it is.
+  void go_by_name(std::size_t k, std::size_t o, std::vector<bool>& continued) {
+    const ObjectFrame& frame = frames_[k];
+    const ObjectObservation& seen = frame.observations[o];
+    std::size_t t = 0;
+    while (t < continued.size() && (continued[t] || active_[t].instance != seen.instance)) ++t;
+    if (t == continued.size()) {
+      seen.place ? start(k, o, free_identity(seen.instance)) : wait(k, o);
+      return;
+    }
+    if (!seen.place) {
+      continued[t] = true;
+      active_[t].seen.emplace_back(k, o);
+    } else if (jump(active_[t], frame, *seen.place) <= options_.restart_gate) {
+      const std::int32_t identity = active_[t].identity;
+      ended_.push_back(std::move(active_[t]));
+      active_[t] = started(k, o, identity);
+      continued[t] = true;
+    } else {
+      start(k, o, free_identity(seen.instance));
+    }
+  }
+
+  /// Without a place nothing starts; kept for when the thing is seen better.
+  void wait(std::size_t k, std::size_t o) {
+    auto& waiting = waiting_[frames_[k].observations[o].instance];
+    if (!waiting.empty() &&
+        frames_[k].timestamp - frames_[waiting.back().first].timestamp > options_.max_gap) {
+      waiting.clear();
+    }
+    waiting.emplace_back(k, o);
   }
 
   void end_old(double now) {
@@ -150,7 +195,7 @@ class Assigner {
 
   void note(Track& track, std::size_t k, std::size_t o, const ObjectFrame& frame,
             const ObjectObservation& seen) {
-    const Place place = world_place(frame, seen, options_);
+    const Place place = world_place(frame, *seen.place, options_);
     update(track.state, 0, place.value, place.covariance);
     if (seen.velocity) {
       const Place velocity = world_velocity(frame, *seen.velocity, options_);
@@ -163,19 +208,30 @@ class Assigner {
     track.centre = place.value;
   }
 
-  void start(std::size_t k, std::size_t o) {
+  void start(std::size_t k, std::size_t o, std::int32_t identity) {
+    active_.push_back(started(k, o, identity));
+  }
+
+  Track started(std::size_t k, std::size_t o, std::int32_t identity) {
     const ObjectFrame& frame = frames_[k];
     const ObjectObservation& seen = frame.observations[o];
     Track track;
-    track.identity = free_identity(seen.instance);
-    const Place place = world_place(frame, seen, options_);
+    track.identity = identity;
+    if (const auto waiting = waiting_.find(seen.instance); waiting != waiting_.end()) {
+      const std::size_t last = waiting->second.back().first;
+      if (frame.timestamp - frames_[last].timestamp <= options_.max_gap) {
+        track.seen = std::move(waiting->second);
+      }
+      waiting_.erase(waiting);
+    }
+    const Place place = world_place(frame, *seen.place, options_);
     track.state.mean.head<3>() = place.value;
     track.state.covariance.topLeftCorner<3, 3>() = place.covariance;
     track.state.covariance.bottomRightCorner<3, 3>().diagonal().setConstant(options_.start_speed *
                                                                             options_.start_speed);
     track.timestamp = frame.timestamp;
     note(track, k, o, frame, seen);
-    active_.push_back(std::move(track));
+    return track;
   }
 
   /// The priors' own name, unless a thing that is followed has it: then one that priors never use
@@ -190,6 +246,8 @@ class Assigner {
   const ObjectTrackOptions& options_;
   std::vector<Track> active_;
   std::vector<Track> ended_;
+  /// Observations without place of names that no track has: frame, observation.
+  std::map<std::int32_t, std::vector<std::pair<std::size_t, std::size_t>>> waiting_;
   std::int32_t next_identity_ = 1 << 30;
 };
 
@@ -209,21 +267,26 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
     while (at > 0 && std::abs(time(at - 1) - middle) <= std::abs(time(at) - middle)) --at;
     velocities[at].push_back(world_velocity(frame, *velocity, options));
   }
-  std::vector<Gaussian> predicted(count);
-  std::vector<Gaussian> filtered(count);
+  std::vector<std::optional<Place>> places(count);
   for (std::size_t i = 0; i < count; ++i) {
     const ObjectFrame& frame = frames[track.seen[i].first];
-    const Place place = world_place(frame, frame.observations[track.seen[i].second], options);
-    if (i == 0) {
-      predicted[0].mean.head<3>() = place.value;
-      predicted[0].covariance.diagonal().head<3>().setConstant(1e6);
-      predicted[0].covariance.diagonal().tail<3>().setConstant(options.start_speed *
-                                                               options.start_speed);
-    } else {
+    const auto& place = frame.observations[track.seen[i].second].place;
+    if (place) places[i] = world_place(frame, *place, options);
+  }
+  std::vector<Gaussian> predicted(count);
+  std::vector<Gaussian> filtered(count);
+  predicted[0].mean.head<3>() = (*std::find_if(places.begin(), places.end(), [](const auto& p) {
+                                  return p.has_value();
+                                }))->value;
+  predicted[0].covariance.diagonal().head<3>().setConstant(kFar * kFar);
+  predicted[0].covariance.diagonal().tail<3>().setConstant(options.start_speed *
+                                                           options.start_speed);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i > 0) {
       predicted[i] = predict(filtered[i - 1], time(i) - time(i - 1), options.acceleration_density);
     }
     filtered[i] = predicted[i];
-    update(filtered[i], 0, place.value, place.covariance);
+    if (places[i]) update(filtered[i], 0, places[i]->value, places[i]->covariance);
     for (const Place& v : velocities[i]) update(filtered[i], 3, v.value, v.covariance);
   }
   std::vector<Gaussian> smoothed = filtered;
@@ -250,6 +313,7 @@ void ObjectTrackOptions::check() const {
   require(speed_sigma > 0, "speed_sigma");
   require(gate > 0, "gate");
   require(gate_growth >= 0, "gate_growth");
+  require(restart_gate >= 0, "restart_gate");
   require(max_gap > 0, "max_gap");
   require(min_observations >= 1, "min_observations");
 }

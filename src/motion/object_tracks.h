@@ -19,14 +19,20 @@ struct ObservedVelocity {
   double span = 0;                                       ///< s between the two frames
 };
 
-/// What one frame shows of a thing that is believed to move.
+/// Where the middle of a thing's keypoints is.
+struct ObservedPlace {
+  Eigen::Vector3d centre_c = Eigen::Vector3d::Zero();    ///< m
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< m^2
+};
+
+/// What one frame shows of a thing that is believed to move. One that could not be compared with an
+/// earlier frame has a name and neither place nor velocity.
 struct ObjectObservation {
   std::int32_t instance = 0;  ///< as the priors name it
   std::uint16_t label = 0;
   double p_moving = 0;
-  int keypoints = 0;                                     ///< stereo keypoints on it
-  Eigen::Vector3d centre_c = Eigen::Vector3d::Zero();    ///< m, of its keypoints
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< m^2, of `centre_c`
+  int keypoints = 0;  ///< stereo keypoints on it
+  std::optional<ObservedPlace> place;
   std::optional<ObservedVelocity> velocity;
 };
 
@@ -44,6 +50,7 @@ struct ObjectTrackOptions {
   double speed_sigma = 0.05;          ///< m/s, added to every observed velocity
   double gate = 2.0;                  ///< m, at most between a thing and where it was expected
   double gate_growth = 3.0;           ///< m/s, by which that grows while it is not seen
+  double restart_gate = 8.0;          ///< m, the same for a thing of the same name that jumped
   double max_gap = 1.0;               ///< s without an observation after which a track ends
   int min_observations = 3;           ///< a track with fewer is dropped
 
@@ -51,11 +58,11 @@ struct ObjectTrackOptions {
   void check() const;
 };
 
-/// Follows moving things over time: observations are assigned to tracks by place and name, each
-/// track is a filter of constant velocity (position and velocity with covariance), smoothed at the
-/// end. A velocity observed over a span says what the speed was in its middle. The camera's poses
-/// are taken as exact. A pure function.
-/// \return one estimate per observation, by frame, then instance.
+/// Follows moving things over time: observations are assigned to tracks by place and name. A thing
+/// that jumps but keeps its name goes on under the same identity with a new filter. Each track is a
+/// filter of constant velocity (position and velocity with covariance), smoothed at the end. A
+/// velocity observed over a span says what the speed was in its middle. The camera's poses are
+/// taken as exact. A pure function. \return one estimate per observation, by frame, then instance.
 std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
                                           const ObjectTrackOptions& options = {});
 

@@ -42,8 +42,8 @@ ObjectObservation seen(const Thing& thing, int frame, std::mt19937& random,
   o.label = thing.label;
   o.p_moving = 0.9;
   o.keypoints = 40;
-  o.centre_c = camera_at(frame).inverse() * thing.at(frame) + draw(0.2);
-  o.covariance = Eigen::Matrix3d::Identity() * 0.04;
+  o.place = {camera_at(frame).inverse() * thing.at(frame) + draw(0.2),
+             Eigen::Matrix3d::Identity() * 0.04};
   ObservedVelocity v;
   v.velocity_c = R_c_w * velocity + draw(thing.sigma);
   v.covariance = Eigen::Matrix3d::Identity() * thing.sigma * thing.sigma;
@@ -141,8 +141,8 @@ TEST(ObjectTracks, VelocityOverASpanBelongsToItsMiddle) {
     o.label = 2;
     o.p_moving = 1;
     o.keypoints = 40;
-    o.centre_c = camera_at(k).inverse() * Eigen::Vector3d(2, 1, place(t));
-    o.covariance = Eigen::Matrix3d::Identity() * 0.01;
+    o.place = {camera_at(k).inverse() * Eigen::Vector3d(2, 1, place(t)),
+               Eigen::Matrix3d::Identity() * 0.01};
     ObservedVelocity v;
     v.span = 0.5;
     v.velocity_c =
@@ -209,6 +209,48 @@ TEST(ObjectTracks, NoTwoThingsShareAnIdentityInAFrame) {
     names.insert(e.instance);
   }
   EXPECT_EQ(names.size(), 2u);
+}
+
+// Frames that only name a thing are filled in, those before it is first seen well too.
+TEST(ObjectTracks, NamesAloneKeepATrack) {
+  const Thing thing;
+  std::vector<ObjectFrame> frames = film({thing}, 30);
+  for (const std::size_t k : {0, 1, 12, 13, 29}) {
+    frames[k].observations[0].place.reset();
+    frames[k].observations[0].velocity.reset();
+  }
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 30u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_LT((e.velocity - thing.velocity).norm(), 0.8) << e.frame;
+    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+  }
+  for (ObjectFrame& frame : frames) {
+    frame.observations[0].place.reset();
+    frame.observations[0].velocity.reset();
+  }
+  EXPECT_TRUE(track_objects(frames).empty());
+}
+
+// What was taken for the thing at first was the edge of another: it jumps, and keeps its name.
+TEST(ObjectTracks, AThingThatJumpsKeepsItsIdentityAndForgetsItsMotion) {
+  Thing edge, thing;
+  edge.start = {-1, 0, 8};
+  edge.velocity = {0, 0, 8};
+  thing.start = {-3, 0, 40};
+  thing.velocity = {0, 0, -7};
+  std::vector<ObjectFrame> frames = film({thing}, 30);
+  const std::vector<ObjectFrame> before = film({edge}, 18);
+  for (std::size_t k = 12; k < 18; ++k) frames[k] = before[k];
+  for (std::size_t k = 0; k < 12; ++k) frames[k].observations.clear();
+  // At 1.8 s the edge is at 22.4 m, the thing at 27.4 m.
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 18u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_NEAR(e.velocity.z(), e.frame < 18 ? 8 : -7, 0.8) << e.frame;
+  }
 }
 
 TEST(ObjectTracks, ShortTracksAreDropped) {
