@@ -26,6 +26,7 @@ COLOURS = {  # colors.txt
 VEHICLES = ("Truck", "Car", "Van")
 # By COCO category. There are no people in Virtual KITTI, and no buses: a van is the third vehicle.
 CLASS_OF = {0: "Undefined", 1: "Undefined", 3: "Car", 6: "Van", 8: "Truck", 10: "TrafficLight",
+            15: "Misc",
             64: "Vegetation", 149: "Road", 184: "Tree", 185: "GuardRail", 187: "Sky",
             191: "Terrain", 197: "Building"}
 SKY_DEPTH = 65535  # cm

@@ -135,12 +135,26 @@ def trajectories(runs, title, path):
     return save(figure, path)
 
 
-def cumulative(curves, gates, xlabel, title, path):
-    """Cumulative distributions, `curves`: (label, values); the gates as vertical lines."""
+def over_frames(curves, ylabel, title, path):
+    """A value per frame, `curves`: (label, values)."""
     figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
     for k, (label, values) in enumerate(curves):
-        if len(values) == 0:
-            continue
+        axis.plot(values, color=COLOURS[k % len(COLOURS)], linewidth=1, label=label)
+    axis.set_xlabel("frame", fontsize=8)
+    axis.set_ylabel(ylabel, fontsize=8)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=7)
+    figure.suptitle(title, fontsize=10)
+    return save(figure, path)
+
+
+def cumulative(curves, gates, xlabel, title, path):
+    """Cumulative distributions, `curves`: (label, values); the gates as vertical lines."""
+    curves = [(label, values) for label, values in curves if len(values) > 0]
+    if not curves:
+        return None
+    figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+    for k, (label, values) in enumerate(curves):
         values = np.sort(values)
         axis.plot(values, 100 * np.arange(1, len(values) + 1) / len(values),
                   color=COLOURS[k % len(COLOURS)], label=label)

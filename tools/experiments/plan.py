@@ -250,6 +250,20 @@ class Planner:
             self._worlds = set(re.findall(r"\b[a-z]+\b", done.stdout))
         return self._worlds
 
+    def survey_of(self, source, name, seed):
+        """Job that looks at the prior files of an input; gates show against files without motion."""
+        job, folder, labels = source
+        exact, still = (self.priors_of(source, name, case, None, seed) for case in ("exact", "blind"))
+        spec = {"input": folder, "priors": exact, "still": still,
+                "compare": self.programs.key("compare_priors"),
+                "build": self.programs.key("build_priors")}
+        if job is None:
+            spec.update({k: self.jobs[exact]["spec"][k] for k in ("state", "perception")})
+        ident = self.add("survey", [name.replace("/", ""), seed], spec,
+                         ([job] if job else []) + [exact, still], 1, 10)
+        return {**labels, "job": ident, "seed": seed, "variant": "", "configuration": "KYS",
+                "case": "exact", "schedule": "", "repeat": 0}
+
     def runs_of(self, experiment):
         """All runs of an experiment as rows of labels."""
         rows = []
@@ -260,6 +274,9 @@ class Planner:
             for seed in experiment["seeds"]:
                 source = self.input_of(name, seed, experiment)
                 if source is None:
+                    continue
+                if experiment.get("kind") == "survey":
+                    rows.append(self.survey_of(source, name, seed))
                     continue
                 for configuration in configurations:
                     rows += self.runs_of_input(experiment, source, name, seed, configuration)
@@ -290,6 +307,8 @@ class Planner:
         spec.setdefault("seeds", [1])
         if self.options.scale != "full":
             spec.update(spec.get("quick", {}))
+        if self.options.inputs:
+            spec["inputs"] = [i for i in spec["inputs"] if i in self.options.inputs]
         if self.options.scale == "miniature":
             spec.update(MINIATURE)
             first = spec.get("baseline", spec["configurations"][0])
@@ -305,8 +324,6 @@ class Planner:
             spec["repeats"] = {}
         if self.options.seeds:
             spec["seeds"] = self.options.seeds
-        if self.options.inputs:
-            spec["inputs"] = [i for i in spec["inputs"] if i in self.options.inputs]
         return spec
 
     def plan(self):
@@ -371,8 +388,8 @@ def main():
     except (InputError, OSError, subprocess.CalledProcessError) as error:
         print(f"plan.py: {error}", file=sys.stderr)
         return 2
-    for name, folder in sorted(planner.given.items()):
-        print(f"found {name} in {folder}")
+    for name, sequence in sorted(planner.given.items()):
+        print(f"found {name} in {sequence.folder}")
     left = [planner.jobs[j] for j in plan["jobs"]
             if not os.path.exists(os.path.join(options.output, "done", j + ".json"))]
     runs = sum(len(e["runs"]) for e in plan["experiments"])

@@ -11,6 +11,7 @@ import html
 import json
 import os
 import re
+import shutil
 import sys
 import time
 
@@ -19,12 +20,13 @@ import numpy as np
 import figures
 from paired import deviation, difference, mean
 from results import (METRICS, ORIGINS, Results, over_repeats, pairs, published, select, unique)
-from runs import InputError, write_text
+from runs import InputError, read_json, write_text
 from tables import Table, show
 
 RUN_COLUMNS = ["origin", "input", "what", "seed", "configuration", "variant", "case", "schedule",
                "repeat", "status", "reason", "ate", "rpe_m", "rpe_deg", "tracked", "keyframes", "loops",
-               "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "job"]
+               "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "survival_8",
+               "survival_20", "job"]
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem;
   color: #1b1b1b; }
@@ -89,8 +91,8 @@ def value_tables(experiment, rows):
         for metric in experiment.get("metrics", ["ate"]):
             name, unit = METRICS[metric]
             columns = unique(mine, column_key)
-            with_gain = row_key == "configuration" and experiment.get("baseline") in unique(
-                mine, row_key)
+            with_gain = (row_key == "configuration" and len(unique(mine, row_key)) > 1
+                         and experiment.get("baseline") in unique(mine, row_key))
             header = [row_key, *columns] + (["mean reduction %"] if with_gain else [])
             body = []
             for value in unique(mine, row_key):
@@ -126,12 +128,15 @@ def add_published(experiment, metric, columns, width, body, groups):
     if "published" not in experiment or experiment["columns"] != "input":
         return
     entries = [p for p in published(experiment["published"]) if p["metric"] == metric]
+    last = None
     for key in dict.fromkeys((p["source"], p["section"], p["method"], p["setting"]) for p in entries):
         values = {p["sequence"]: p["value"] for p in entries
                   if (p["source"], p["section"], p["method"], p["setting"]) == key}
         if not any(c in values for c in columns):
             continue
-        groups.setdefault(len(body), f"published, {key[0]}, {key[1]}")
+        if key[:2] != last:
+            groups[len(body)] = f"published, {key[0]}, {key[1]}"
+            last = key[:2]
         line = [f"{key[2]} {key[3]}".strip()] + [show(values.get(c), 3) for c in columns]
         body.append(line + [""] * (width - len(line)))
 
@@ -322,6 +327,8 @@ def runs_table(experiment, rows):
 def pictures(experiment, results, rows, folder):
     name, made = experiment["name"], []
     path = lambda what: os.path.join(folder, f"{name}-{what}.png")
+    if experiment.get("kind") == "survey":
+        return [m for m in survey_pictures(results, rows, path) if m]
     for k, (labels, words, mine) in enumerate(splits(experiment, rows)):
         if "sweep" in experiment:
             values = [str(v["name"]) for v in experiment["sweep"]["values"]]
@@ -340,6 +347,31 @@ def pictures(experiment, results, rows, folder):
     if "sweep" not in experiment:
         made += trajectory_pictures(experiment, results, rows, path)
     return [m for m in made if m]
+
+
+def survey_pictures(results, rows, path):
+    """Survival over the sequence, distributions of m and mu, a frame's stages."""
+    made, frames, scores, mu = [], [], [], []
+    for r in rows:
+        values = read_json(os.path.join(results.folder(r), "values.json"))
+        if values is None:
+            continue
+        label = f"{r['input']} ({r.get('what', 'given data')})"
+        frames.append((label, values["survival_per_frame"]))
+        scores.append((label, values["m"]))
+        mu.append((label, values["mu"]))
+        stages = os.path.join(results.folder(r), "stages.png")
+        if os.path.exists(stages) and len(made) < 2:
+            copy = path("stages-" + r["input"].replace("/", ""))
+            shutil.copyfile(stages, copy)
+            made.append(copy)
+    if not frames:
+        return []
+    return [figures.over_frames(frames, "keypoints with mu up to 8, %", "Survival under the stereo gate",
+                                path("survival")),
+            figures.cumulative(scores, [], "m of flagged things", "Motion score", path("m")),
+            figures.cumulative(mu, [8, 20], "mu of the pixels of flagged things",
+                               "Exported motion prior; dotted: the gates", path("mu")), *made]
 
 
 def trajectory_pictures(experiment, results, rows, path, limit=3):
@@ -499,7 +531,7 @@ def section(experiment, results, rows, folders):
     tables = value_tables(experiment, rows)
     if experiment.get("kind") == "costs":
         tables = cost_tables(experiment, results, rows) + tables
-    elif experiment.get("kind") != "stall":
+    elif experiment.get("kind") not in ("stall", "survey"):
         tables += paired_tables(experiment, rows)
     if experiment.get("exposure"):
         tables += exposure_tables(experiment, results)

@@ -7,7 +7,9 @@ from runs import InputError, read_json
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 METRICS = {"ate": ("ATE", "m"), "rpe_m": ("E_t per frame", "m"), "rpe_deg": ("E_R per frame", "deg"),
-           "wall_s": ("wall clock", "s"), "tracked": ("frames tracked", "%")}
+           "wall_s": ("wall clock", "s"),
+           "survival_8": ("keypoints with mu up to 8", "%"),
+           "survival_20": ("keypoints with mu up to 20", "%"), "tracked": ("frames tracked", "%")}
 ORIGINS = {"given": "given data", "stand-in": "simulated stand-ins", "simulated": "simulated worlds"}
 
 

@@ -13,9 +13,14 @@ import re
 import sys
 import time
 
+import numpy as np
+
 from loop_recall import recall_of
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, perception_arguments, read_json,
                   remove, shares, tier_counts, write_text)
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "priors"))
+import kysp  # noqa: E402
 
 VKITTI_FRAMES = (("panoptic-left", "instanceSegmentation/Camera_0"),
                  ("panoptic-right", "instanceSegmentation/Camera_1"),
@@ -241,9 +246,79 @@ def run(work, job):
     return figures
 
 
+# --- what the prior files hold -----------------------------------------------------------------
+
+
+def survival(work, spec, folder, scratch):
+    """Share of keypoints not above each gate, % over all frames and per frame."""
+    table = os.path.join(scratch, "gates.csv")
+    call([work.program("compare_priors"), work.path("priors", spec["priors"]),
+          work.path("priors", spec["still"]), folder, "--csv", table])
+    frames = {}
+    with open(table, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            seen = frames.setdefault(row["frame"], [0, 0, 0])
+            for i, key in enumerate(("keypoints", "stereo_gate", "temporal_gate")):
+                seen[i] += int(row[key])
+    total = [sum(f[i] for f in frames.values()) for i in range(3)]
+    left = lambda f, i: 100 * (1 - f[i] / max(1, f[0]))
+    return {"survival_8": left(total, 1), "survival_20": left(total, 2),
+            "survival_per_frame": [left(f, 1) for f in frames.values()]}
+
+
+def motion_values(folder, frames=40, most=20000):
+    """m of the flagged thing segments and mu of their pixels, left camera, a sample of the frames."""
+    scores = []
+    segments = os.path.join(folder, "segments.csv")
+    if os.path.exists(segments):  # not where the files came with the data
+        with open(segments, encoding="utf-8", newline="") as file:
+            scores = [float(r["m"]) for r in csv.DictReader(file)
+                      if r["camera"] == "left" and "1" in (r["magnitude_test"], r["radial_test"])]
+    names = sorted(f for f in os.listdir(folder) if f.endswith(".kysp"))
+    mu = []
+    for name in names[::max(1, len(names) // frames)]:
+        camera = kysp.read(os.path.join(folder, name)).cameras[0]
+        moving = [k + 1 for k, s in enumerate(camera.segments) if s["flags"] & kysp.DYNAMIC]
+        if moving and camera.motion is not None:
+            mu.append(camera.motion[np.isin(camera.segment_map, moving)])
+    values = np.concatenate(mu) if mu else np.zeros(0)
+    return {"m": scores, "mu": [round(float(v), 3) for v in values[::max(1, len(values) // most)]],
+            "flagged_pixels": len(values)}
+
+
+def pipeline_picture(work, spec, folder, scratch):
+    """The stages of a frame in the middle, as build_priors draws them."""
+    priors = work.path("priors", spec["priors"])
+    names = sorted(f[:-5] for f in os.listdir(priors) if f.endswith(".kysp"))
+    out = os.path.join(scratch, "stages")
+    call([work.program("build_priors"), folder, "--output", out, "--start", str(len(names) // 2),
+          "--frames", "2", "--debug-images", "--quiet", *perception(spec, folder)])
+    return os.path.join(out, "debug", sorted(f for f in os.listdir(os.path.join(out, "debug"))
+                                             if f.endswith("_left.png"))[0])
+
+
+def survey(work, job):
+    spec = job["spec"]
+    output, scratch = work.path("runs", job["id"]), work.path("scratch", job["id"])
+    for place in (output, scratch):
+        remove(place)
+        os.makedirs(place)
+    folder = work.path(spec["input"])
+    results = survival(work, spec, folder, scratch)
+    values = {"survival_per_frame": results.pop("survival_per_frame"),
+              **motion_values(work.path("priors", spec["priors"]))}
+    write_text(os.path.join(output, "values.json"), json.dumps(values))
+    try:
+        os.replace(pipeline_picture(work, spec, folder, scratch), os.path.join(output, "stages.png"))
+    except (Failure, IndexError):
+        pass  # prior files that came with the data: nothing to build from
+    remove(scratch)
+    return results
+
+
 # --- one job -----------------------------------------------------------------------------------
 
-KINDS = {"input": simulate, "priors": make_priors, "run": run}
+KINDS = {"input": simulate, "priors": make_priors, "run": run, "survey": survey}
 
 
 def do(work, job):
