@@ -39,7 +39,7 @@ th:first-child, td:first-child { text-align: left; } thead th { border-bottom: 2
 tr.group td { text-align: left; font-style: italic; background: #f4f4f4; }
 p.note { font-size: 12.5px; color: #555; margin-top: -.5rem; } img { max-width: 100%; }
 .warning { background: #fff4d6; padding: .4rem .8rem; }
-nav a { margin-right: 1rem; }
+nav a { margin-right: 1rem; } ul.columns { columns: 3; font-size: 13px; }
 """
 
 
@@ -414,6 +414,24 @@ def helps(results, experiments):
                  "Below 1: better than stock. The interval decides; pairs of few inputs say little.")
 
 
+def in_words(summary):
+    """The summary's verdicts counted, by configuration and variant."""
+    columns = {name: summary.header.index(name) for name in ("variant", "configuration", "verdict")}
+    counts = {}
+    for row in summary.rows:
+        key = tuple(row[columns[k]] for k in ("configuration", "variant"))
+        counts.setdefault(key, []).append(row[columns["verdict"]])
+    said = []
+    for (configuration, variant), verdicts in counts.items():
+        n = {v: verdicts.count(v) for v in ("smaller", "larger", "no difference shown",
+                                            "too few pairs")}
+        said.append(f"{configuration}{f' ({variant})' if variant else ''}: ATE smaller than stock's in "
+                    f"{n['smaller']}, larger in {n['larger']}, no difference shown in "
+                    f"{n['no difference shown']}, too few pairs in {n['too few pairs']} of "
+                    f"{len(verdicts)} comparisons.")
+    return "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in said) + "</ul>"
+
+
 def where(experiments):
     """Inputs on which KYS and stock differ by more than a tenth, most first."""
     found = {}
@@ -462,14 +480,14 @@ def differences(source):
     path = os.path.join(source, "docs", "differences.md")
     try:
         with open(path, encoding="utf-8") as file:
-            rows = re.findall(r"^\| \*\*(.+?)\*\* \|", file.read(), re.M)
+            rows = re.findall(r"^\| \*\*(.+?)\*\* \|", file.read().replace("`", ""), re.M)
     except OSError:
         return "<p>docs/differences.md</p>"
     items = "".join(f"<li>{html.escape(r)}</li>" for r in rows)
-    return f"<ul>{items}</ul><p>Each with its reason and effect: docs/differences.md.</p>"
+    return f'<ul class="columns">{items}</ul><p>Each with its reason and effect: docs/differences.md.</p>'
 
 
-def first_page(results, experiments, seconds):
+def first_page(results, experiments):
     plan = results.plan
     statuses = [results.done(i)["status"] for i in plan["jobs"]]
     counts = {s: statuses.count(s) for s in dict.fromkeys(statuses)}
@@ -487,7 +505,7 @@ def first_page(results, experiments, seconds):
     if plan["scale"] != "full":
         text.append('<p class="warning">Short sequences and few seeds: a look at everything, no '
                     "evidence. The full scale is the default of tools/reproduce.sh.</p>")
-    text += ["<h3>Does it help, and by how much?</h3>", summary.html(),
+    text += ["<h3>Does it help, and by how much?</h3>", in_words(summary), summary.html(),
              "<h3>Where?</h3>", places.html(),
              "<h3>What does it cost?</h3>", f"<p>{html.escape(cost_summary(experiments))}</p>",
              "<h3>What differs from the paper?</h3>", differences(plan["source"])]
@@ -565,7 +583,7 @@ def main():
                 os.unlink(os.path.join(folder, old))
         experiments = [(e, results.rows(e)) for e in results.plan["experiments"]]
         experiments = [(e, rows) for e, rows in experiments if rows]
-        head, tables = first_page(results, experiments, start)
+        head, tables = first_page(results, experiments)
         for table in tables:
             write_table(table, folders["tables"])
         body = []
