@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/distance.h>
 #include <kys_slam/features.h>
 #include <kys_slam/image.h>
 #include <kys_slam/rigid3.h>
@@ -22,6 +23,9 @@ struct StereoFrame {
   GrayImage right;
   std::optional<FeatureSet> left_features;  ///< set together with right_features
   std::optional<FeatureSet> right_features;
+  bool has_priors = false;               ///< the features come with priors of their own
+  std::vector<kys::Prior> left_priors;   ///< then: one per feature
+  std::vector<kys::Prior> right_priors;
 };
 
 /// A stream of stereo frames: images of a sequence folder, a feature-level simulation, a caller's

@@ -14,6 +14,8 @@
 #include <numbers>
 #include <stdexcept>
 
+#include "io/feature_payload.h"
+
 namespace kys_slam {
 namespace {
 
@@ -21,6 +23,10 @@ namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'K', 'Y', 'S', 'F', 'E', 'A', 'T', '1'};
 constexpr std::uint32_t kHeaderBytes = 96;
+constexpr std::uint32_t kHeaderBytes2 = 144;  // of version 2
+constexpr std::size_t kLabelSpaceBytes = 32;
+constexpr std::uint64_t kMaxTruthBytes = std::uint64_t{1} << 33;
+constexpr std::uint32_t kMaxFrameBytes = std::uint32_t{1} << 28;
 constexpr std::uint32_t kPoseBytes = 64;
 constexpr std::uint32_t kFrameHeadBytes = 12;     // before the payload: mark, size, checksum
 constexpr std::uint32_t kFrameMark = 0x4d415246;  // "FRAM"
@@ -69,11 +75,17 @@ class Unpacker {
   const std::uint8_t* p_;
 };
 
-std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info) {
+/// The truth as it is on disk, and its size before it was deflated.
+struct PackedTruth {
+  std::vector<std::uint8_t> bytes;
+  std::uint64_t size = 0;
+};
+
+std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info, const PackedTruth& truth) {
   std::vector<std::uint8_t> bytes(kMagic, kMagic + 8);
   Packer p(bytes);
-  p.u32(1);
-  p.u32(kHeaderBytes);
+  p.u32(static_cast<std::uint32_t>(info.version));
+  p.u32(info.version == 1 ? kHeaderBytes : kHeaderBytes2);
   p.u32(static_cast<std::uint32_t>(info.camera.width));
   p.u32(static_cast<std::uint32_t>(info.camera.height));
   for (const double v : {info.camera.fx, info.camera.fy, info.camera.cx, info.camera.cy,
@@ -83,6 +95,13 @@ std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info) {
   p.u64(info.seed);
   p.u64(info.poses.size());
   p.u32(static_cast<std::uint32_t>(info.levels));
+  if (info.version != 1) {
+    std::string name = info.label_space;
+    name.resize(kLabelSpaceBytes);
+    for (const char c : name) p.u8(static_cast<std::uint8_t>(c));
+    p.u64(truth.bytes.size());
+    p.u64(truth.size);
+  }
   p.u32(crc32_of(bytes, bytes.size()));
   return bytes;
 }
@@ -149,8 +168,11 @@ struct FeatureSequenceWriter::Impl {
   fs::path path, temporary;
   File file;
   std::size_t frames_left = 0;
+  int version = 1;
+  std::uint64_t seed = 0;
   std::vector<std::uint8_t> bytes;
 
+  void pack(const FeatureFrame& frame);
   [[noreturn]] void fail() const {
     throw InputError("cannot write " + path.string() + ": " + std::strerror(errno));
   }
@@ -159,7 +181,8 @@ struct FeatureSequenceWriter::Impl {
   }
 };
 
-FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const FeatureFileInfo& info)
+FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const FeatureFileInfo& info,
+                                             const FeatureTruth& truth)
     : impl_(std::make_unique<Impl>()) {
   impl_->path = path;
   impl_->temporary = path;
@@ -167,9 +190,18 @@ FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const Feature
   impl_->file.reset(std::fopen(impl_->temporary.c_str(), "wb"));
   if (!impl_->file) impl_->fail();
   impl_->frames_left = info.poses.size();
+  impl_->version = info.version;
+  impl_->seed = info.seed;
   try {
-    impl_->put(pack_header(info));
+    PackedTruth packed;
+    if (info.version != 1) {
+      const std::vector<std::uint8_t> bytes = encode_truth(truth);
+      packed = {deflate(bytes), bytes.size()};
+      Packer(packed.bytes).u32(crc32_of(packed.bytes, packed.bytes.size()));
+    }
+    impl_->put(pack_header(info, packed));
     impl_->put(pack_poses(info.poses));
+    impl_->put(packed.bytes);
   } catch (...) {
     std::error_code ignored;
     fs::remove(impl_->temporary, ignored);
@@ -184,15 +216,26 @@ FeatureSequenceWriter::~FeatureSequenceWriter() {
   fs::remove(impl_->temporary, ignored);
 }
 
+void FeatureSequenceWriter::Impl::pack(const FeatureFrame& frame) {
+  bytes.clear();
+  Packer p(bytes);
+  if (version == 1) {
+    p.u32(static_cast<std::uint32_t>(frame.left.size()));
+    p.u32(static_cast<std::uint32_t>(frame.right.size()));
+    pack_features(p, frame.left, frame.left_landmarks);
+    pack_features(p, frame.right, frame.right_landmarks);
+    return;
+  }
+  const std::vector<std::uint8_t> plain = encode_frame(frame, seed);
+  const std::vector<std::uint8_t> packed = deflate(plain);
+  p.u32(static_cast<std::uint32_t>(plain.size()));
+  bytes.insert(bytes.end(), packed.begin(), packed.end());
+}
+
 void FeatureSequenceWriter::write(const FeatureFrame& frame) {
   if (impl_->frames_left == 0) throw std::logic_error("more frames than poses");
-  std::vector<std::uint8_t>& payload = impl_->bytes;
-  payload.clear();
-  Packer p(payload);
-  p.u32(static_cast<std::uint32_t>(frame.left.size()));
-  p.u32(static_cast<std::uint32_t>(frame.right.size()));
-  pack_features(p, frame.left, frame.left_landmarks);
-  pack_features(p, frame.right, frame.right_landmarks);
+  impl_->pack(frame);
+  const std::vector<std::uint8_t>& payload = impl_->bytes;
   std::vector<std::uint8_t> head;
   Packer h(head);
   h.u32(kFrameMark);
@@ -225,7 +268,10 @@ struct FeatureSequence::Impl {
   std::int64_t next_frame = 0;
   std::int64_t end = 0;
   std::vector<std::uint8_t> bytes;
-  std::vector<std::int32_t> left_landmarks, right_landmarks;
+  std::uint64_t header_bytes = kHeaderBytes;
+  std::uint64_t truth_bytes = 0;  // on disk, with the checksum
+  std::uint64_t truth_size = 0;   // inflated
+  FeatureFrame frame;             // the last one; its features have been handed out
 
   [[noreturn]] void fail(const std::string& what) const { throw InputError(name + ": " + what); }
 
@@ -237,20 +283,37 @@ struct FeatureSequence::Impl {
   }
   std::uint64_t read_header();
   void read_poses(std::uint64_t frames, std::uint64_t file_size);
+  void read_header_2(Unpacker& p);
   void skip_frame();
   std::uint32_t read_head();
+  void unpack_frame(std::uint32_t size, const std::string& where);
+  void unpack_frame_2(std::uint32_t size);
 };
+
+void FeatureSequence::Impl::read_header_2(Unpacker& p) {
+  std::string padded(kLabelSpaceBytes, 0);
+  for (char& c : padded) c = static_cast<char>(p.u8());
+  info.label_space = padded.substr(0, padded.find('\0'));
+  truth_bytes = p.u64();
+  truth_size = p.u64();
+}
 
 // Returns the number of frames.
 std::uint64_t FeatureSequence::Impl::read_header() {
-  bytes.resize(kHeaderBytes);
-  const std::size_t got = std::fread(bytes.data(), 1, kHeaderBytes, file.get());
+  bytes.resize(kHeaderBytes2);
+  std::size_t got = std::fread(bytes.data(), 1, kHeaderBytes, file.get());
   if (got < 8 || std::memcmp(bytes.data(), kMagic, 8) != 0) fail("not a feature file");
   if (got < kHeaderBytes) fail("truncated in the header");
   Unpacker p(bytes.data() + 8);
   const std::uint32_t version = p.u32();
-  if (version != 1) fail("version " + std::to_string(version) + " of the format is not known");
-  if (p.u32() != kHeaderBytes) fail("corrupt header (size)");
+  if (version != 1 && version != 2) {
+    fail("version " + std::to_string(version) + " of the format is not known");
+  }
+  info.version = static_cast<int>(version);
+  if (version == 2) header_bytes = kHeaderBytes2;
+  if (p.u32() != header_bytes) fail("corrupt header (size)");
+  got += std::fread(bytes.data() + got, 1, header_bytes - got, file.get());
+  if (got < header_bytes) fail("truncated in the header");
   const std::uint32_t width = p.u32();
   const std::uint32_t height = p.u32();
   StereoCamera& c = info.camera;
@@ -258,7 +321,8 @@ std::uint64_t FeatureSequence::Impl::read_header() {
   info.seed = p.u64();
   const std::uint64_t frames = p.u64();
   const std::uint32_t levels = p.u32();
-  if (p.u32() != crc32_of(bytes, kHeaderBytes - 4)) fail("corrupt header (checksum)");
+  if (version == 2) read_header_2(p);
+  if (p.u32() != crc32_of(bytes, header_bytes - 4)) fail("corrupt header (checksum)");
   if (width > 2048 || height > 2048) fail("image size out of range");
   c.width = static_cast<int>(width);
   c.height = static_cast<int>(height);
@@ -273,8 +337,12 @@ std::uint64_t FeatureSequence::Impl::read_header() {
 
 void FeatureSequence::Impl::read_poses(std::uint64_t frames, std::uint64_t file_size) {
   // Before anything is allocated: each frame needs at least its pose and an empty block.
-  if (file_size < kHeaderBytes + 4 + frames * (kPoseBytes + kFrameHeadBytes + 8)) {
+  if (file_size < header_bytes + 4 + frames * (kPoseBytes + kFrameHeadBytes + 4)) {
     fail("truncated: too short for " + std::to_string(frames) + " frames");
+  }
+  if (truth_bytes > file_size || truth_size > kMaxTruthBytes ||
+      (info.version == 2 && truth_bytes < 4)) {
+    fail("truncated: too short for the objects");
   }
   get(frames * kPoseBytes + 4, "the poses");
   Unpacker p(bytes.data());
@@ -299,10 +367,11 @@ std::uint32_t FeatureSequence::Impl::read_head() {
   Unpacker p(bytes.data());
   const bool marked = p.u32() == kFrameMark;
   const std::uint32_t size = p.u32();
-  if (!marked || size < 8 || (size - 8) % kFeatureBytes != 0 ||
-      size > 8 + 2 * kMaxFeatures * kFeatureBytes) {
-    fail("corrupt at " + where);
-  }
+  const bool fits = info.version == 1
+                        ? size >= 8 && (size - 8) % kFeatureBytes == 0 &&
+                              size <= 8 + 2 * kMaxFeatures * kFeatureBytes
+                        : size >= 4 && size <= kMaxFrameBytes;
+  if (!marked || !fits) fail("corrupt at " + where);
   return size;
 }
 
@@ -328,6 +397,9 @@ FeatureSequence::FeatureSequence(const fs::path& path, std::int64_t start, std::
   }
   impl_->end = frames < 0 || frames > count - start ? count : start + frames;
   impl_->truth.assign(impl_->info.poses.begin() + start, impl_->info.poses.begin() + impl_->end);
+  if (std::fseek(impl_->file.get(), static_cast<long>(impl_->truth_bytes), SEEK_CUR) != 0) {
+    impl_->fail("cannot seek");
+  }
   while (impl_->next_frame < start) impl_->skip_frame();
 }
 
@@ -341,6 +413,34 @@ std::optional<std::int64_t> FeatureSequence::size() const {
   return static_cast<std::int64_t>(impl_->truth.size());
 }
 
+void FeatureSequence::Impl::unpack_frame_2(std::uint32_t size) {
+  const std::uint32_t plain = Unpacker(bytes.data()).u32();
+  if (plain > kMaxFrameBytes) throw std::runtime_error("the size makes no sense");
+  frame = decode_frame(inflate(std::span(bytes).subspan(4, size - 4), plain), info.seed);
+}
+
+// From `bytes`, whose checksum is right.
+void FeatureSequence::Impl::unpack_frame(std::uint32_t size, const std::string& where) {
+  if (info.version == 2) {
+    try {
+      unpack_frame_2(size);
+    } catch (const std::runtime_error& error) {
+      fail("corrupt " + where + " (" + error.what() + ")");
+    }
+    if (frame.has_priors && info.label_space.empty()) fail(where + ": priors of no label space");
+    return;
+  }
+  Unpacker p(bytes.data());
+  const std::uint32_t left = p.u32();
+  const std::uint32_t right = p.u32();
+  if (static_cast<std::uint64_t>(left) + right != (size - 8) / kFeatureBytes) {
+    fail("corrupt " + where + " (counts)");
+  }
+  frame = {};
+  unpack_features(p, left, frame.left, frame.left_landmarks);
+  unpack_features(p, right, frame.right, frame.right_landmarks);
+}
+
 std::optional<StereoFrame> FeatureSequence::next() {
   Impl& s = *impl_;
   if (s.next_frame >= s.end) return std::nullopt;
@@ -349,23 +449,14 @@ std::optional<StereoFrame> FeatureSequence::next() {
   const std::uint32_t checksum = Unpacker(s.bytes.data() + 8).u32();
   s.get(size, where.c_str());
   if (crc32_of(s.bytes, size) != checksum) s.fail("corrupt " + where + " (checksum)");
-  Unpacker p(s.bytes.data());
-  const std::uint32_t left = p.u32();
-  const std::uint32_t right = p.u32();
-  if (static_cast<std::uint64_t>(left) + right != (size - 8) / kFeatureBytes) {
-    s.fail("corrupt " + where + " (counts)");
-  }
+  s.unpack_frame(size, where);
   StereoFrame frame;
   frame.index = s.next_frame;
   char text[32];
   std::snprintf(text, sizeof text, "%06lld", static_cast<long long>(s.next_frame));
   frame.name = text;
   frame.timestamp = s.info.poses[static_cast<std::size_t>(s.next_frame)].timestamp;
-  frame.left_features.emplace();
-  frame.right_features.emplace();
-  unpack_features(p, left, *frame.left_features, s.left_landmarks);
-  unpack_features(p, right, *frame.right_features, s.right_landmarks);
-  for (const FeatureSet* set : {&*frame.left_features, &*frame.right_features}) {
+  for (const FeatureSet* set : {&s.frame.left, &s.frame.right}) {
     for (const Keypoint& k : set->keypoints) {
       if (k.octave >= s.info.levels || k.x > static_cast<float>(s.info.camera.width - 1) ||
           k.y > static_cast<float>(s.info.camera.height - 1)) {
@@ -373,6 +464,11 @@ std::optional<StereoFrame> FeatureSequence::next() {
       }
     }
   }
+  frame.left_features = std::move(s.frame.left);
+  frame.right_features = std::move(s.frame.right);
+  frame.has_priors = s.frame.has_priors;
+  frame.left_priors = std::move(s.frame.left_priors);
+  frame.right_priors = std::move(s.frame.right_priors);
   ++s.next_frame;
   return frame;
 }
@@ -384,10 +480,36 @@ const std::vector<TimedPose>& FeatureSequence::ground_truth() const {
   return impl_->truth;
 }
 const std::vector<std::int32_t>& FeatureSequence::left_landmarks() const {
-  return impl_->left_landmarks;
+  return impl_->frame.left_landmarks;
 }
 const std::vector<std::int32_t>& FeatureSequence::right_landmarks() const {
-  return impl_->right_landmarks;
+  return impl_->frame.right_landmarks;
+}
+
+float FeatureSequence::mover_share() const {
+  return impl_->frame.mover_share;
+}
+
+FeatureTruth FeatureSequence::truth() const {
+  const Impl& s = *impl_;
+  if (s.info.version == 1) return {};
+  const File file(std::fopen(s.name.c_str(), "rb"));
+  const auto at = static_cast<long>(s.header_bytes + s.info.poses.size() * kPoseBytes + 4);
+  std::vector<std::uint8_t> bytes(s.truth_bytes);
+  if (!file || std::fseek(file.get(), at, SEEK_SET) != 0 ||
+      std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size()) {
+    s.fail("truncated in the objects");
+  }
+  const std::size_t packed = bytes.size() - 4;
+  if (Unpacker(bytes.data() + packed).u32() != crc32_of(bytes, packed)) {
+    s.fail("corrupt objects (checksum)");
+  }
+  try {
+    return decode_truth(inflate(std::span(bytes).first(packed), s.truth_size),
+                        static_cast<std::int64_t>(s.info.poses.size()));
+  } catch (const std::runtime_error& error) {
+    s.fail(std::string("corrupt objects (") + error.what() + ")");
+  }
 }
 
 bool is_feature_file(const fs::path& path) {

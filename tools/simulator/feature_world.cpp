@@ -11,8 +11,11 @@
 #include <unordered_map>
 
 #include "euroc_rig.h"
+#include "io/feature_payload.h"
 #include "io/trajectory_file.h"
 #include "rng.h"
+#include "scenery.h"
+#include "traffic.h"
 
 namespace kys_slam::simulator {
 namespace {
@@ -35,13 +38,15 @@ struct Landmark {
   float max_level = 0;      ///< octave (with its fraction) beyond which it is not found
   float min_cosine = 0;     ///< of half the cone's angle
   std::uint8_t strength = 0;
+  std::int8_t face = 0;      ///< of its object's box: axis + 1, negative on the lower side
+  std::int32_t object = -1;  ///< then p_w, normal, tangent are in the object's frame
 };
 
-kys::Descriptor random_descriptor(std::uint64_t key) {
-  kys::Descriptor d;
-  for (std::size_t i = 0; i < 4; ++i) d.words[i] = hash_of(key, 0xdec0de, i);
-  return d;
-}
+/// An object in a frame.
+struct Presence {
+  std::int32_t object;
+  Rigid3 T_w_o;
+};
 
 // Flips each bit with the probability given.
 void flip_bits(kys::Descriptor& d, double probability, Rng& rng) {
@@ -177,6 +182,11 @@ struct FeatureWorld::Impl {
   double cell = 1;
   double reach = 1;
   std::unordered_map<std::uint64_t, std::vector<std::int32_t>> grid;
+  std::vector<FeatureObject> objects;
+  std::vector<std::vector<std::int32_t>> landmarks_of;  ///< by object
+  std::unique_ptr<Scenery> scenery;                     ///< of a labelled world
+  std::vector<std::uint16_t> labels;                    ///< by landmark, of a labelled world
+  std::vector<std::int32_t> parked_around;              ///< by static landmark, or empty
 
   /// A landmark as a camera sees it.
   struct Sight {
@@ -184,6 +194,8 @@ struct FeatureWorld::Impl {
     float level;            ///< octave, with its fraction
     float aside;            ///< angle from the cone's axis over half the cone's: 0 to 1
     Eigen::Vector3d pixel;  ///< u, v, u in the right image
+    Eigen::Vector3d p_c;    ///< m, left camera frame
+    std::array<bool, 2> hidden{};  ///< by camera
   };
 
   static std::uint64_t cell_key(int x, int y, int z) {
@@ -201,16 +213,31 @@ struct FeatureWorld::Impl {
   }
   bool sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w, Sight& sight) const;
   void visible(std::size_t frame, std::vector<Sight>& out) const;
+  [[nodiscard]] bool has_traffic() const { return options.traffic != Traffic::kNone; }
+  [[nodiscard]] std::vector<Presence> present(std::size_t frame) const;
+  void visible_on(const Presence& presence, std::size_t frame, std::vector<Sight>& out) const;
+  void hide(const FrameScene& scene, std::vector<Sight>& sights) const;
+  void add_to(const SeenBox& box, int octave, Rng& rng);
+  void populate_objects(std::size_t frame, std::vector<Sight>& sights);
+  void label();
+  [[nodiscard]] FrameScene scene(std::size_t frame) const;
+  [[nodiscard]] Landmark new_landmark(const Rigid3& T_a_c, const Eigen::Vector3d& p_c, int octave,
+                                      Rng& rng) const;
   void add(std::size_t frame, int octave, Rng& rng);
   void populate(std::size_t frame, std::vector<Sight>& sights);
-  [[nodiscard]] kys::Descriptor look(std::int32_t id) const;
+  [[nodiscard]] kys::Descriptor look(std::int32_t id, FeatureLook& origin) const;
   [[nodiscard]] Eigen::Vector2d lens_error(int camera, const Eigen::Vector2d& p) const;
   [[nodiscard]] Eigen::Vector3d wander(const Sight& sight) const;
   [[nodiscard]] std::vector<Sight> detect(std::size_t frame, int camera,
                                           const std::vector<Sight>& by_strength) const;
-  void emit(std::size_t frame, int camera, const std::vector<Sight>& chosen, FeatureSet& set,
-            std::vector<std::int32_t>& ids) const;
-  void outliers(int count, Rng& rng, FeatureSet& set, std::vector<std::int32_t>& ids) const;
+  /// The features of one image, as a frame holds them.
+  struct Columns {
+    FeatureSet& set;
+    std::vector<std::int32_t>& ids;
+    std::vector<FeatureLook>& looks;
+  };
+  void emit(std::size_t frame, int camera, const std::vector<Sight>& chosen, Columns out) const;
+  void outliers(int count, Rng& rng, Columns out) const;
 };
 
 bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w,
@@ -226,6 +253,7 @@ bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigi
   if (p_c.z() < 0.2) return false;
   sight.pixel = path.camera.project_stereo(p_c);
   if (!inside(sight.pixel.x(), sight.pixel.y())) return false;
+  sight.p_c = p_c;
   sight.level = static_cast<float>(level);
   sight.aside = static_cast<float>(std::acos(std::min(1.0, cosine)) / std::acos(l.min_cosine));
   return true;
@@ -257,6 +285,34 @@ void FeatureWorld::Impl::visible(std::size_t frame, std::vector<Sight>& out) con
   }
 }
 
+// A landmark at a point seen by the camera, to be found at `octave` from there. T_a_c: of the frame
+// that the landmark is in.
+Landmark FeatureWorld::Impl::new_landmark(const Rigid3& T_a_c, const Eigen::Vector3d& p_c,
+                                          int octave, Rng& rng) const {
+  Landmark l;
+  l.p_w = T_a_c * p_c;
+  const Eigen::Vector3d view = -p_c.normalized();
+  const auto deviate = [&] {
+    return Eigen::Vector3d(rng.gaussian(), rng.gaussian(), rng.gaussian());
+  };
+  const double cone = rng.uniform(kMinCone, kMaxCone);
+  l.min_cosine = static_cast<float>(std::cos(cone));
+  Eigen::Vector3d normal = (view + 0.4 * std::tan(cone) * deviate()).normalized();
+  if (normal.dot(view) < std::cos(0.8 * cone)) normal = view;
+  const Eigen::Vector3d tangent = deviate().cross(normal).normalized();
+  l.normal = (T_a_c.rotation * normal).cast<float>();
+  l.tangent = (T_a_c.rotation * tangent).cast<float>();
+  const double level = octave + rng.uniform(0.02, 0.98);
+  l.max_distance =
+      static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
+  // Found for the first time somewhere in its span, most often at the beginning: from afar.
+  const double span = -std::log(1.0 - rng.uniform()) * (rng.chance(0.5) ? kShortSpan : kLongSpan);
+  l.max_level = static_cast<float>(level + 0.05 + span);
+  const double strength = rng.uniform();
+  l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);
+  return l;
+}
+
 // A new landmark in the view of a frame, to be found at `octave` from there.
 void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
   const StereoCamera& k = path.camera;
@@ -267,28 +323,7 @@ void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
   const double down = (v - k.cy) / k.fy;
   const bool on_ground = path.ground > 0 && down > 0 && depth * down > path.ground;
   if (on_ground) depth = path.ground / down;
-  Landmark l;
-  const Eigen::Vector3d p_c = k.back_project(u, v, depth);
-  l.p_w = T_w_c * p_c;
-  const Eigen::Vector3d view = -p_c.normalized();
-  const auto deviate = [&] {
-    return Eigen::Vector3d(rng.gaussian(), rng.gaussian(), rng.gaussian());
-  };
-  const double cone = rng.uniform(kMinCone, kMaxCone);
-  l.min_cosine = static_cast<float>(std::cos(cone));
-  Eigen::Vector3d normal = (view + 0.4 * std::tan(cone) * deviate()).normalized();
-  if (normal.dot(view) < std::cos(0.8 * cone)) normal = view;
-  const Eigen::Vector3d tangent = deviate().cross(normal).normalized();
-  l.normal = (T_w_c.rotation * normal).cast<float>();
-  l.tangent = (T_w_c.rotation * tangent).cast<float>();
-  const double level = octave + rng.uniform(0.02, 0.98);
-  l.max_distance =
-      static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
-  // Found for the first time somewhere in its span, most often at the beginning: from afar.
-  const double span = -std::log(1.0 - rng.uniform()) * (rng.chance(0.5) ? kShortSpan : kLongSpan);
-  l.max_level = static_cast<float>(level + 0.05 + span);
-  const double strength = rng.uniform();
-  l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);
+  const Landmark l = new_landmark(T_w_c, k.back_project(u, v, depth), octave, rng);
   const auto id = static_cast<std::int32_t>(landmarks.size());
   const Eigen::Vector3i c = cell_of(l.p_w);
   landmarks.push_back(l);
@@ -304,6 +339,176 @@ void FeatureWorld::Impl::populate(std::size_t frame, std::vector<Sight>& sights)
     const auto o = static_cast<std::size_t>(octave);
     const int wanted = static_cast<int>(quota[o] * 1.05 / (1 - options.dropout) / (1 - kMissed));
     for (int i = found[o]; i < wanted; ++i) add(frame, octave, rng);
+  }
+}
+
+// Objects that are near enough to be seen.
+std::vector<Presence> FeatureWorld::Impl::present(std::size_t frame) const {
+  std::vector<Presence> out;
+  const Rigid3& T_w_c = path.poses[frame].T_w_c;
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const Rigid3* T_w_o = pose_in_frame(objects[i], frame);
+    if (T_w_o == nullptr || (T_w_o->t() - T_w_c.t()).norm() > reach) continue;
+    out.push_back({static_cast<std::int32_t>(i), *T_w_o});
+  }
+  return out;
+}
+
+FrameScene FeatureWorld::Impl::scene(std::size_t frame) const {
+  std::vector<std::int32_t> ids;
+  std::vector<Rigid3> poses;
+  std::vector<Eigen::Vector3d> halves;
+  for (const Presence& p : present(frame)) {
+    ids.push_back(p.object);
+    poses.push_back(p.T_w_o);
+    halves.push_back(objects[static_cast<std::size_t>(p.object)].half_size.cast<double>());
+  }
+  const Rigid3 T_l_w = path.poses[frame].T_w_c.inverse();
+  const Rigid3 T_r_l(Eigen::Quaterniond::Identity(), {-path.camera.baseline, 0, 0});
+  auto left = boxes_in_view(path.camera, T_l_w, ids, poses, halves);
+  auto right = boxes_in_view(path.camera, T_r_l * T_l_w, ids, poses, halves);
+  BoxRaster left_raster(path.camera, left);
+  BoxRaster right_raster(path.camera, right);
+  std::size_t covered = 0;
+  for (const std::int32_t id : left_raster.objects()) {
+    if (id < 0) continue;
+    const FeatureObject& object = objects[static_cast<std::size_t>(id)];
+    covered += object.kind == FeatureObject::Kind::kStanding ? 0 : 1;
+  }
+  const auto blocks = static_cast<float>(left_raster.objects().size());
+  return {std::move(left), std::move(right), std::move(left_raster), std::move(right_raster),
+          static_cast<float>(covered) / blocks};
+}
+
+// Landmarks on the faces of an object that a frame's cameras can see.
+void FeatureWorld::Impl::visible_on(const Presence& presence, std::size_t frame,
+                                    std::vector<Sight>& out) const {
+  const auto at = static_cast<std::size_t>(presence.object);
+  const FeatureObject& object = objects[at];
+  const Rigid3 T_o_c = presence.T_w_o.inverse() * path.poses[frame].T_w_c;
+  const Rigid3 T_c_o = T_o_c.inverse();
+  const Eigen::Vector3d right_o = T_o_c * Eigen::Vector3d(path.camera.baseline, 0, 0);
+  for (const std::int32_t id : landmarks_of[at]) {
+    Landmark l = landmarks[static_cast<std::size_t>(id)];
+    const int axis = std::abs(l.face) - 1;
+    const double side = l.face > 0 ? 1 : -1;
+    const double half = object.half_size[axis];
+    const bool left_sees = side * T_o_c.t()[axis] > half;
+    const bool right_sees = side * right_o[axis] > half;
+    if (!left_sees && !right_sees) continue;
+    l.p_w = sway(object, l.p_w, path.poses[frame].timestamp);
+    Sight s{};
+    s.id = id;
+    if (!sees(l, T_o_c, T_c_o, s)) continue;
+    s.hidden = {!left_sees, !right_sees};
+    out.push_back(s);
+  }
+}
+
+// Marks what stands behind or inside a box, one camera at a time.
+void FeatureWorld::Impl::hide(const FrameScene& scene, std::vector<Sight>& sights) const {
+  constexpr double kSlack = 0.01;  // m
+  for (Sight& s : sights) {
+    const std::int32_t own = landmarks[static_cast<std::size_t>(s.id)].object;
+    for (std::size_t camera = 0; camera < 2; ++camera) {
+      const double u = camera == 0 ? s.pixel.x() : s.pixel.z();
+      const double v = s.pixel.y();
+      Eigen::Vector3d p = s.p_c;
+      if (camera == 1) p.x() -= path.camera.baseline;
+      for (const SeenBox& box : camera == 0 ? scene.left : scene.right) {
+        if (s.hidden[camera]) break;
+        if (box.object == own || u < box.u0 || u > box.u1 || v < box.v0 || v > box.v1) continue;
+        s.hidden[camera] = depth_of_hit(box, p / p.z()) < p.z() - kSlack;
+      }
+    }
+  }
+}
+
+// A new landmark on a box where the left camera sees it.
+void FeatureWorld::Impl::add_to(const SeenBox& box, int octave, Rng& rng) {
+  const StereoCamera& k = path.camera;
+  for (int attempt = 0; attempt < 8; ++attempt) {
+    const double u = rng.uniform(std::max(box.u0, kMargin), std::min(box.u1, k.width - kMargin));
+    const double v = rng.uniform(std::max(box.v0, kMargin), std::min(box.v1, k.height - kMargin));
+    if (!inside(u, v)) continue;
+    const Eigen::Vector3d ray((u - k.cx) / k.fx, (v - k.cy) / k.fy, 1);
+    const double depth = depth_of_hit(box, ray);
+    if (!std::isfinite(depth) || depth < 0.2) continue;
+    Landmark l = new_landmark(box.T_o_c, depth * ray, octave, rng);
+    Eigen::Index axis = 0;
+    (l.p_w.array() / box.half.array()).abs().maxCoeff(&axis);
+    const bool upper = l.p_w[axis] > 0;
+    l.p_w[axis] = (upper ? 1 : -1) * box.half[axis];
+    l.face = static_cast<std::int8_t>((axis + 1) * (upper ? 1 : -1));
+    l.object = box.object;
+    landmarks_of[static_cast<std::size_t>(box.object)].push_back(
+        static_cast<std::int32_t>(landmarks.size()));
+    landmarks.push_back(l);
+    return;
+  }
+}
+
+// As many landmarks on an object as the static world has on its share of the image.
+void FeatureWorld::Impl::populate_objects(std::size_t frame, std::vector<Sight>& sights) {
+  const FrameScene s = scene(frame);
+  std::unordered_map<std::int32_t, int> blocks;
+  for (const std::int32_t id : s.left_raster.objects()) {
+    if (id >= 0) ++blocks[id];
+  }
+  const double all = static_cast<double>(s.left_raster.objects().size());
+  for (const SeenBox& box : s.left) {
+    const auto found = blocks.find(box.object);
+    if (found == blocks.end()) continue;
+    sights.clear();
+    const auto at = static_cast<std::size_t>(box.object);
+    visible_on({box.object, *pose_in_frame(objects[at], frame)}, frame, sights);
+    hide(s, sights);
+    std::array<int, kFeatureLevels> seen{};
+    for (const Sight& sight : sights) {
+      if (!sight.hidden[0]) ++seen[static_cast<std::size_t>(sight.level)];
+    }
+    Rng rng(hash_of(hash_of(options.seed, 11), frame, at));
+    for (int octave = 0; octave < kFeatureLevels; ++octave) {
+      const auto o = static_cast<std::size_t>(octave);
+      const double wanted =
+          quota[o] * 1.05 / (1 - options.dropout) / (1 - kMissed) * found->second / all;
+      // Small objects have whole landmarks too, some of them.
+      const double part = Rng(hash_of(hash_of(options.seed, 12), at, o)).uniform();
+      for (int i = seen[o]; i < static_cast<int>(wanted + part); ++i) add_to(box, octave, rng);
+    }
+  }
+}
+
+// Classes of all landmarks; without traffic also the parked car that a landmark is in.
+void FeatureWorld::Impl::label() {
+  scenery = std::make_unique<Scenery>(path, options.seed);
+  for (const Landmark& l : landmarks) {
+    labels.push_back(l.object >= 0 ? objects[static_cast<std::size_t>(l.object)].label
+                                   : scenery->label_of(l.p_w));
+  }
+  if (has_traffic()) return;
+  parked_around.assign(landmarks.size(), -1);
+  for (std::size_t o = 0; o < objects.size(); ++o) {
+    const Eigen::Vector3d half = objects[o].half_size.cast<double>();
+    const Rigid3& T_w_o = objects[o].poses.front();
+    const Rigid3 T_o_w = T_w_o.inverse();
+    const Eigen::Vector3i low = cell_of(T_w_o.t() - Eigen::Vector3d::Constant(half.norm()));
+    const Eigen::Vector3i high = cell_of(T_w_o.t() + Eigen::Vector3d::Constant(half.norm()));
+    for (int x = low.x(); x <= high.x(); ++x) {
+      for (int y = low.y(); y <= high.y(); ++y) {
+        for (int z = low.z(); z <= high.z(); ++z) {
+          const auto found = grid.find(cell_key(x, y, z));
+          if (found == grid.end()) continue;
+          for (const std::int32_t id : found->second) {
+            const auto i = static_cast<std::size_t>(id);
+            const Eigen::Vector3d p = T_o_w * landmarks[i].p_w;
+            if ((p.cwiseAbs() - half).maxCoeff() > 0.02) continue;
+            parked_around[i] = static_cast<std::int32_t>(o);
+            labels[i] = objects[o].label;
+          }
+        }
+      }
+    }
   }
 }
 
@@ -326,6 +531,18 @@ FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& option
     impl_->populate(i, sights);
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(path.poses.size()));
   }
+  if (options.labelled || impl_->has_traffic()) {
+    impl_->objects = park_cars(path, options.seed);
+    for (FeatureObject& o : make_traffic(path, options.traffic, options.seed)) {
+      impl_->objects.push_back(std::move(o));
+    }
+  }
+  impl_->landmarks_of.resize(impl_->objects.size());
+  for (std::size_t i = 0; impl_->has_traffic() && i < path.poses.size(); ++i) {
+    impl_->populate_objects(i, sights);
+    if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(path.poses.size()));
+  }
+  if (options.labelled || impl_->has_traffic()) impl_->label();
 }
 
 FeatureWorld::~FeatureWorld() = default;
@@ -338,17 +555,54 @@ Eigen::Vector3d FeatureWorld::landmark_position(std::int32_t id) const {
   return impl_->landmarks.at(static_cast<std::size_t>(id)).p_w;
 }
 
-FeatureFileInfo FeatureWorld::info() const {
-  return {impl_->path.camera, kFeatureScale, kFeatureLevels, impl_->options.seed,
-          impl_->path.poses};
+std::int32_t FeatureWorld::object_of(std::int32_t id) const {
+  return impl_->landmarks.at(static_cast<std::size_t>(id)).object;
+}
+std::int32_t FeatureWorld::segment_of(std::int32_t id) const {
+  const std::int32_t object = object_of(id);
+  if (object >= 0 || impl_->parked_around.empty()) return object;
+  return impl_->parked_around.at(static_cast<std::size_t>(id));
+}
+std::uint16_t FeatureWorld::label_of(std::int32_t id) const {
+  return impl_->labels.at(static_cast<std::size_t>(id));
+}
+const std::vector<FeatureObject>& FeatureWorld::objects() const {
+  return impl_->objects;
+}
+const Scenery& FeatureWorld::scenery() const {
+  return *impl_->scenery;
+}
+const FeaturePath& FeatureWorld::path() const {
+  return impl_->path;
+}
+FrameScene FeatureWorld::scene(std::size_t index) const {
+  return impl_->scene(index);
 }
 
-kys::Descriptor FeatureWorld::Impl::look(std::int32_t id) const {
+FeatureTruth FeatureWorld::truth() const {
+  FeatureTruth truth;
+  truth.objects = impl_->objects;
+  for (std::size_t i = 0; i < impl_->landmarks.size(); ++i) {
+    const Landmark& l = impl_->landmarks[i];
+    truth.landmarks.push_back({l.p_w.cast<float>(), l.object, impl_->labels.at(i)});
+  }
+  return truth;
+}
+
+FeatureFileInfo FeatureWorld::info() const {
+  FeatureFileInfo info{impl_->path.camera, kFeatureScale, kFeatureLevels, impl_->options.seed,
+                       impl_->path.poses};
+  info.version = impl_->labels.empty() ? 1 : 2;
+  return info;
+}
+
+kys::Descriptor FeatureWorld::Impl::look(std::int32_t id, FeatureLook& origin) const {
   const auto n = static_cast<std::uint64_t>(id);
   Rng rng(hash_of(options.seed, 2, n));
-  if (!rng.chance(options.repeats)) return random_descriptor(hash_of(options.seed, 3, n));
-  kys::Descriptor d =
-      random_descriptor(hash_of(options.seed, 4, static_cast<std::uint64_t>(rng.below(kFamilies))));
+  origin = {FeatureLook::Kind::kOwn, 0};
+  if (!rng.chance(options.repeats)) return base_descriptor(origin, id, options.seed);
+  origin = {FeatureLook::Kind::kFamily, static_cast<std::uint64_t>(rng.below(kFamilies))};
+  kys::Descriptor d = base_descriptor(origin, id, options.seed);
   flip_bits(d, kFamilySpread, rng);
   return d;
 }
@@ -379,8 +633,7 @@ Eigen::Vector2d FeatureWorld::Impl::lens_error(int camera, const Eigen::Vector2d
          Eigen::Vector<double, 6>(1, x, y, x * x, x * y, y * y);
 }
 
-void FeatureWorld::Impl::outliers(int count, Rng& rng, FeatureSet& set,
-                                  std::vector<std::int32_t>& ids) const {
+void FeatureWorld::Impl::outliers(int count, Rng& rng, Columns out) const {
   for (int i = 0; i < count; ++i) {
     Keypoint k;
     k.x = static_cast<float>(rng.uniform(kMargin, path.camera.width - kMargin - 1));
@@ -388,14 +641,15 @@ void FeatureWorld::Impl::outliers(int count, Rng& rng, FeatureSet& set,
     k.angle = static_cast<float>(rng.uniform(0, 2 * std::numbers::pi - 1e-4));
     k.response = static_cast<float>(rng.uniform(7, 40));
     k.octave = static_cast<std::uint8_t>(rng.below(kFeatureLevels));
-    set.keypoints.push_back(k);
-    set.descriptors.push_back(random_descriptor(rng.bits()));
-    ids.push_back(-1);
+    out.set.keypoints.push_back(k);
+    out.set.descriptors.push_back(expand_look(rng.bits()));
+    out.ids.push_back(-1);
+    out.looks.push_back({FeatureLook::Kind::kState, rng.state()});
   }
 }
 
 void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<Sight>& chosen,
-                              FeatureSet& set, std::vector<std::int32_t>& ids) const {
+                              Columns out) const {
   const Rigid3 T_c_w = path.poses[frame].T_w_c.inverse();
   for (const Sight& s : chosen) {
     const Landmark& l = landmarks[static_cast<std::size_t>(s.id)];
@@ -415,8 +669,13 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
     if (!inside(u, v)) continue;
     k.x = static_cast<float>(u);
     k.y = static_cast<float>(v);
-    const Eigen::Vector3d p_c = T_c_w * l.p_w;
-    const Eigen::Vector3d t = T_c_w.rotation * l.tangent.cast<double>();
+    const Eigen::Vector3d& p_c = s.p_c;
+    const Rigid3* T_w_o =
+        l.object < 0 ? nullptr
+                     : pose_in_frame(objects[static_cast<std::size_t>(l.object)], frame);
+    const Eigen::Quaterniond turn =
+        T_w_o == nullptr ? T_c_w.rotation : T_c_w.rotation * T_w_o->rotation;
+    const Eigen::Vector3d t = turn * l.tangent.cast<double>();
     // Direction of the tangent's image.
     const double a =
         std::atan2(t.y() * p_c.z() - p_c.y() * t.z(), t.x() * p_c.z() - p_c.x() * t.z()) +
@@ -424,12 +683,14 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
     k.angle = static_cast<float>(a - 2 * std::numbers::pi * std::floor(a / (2 * std::numbers::pi)));
     if (k.angle >= static_cast<float>(2 * std::numbers::pi)) k.angle = 0;
     k.response = std::clamp(l.strength + 4 * static_cast<float>(rng.gaussian()), 7.0F, 255.0F);
-    kys::Descriptor d = look(s.id);
+    FeatureLook origin;
+    kys::Descriptor d = look(s.id, origin);
     // The more it is seen from the side, the more its look changes.
     flip_bits(d, options.bit_noise * (1 + s.aside * s.aside), rng);
-    set.keypoints.push_back(k);
-    set.descriptors.push_back(d);
-    ids.push_back(s.id);
+    out.set.keypoints.push_back(k);
+    out.set.descriptors.push_back(d);
+    out.ids.push_back(s.id);
+    out.looks.push_back(origin);
   }
 }
 
@@ -443,7 +704,7 @@ std::vector<FeatureWorld::Impl::Sight> FeatureWorld::Impl::detect(
   Rng one(hash_of(hash_of(options.seed, 10, static_cast<std::uint64_t>(camera)), frame, 0));
   for (const Sight& s : by_strength) {
     const bool seen = !both.chance(options.dropout);
-    if (one.chance(kMissed) || !seen) continue;
+    if (one.chance(kMissed) || !seen || s.hidden[static_cast<std::size_t>(camera)]) continue;
     if (left[static_cast<std::size_t>(s.level)]-- > 0) found.push_back(s);
   }
   std::sort(found.begin(), found.end(), [&](const Sight& a, const Sight& b) {
@@ -460,22 +721,28 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
   const Impl& w = *impl_;
   std::vector<Impl::Sight> sights;
   w.visible(index, sights);
+  FeatureFrame out;
+  if (w.has_traffic()) {
+    const FrameScene scene = w.scene(index);
+    for (const Presence& p : w.present(index)) w.visible_on(p, index, sights);
+    w.hide(scene, sights);
+    out.mover_share = scene.mover_share;
+  }
   std::stable_sort(sights.begin(), sights.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
     const int sa = w.landmarks[static_cast<std::size_t>(a.id)].strength;
     const int sb = w.landmarks[static_cast<std::size_t>(b.id)].strength;
     return sa != sb ? sa > sb : a.id < b.id;
   });
-  FeatureFrame out;
-  const auto fill = [&](int camera, FeatureSet& set, std::vector<std::int32_t>& ids) {
+  const auto fill = [&](int camera, Impl::Columns columns) {
     const std::vector<Impl::Sight> found = w.detect(index, camera, sights);
-    w.emit(index, camera, found, set, ids);
+    w.emit(index, camera, found, columns);
     Rng rng(hash_of(hash_of(w.options.seed, 8, static_cast<std::uint64_t>(camera)), index, 0));
     const double wrong =
         w.options.outliers / (1 - w.options.outliers) * static_cast<double>(found.size());
-    w.outliers(static_cast<int>(wrong), rng, set, ids);
+    w.outliers(static_cast<int>(wrong), rng, columns);
   };
-  fill(0, out.left, out.left_landmarks);
-  fill(1, out.right, out.right_landmarks);
+  fill(0, {out.left, out.left_landmarks, out.left_looks});
+  fill(1, {out.right, out.right_landmarks, out.right_looks});
   return out;
 }
 

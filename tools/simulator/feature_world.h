@@ -6,9 +6,13 @@
 #include <memory>
 #include <string>
 
+#include "boxes.h"
 #include "io/feature_sequence.h"
 
 namespace kys_slam::simulator {
+
+/// How much moves in a simulated drive.
+enum class Traffic : std::uint8_t { kNone, kLight, kCity, kJam };
 
 /// How features are simulated along a trajectory.
 struct FeatureOptions {
@@ -27,6 +31,8 @@ struct FeatureOptions {
   double repeats = 0.10;        ///< share of landmarks that look like others
   double rate = 10;             ///< Hz, for trajectories without time stamps
   double near = 0, far = 0;     ///< m, range of depths; 0: the camera's own (4-60, 0.8-12)
+  Traffic traffic = Traffic::kNone;  ///< moving and parked objects
+  bool labelled = false;  ///< a class for every landmark: for perception. Traffic brings it along
 
   /// \throws InputError naming the option that makes no sense.
   void check() const;
@@ -47,6 +53,15 @@ struct FeaturePath {
 FeaturePath read_feature_path(const std::filesystem::path& trajectory,
                               const FeatureOptions& options);
 
+class Scenery;
+
+/// The boxes of a frame as the two cameras see them.
+struct FrameScene {
+  std::vector<SeenBox> left, right;
+  BoxRaster left_raster, right_raster;
+  float mover_share = 0;  ///< of the left image's area that objects which can move cover
+};
+
 /// Landmarks strewn along a path, and the features that a stereo camera finds on it. Landmarks are
 /// made where a frame would see too few of them, in a first pass over the whole path, so that a
 /// place seen again shows the same landmarks.
@@ -57,6 +72,10 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
 /// beyond, nor at more than its own number of octaves or the last one. With the view of it the
 /// corner moves by a fraction of a pixel, smoothly, so that errors do not average out from frame to
 /// frame.
+///
+/// With traffic there are objects, solid boxes that hide what is behind and in them, each with
+/// landmarks of its own on its faces, as many as the static world has on the same area of the
+/// image. The static landmarks are those of the world without traffic.
 class FeatureWorld {
  public:
   /// `progress(done)` is called with the share of frames done.
@@ -65,7 +84,20 @@ class FeatureWorld {
   ~FeatureWorld();
 
   [[nodiscard]] std::size_t landmark_count() const;
-  [[nodiscard]] Eigen::Vector3d landmark_position(std::int32_t id) const;  ///< m, world
+  /// m, in the world, or in its object's frame.
+  [[nodiscard]] Eigen::Vector3d landmark_position(std::int32_t id) const;
+  /// The object that carries a landmark and takes it along; -1: none, it is of the static world.
+  [[nodiscard]] std::int32_t object_of(std::int32_t id) const;
+  /// The object that a landmark is seen as a part of: the one above, or without traffic the parked
+  /// car around it; -1: none.
+  [[nodiscard]] std::int32_t segment_of(std::int32_t id) const;
+  /// Class of a landmark; kys::kVoidLabel: none. Of a world that is labelled.
+  [[nodiscard]] std::uint16_t label_of(std::int32_t id) const;
+  [[nodiscard]] const std::vector<FeatureObject>& objects() const;
+  [[nodiscard]] const Scenery& scenery() const;  ///< of a world that is labelled
+  [[nodiscard]] const FeaturePath& path() const;
+  [[nodiscard]] FrameScene scene(std::size_t index) const;
+  [[nodiscard]] FeatureTruth truth() const;
   /// The features of a frame; depends on the seed and the frame alone.
   [[nodiscard]] FeatureFrame frame(std::size_t index) const;
   [[nodiscard]] FeatureFileInfo info() const;

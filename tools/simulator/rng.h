@@ -2,21 +2,12 @@
 
 #include <cstdint>
 
+#include "util/hash.h"
+
 namespace kys_slam::simulator {
 
-/// Mixes 64 bits (SplitMix64 finaliser): the same everywhere, unlike <random>'s distributions.
-inline std::uint64_t mix(std::uint64_t x) {
-  x += 0x9e3779b97f4a7c15ULL;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
-  return x ^ (x >> 31);
-}
-
-/// Hash of a few integers, for values that must not depend on the order they are asked in.
-inline std::uint64_t hash_of(std::uint64_t a, std::uint64_t b = 0, std::uint64_t c = 0,
-                             std::uint64_t d = 0) {
-  return mix(mix(mix(mix(a) ^ b) ^ c) ^ d);
-}
+using kys_slam::hash_of;
+using kys_slam::mix;
 
 /// A small deterministic generator.
 class Rng {
@@ -27,6 +18,8 @@ class Rng {
     state_ += 0x9e3779b97f4a7c15ULL;
     return mix(state_);
   }
+  /// mix() of it is what bits() gave last.
+  [[nodiscard]] std::uint64_t state() const { return state_; }
   /// Uniform in [0, 1).
   double uniform() { return static_cast<double>(bits() >> 11) * 0x1.0p-53; }
   double uniform(double low, double high) { return low + (high - low) * uniform(); }

@@ -3,9 +3,12 @@
 
 #include <chrono>
 #include <cstdio>
+#include <optional>
 
 #include "common/command_line.h"
 #include "feature_world.h"
+#include "perception.h"
+#include "traffic.h"
 
 namespace {
 
@@ -29,12 +32,51 @@ class Progress {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
+void write_frames(const kys_slam::simulator::FeatureWorld& world,
+                  const kys_slam::simulator::FeatureOptions& o, const std::string& perception,
+                  const std::string& output, Progress& progress) {
+  using namespace kys_slam;
+  using namespace kys_slam::simulator;
+  const std::size_t frames = world.path().poses.size();
+  FeatureFileInfo info = world.info();
+  std::optional<Perception> eye;
+  if (o.labelled) {
+    eye.emplace(world, perception_level(perception), o.seed);
+    info.label_space = kFeatureLabelSpace;
+  }
+  FeatureSequenceWriter writer(output, info,
+                               info.version == 1 ? FeatureTruth{} : world.truth());
+  double mover_share = 0;
+  for (std::size_t i = 0; i < frames; ++i) {
+    FeatureFrame frame = world.frame(i);
+    if (eye) eye->see(i, frame);
+    mover_share += frame.mover_share;
+    writer.write(frame);
+    progress("frames", static_cast<double>(i + 1) / static_cast<double>(frames));
+  }
+  writer.finish();
+  std::printf("%s: %zu frames, %zu landmarks", output.c_str(), frames, world.landmark_count());
+  if (o.traffic != Traffic::kNone) {
+    std::printf(", movers cover %.1f %% of the image",
+                100 * mover_share / static_cast<double>(frames));
+  }
+  std::printf("\n");
+  if (!eye) return;
+  const Perception::Score& s = eye->score();
+  std::printf("segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
+              "not\n",
+              static_cast<long long>(s.moving_flagged), static_cast<long long>(s.moving),
+              static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
+}
+
 int run(int argc, char** argv) {
   using namespace kys_slam;
   using namespace kys_slam::simulator;
   FeatureOptions o;
   std::string trajectory;
   std::string output;
+  std::string traffic = "none";
+  std::string perception = "none";
   bool quiet = false;
   CLI::App app(
       "Simulates stereo features, without images, along a trajectory: landmarks strewn along it,\n"
@@ -69,6 +111,13 @@ int run(int argc, char** argv) {
   app.add_option("--rate", o.rate, "Hz, for files without time stamps")->capture_default_str();
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
+  app.add_option("--traffic", traffic,
+                 "objects that move and hide what is behind them: none, light, city, jam")
+      ->capture_default_str();
+  app.add_option("--perception", perception,
+                 "priors for every feature, with the errors of a way to get them: none, exact, "
+                 "estimated, poor")
+      ->capture_default_str();
   app.add_flag("--quiet", quiet, "no progress");
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (app.count("--frames") > 0 && o.frames < 1) {
@@ -77,17 +126,13 @@ int run(int argc, char** argv) {
   if (app.count("--features") > 0 && o.features < 50) {
     throw InputError("--features: must lie between 50 and 20000");
   }
+  o.traffic = parse_traffic(traffic);
+  o.labelled = perception != "none";
+  if (o.labelled) perception_level(perception);  // refuses what it does not know
   const FeaturePath path = read_feature_path(trajectory, o);
   Progress progress(quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
-  FeatureSequenceWriter writer(output, world.info());
-  for (std::size_t i = 0; i < path.poses.size(); ++i) {
-    writer.write(world.frame(i));
-    progress("frames", static_cast<double>(i + 1) / static_cast<double>(path.poses.size()));
-  }
-  writer.finish();
-  std::printf("%s: %zu frames, %zu landmarks\n", output.c_str(), path.poses.size(),
-              world.landmark_count());
+  write_frames(world, o, perception, output, progress);
   return 0;
 }
 

@@ -25,6 +25,7 @@ FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOp
   input.has_images = false;
   input.scale_factor = features->info().scale_factor;
   input.levels = features->info().levels;
+  input.label_space = features->info().label_space;
   input.frames = std::move(features);
   return input;
 }
@@ -48,10 +49,15 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
   return input;
 }
 
-void check_octaves(const FrameInput& input, const Settings& settings,
-                   const std::filesystem::path& path) {
+void check_features(const FrameInput& input, const Settings& settings,
+                    const std::filesystem::path& path) {
   if (input.has_images) return;
   const OrbOptions& orb = settings.data().orb;
+  const std::string wanted = settings.get("control.label_space");
+  if (!input.label_space.empty() && input.label_space != wanted) {
+    throw InputError(fmt::format("{}: its priors have labels of {}; control.label_space says {}",
+                                 path.string(), input.label_space, wanted));
+  }
   if (orb.levels == input.levels && std::abs(orb.scale_factor - input.scale_factor) < 1e-9) return;
   throw InputError(fmt::format(
       "{}: its features have {} octaves at {:g}; orb.levels, orb.scale_factor say {} at {:g}",

@@ -27,6 +27,7 @@ struct FrameInput {
   bool has_images = true;               ///< false: features, whose octaves are the file's
   double scale_factor = 0;              ///< of a feature file, between two octaves
   int levels = 0;                       ///< of a feature file
+  std::string label_space;              ///< of the priors in a feature file; "": it has none
 };
 
 /// Opens a sequence folder with `open_folder`, or a feature file (io/feature_sequence.h), which is
@@ -35,8 +36,9 @@ struct FrameInput {
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
                             const OpenSequence& open_folder);
 
-/// \throws InputError when the features have other octaves than `settings` say.
-void check_octaves(const FrameInput& input, const Settings& settings,
+/// \throws InputError when a feature file has other octaves, or priors of another label space, than
+/// `settings` say.
+void check_features(const FrameInput& input, const Settings& settings,
                    const std::filesystem::path& path);
 
 }  // namespace kys_slam

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <optional>
@@ -16,6 +17,7 @@
 #include <vector>
 
 #include "common/command_line.h"
+#include "frame_priors.h"
 #include "io/read_ahead.h"
 #include "io/read_bytes.h"
 #include "prior_files.h"
@@ -59,10 +61,11 @@ void declare(CLI::App& app, Arguments& a) {
   }
   app.add_option("SEQUENCE", a.sequence,
                  "folder of the sequence, or a feature file (simulate_features)");
-  app.add_option("--priors", a.priors, "folder of this sequence's prior files");
+  app.add_option("--priors", a.priors,
+                 "folder of this sequence's prior files (a feature file may bring its own)");
   app.add_option(
       "--mode", a.mode,
-      "how descriptors are compared: " + modes + " (default: kys with --priors, stock without)");
+      "how descriptors are compared: " + modes + " (default: kys with priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
   one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
   app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
@@ -87,17 +90,17 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
 }
 
-Settings effective_settings(Settings settings, const Arguments& a) {
+Settings effective_settings(Settings settings, const Arguments& a, bool with_priors) {
   if (!a.config.empty()) settings.load(a.config);
   for (const std::string& assignment : a.settings) settings.assign(assignment);
   if (!a.mode.empty()) {
     settings.set("kys.mode", a.mode);
-  } else if (!a.priors.empty() && settings.get("kys.mode") == "stock") {
+  } else if (with_priors && settings.get("kys.mode") == "stock") {
     settings.set("kys.mode", "kys");
   }
   settings.check();
   const std::string mode = settings.get("kys.mode");
-  if (a.priors.empty() && kys::needs_priors(kys::parse_mode(mode))) {
+  if (!with_priors && kys::needs_priors(kys::parse_mode(mode))) {
     throw InputError("mode " + mode +
                      " needs priors: give --priors DIR (build_priors makes them), or --mode stock");
   }
@@ -226,15 +229,38 @@ void save_map(const System& system, const std::filesystem::path& file,
   }
 }
 
+/// Where priors come from, and how many frames had none.
+struct Priors {
+  std::unique_ptr<PriorProvider> provider;  ///< null: there are none
+  std::function<std::int64_t()> missing;    ///< as long as the provider lives
+};
+
+template <typename Provider>
+Priors counted(std::unique_ptr<Provider> provider) {
+  const Provider* counts = provider.get();
+  return {std::move(provider), [counts] { return counts->missing(); }};
+}
+
+/// From the folder given, or from the frames of a feature file.
+Priors open_priors(const Arguments& a, const FrameInput& input, const Settings& settings) {
+  if (!a.priors.empty()) {
+    return counted(std::make_unique<PriorFiles>(
+        a.priors, input.frames->camera(), settings.get("control.label_space"), a.strict_priors));
+  }
+  if (!input.label_space.empty()) return counted(std::make_unique<FramePriors>());
+  return {};
+}
+
 int run(const RunProgram& program, const Arguments& a) {
   const Stopwatch start_up;
-  const Settings settings = effective_settings(program.settings, a);
   const Schedule schedule = parse_schedule(a.schedule);
   SequenceOptions options;
   options.start = a.start;
   options.frames = a.frames;
   const FrameInput input = open_frame_input(a.sequence, options, program.open);
-  check_octaves(input, settings, a.sequence);
+  const Settings settings =
+      effective_settings(program.settings, a, !a.priors.empty() || !input.label_space.empty());
+  check_features(input, settings, a.sequence);
 
   RunInfo info;
   info.sequence = input.name;
@@ -246,23 +272,18 @@ int run(const RunProgram& program, const Arguments& a) {
   if (!a.overwrite) check_not_of_another_run(output, info);
   make_output_folder(output);
   if (!a.save_map.empty()) check_writable(a.save_map);
-  std::unique_ptr<PriorFiles> priors;
-  if (!a.priors.empty()) {
-    priors = std::make_unique<PriorFiles>(a.priors, input.frames->camera(),
-                                          settings.get("control.label_space"), a.strict_priors);
-  }
-  const PriorFiles* prior_counts = priors.get();
+  Priors priors = open_priors(a, input, settings);
 
   // Images are small: handing their rows out to threads costs more than it gains, and the cores
   // are taken.
   cv::setNumThreads(1);
-  System system(input.frames->camera(), settings, schedule, std::move(priors));
+  System system(input.frames->camera(), settings, schedule, std::move(priors.provider));
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   Failures failures(info);
   const Pace pace{schedule == Schedule::kRealtime, std::stod(settings.get("control.stall_ms"))};
   InterruptGuard guard([&] { system.interrupt(); });
   track(system, *input.frames, a, pace, start_up, guard, info, failures);
-  if (prior_counts != nullptr) info.missing_priors = prior_counts->missing();
+  if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = judge_run(system, info); });
   failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });

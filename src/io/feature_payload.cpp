@@ -1,0 +1,483 @@
+#include "io/feature_payload.h"
+
+#include <kys/error.h>
+#include <kys/prior.h>
+#include <libdeflate.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+
+#include "util/hash.h"
+
+namespace kys_slam {
+namespace {
+
+constexpr double kAngleSteps = 65536.0 / (2.0 * std::numbers::pi);
+constexpr std::uint32_t kMaxFeatures = 1'000'000;
+constexpr std::uint32_t kMaxObjects = 10'000'000;
+constexpr std::uint32_t kMaxLandmarks = 200'000'000;
+constexpr int kDeflateLevel = 3;
+constexpr std::uint8_t kHasPriors = 1;  // flag of a frame
+
+// Numbers as byte planes: all low bytes, then all second bytes. They deflate better so.
+class Writer {
+ public:
+  void u8(std::uint8_t v) { bytes.push_back(v); }
+  void u16(std::uint16_t v) { put(v, 2); }
+  void u32(std::uint32_t v) { put(v, 4); }
+  void f32(float v) { put(std::bit_cast<std::uint32_t>(v), 4); }
+  void f64(double v) { put(std::bit_cast<std::uint64_t>(v), 8); }
+  template <typename Get>
+  void planes(std::size_t count, int width, const Get& get) {
+    for (int plane = 0; plane < width; ++plane) {
+      for (std::size_t i = 0; i < count; ++i) {
+        bytes.push_back(
+            static_cast<std::uint8_t>(static_cast<std::uint64_t>(get(i)) >> (8 * plane)));
+      }
+    }
+  }
+  std::vector<std::uint8_t> bytes;
+
+ private:
+  void put(std::uint64_t v, int count) {
+    for (int i = 0; i < count; ++i) bytes.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
+  }
+};
+
+class Reader {
+ public:
+  explicit Reader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+  std::uint8_t u8() { return take(1)[0]; }
+  std::uint16_t u16() { return static_cast<std::uint16_t>(get(2)); }
+  std::uint32_t u32() { return static_cast<std::uint32_t>(get(4)); }
+  float f32() { return std::bit_cast<float>(u32()); }
+  double f64() { return std::bit_cast<double>(get(8)); }
+  const std::uint8_t* take(std::size_t count) {
+    if (count > bytes_.size() - at_) throw std::runtime_error("too short");
+    at_ += count;
+    return bytes_.data() + at_ - count;
+  }
+  template <typename Set>
+  void planes(std::size_t count, int width, const Set& set) {
+    const std::uint8_t* p = take(count * static_cast<std::size_t>(width));
+    for (std::size_t i = 0; i < count; ++i) {
+      std::uint64_t v = 0;
+      for (int plane = 0; plane < width; ++plane) {
+        v |= static_cast<std::uint64_t>(p[static_cast<std::size_t>(plane) * count + i])
+             << (8 * plane);
+      }
+      set(i, v);
+    }
+  }
+  [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
+  void expect_end() const {
+    if (left() != 0) throw std::runtime_error("bytes left over");
+  }
+
+ private:
+  std::uint64_t get(int count) {
+    const std::uint8_t* p = take(static_cast<std::size_t>(count));
+    std::uint64_t v = 0;
+    for (int i = 0; i < count; ++i) v |= static_cast<std::uint64_t>(p[i]) << (8 * i);
+    return v;
+  }
+  std::span<const std::uint8_t> bytes_;
+  std::size_t at_ = 0;
+};
+
+void require(bool good, const char* what) {
+  if (!good) throw std::runtime_error(what);
+}
+
+std::uint16_t fixed_pixel(float v) {
+  return static_cast<std::uint16_t>(std::clamp(std::lround(v * 32.0F), 0L, 65535L));
+}
+
+// As in prior files: mu = 101^(q / 255) - 1.
+std::uint8_t motion_code(float mu) {
+  const double q = 255.0 * std::log1p(static_cast<double>(std::clamp(mu, 0.0F, 100.0F)));
+  return static_cast<std::uint8_t>(std::lround(q / std::log(101.0)));
+}
+const std::array<float, 256>& motion_of_code() {
+  static const std::array<float, 256> table = [] {
+    std::array<float, 256> t{};
+    for (std::size_t q = 0; q < 256; ++q) {
+      t[q] = static_cast<float>(std::pow(101.0, static_cast<double>(q) / 255.0) - 1.0);
+    }
+    t[255] = 100;
+    return t;
+  }();
+  return table;
+}
+
+struct CameraColumns {
+  const FeatureSet& set;
+  const std::vector<std::int32_t>& landmarks;
+  const std::vector<FeatureLook>& looks;
+  const std::vector<kys::Prior>& priors;
+};
+
+void encode_keypoints(Writer& w, const CameraColumns& c) {
+  const std::size_t n = c.set.size();
+  const auto& k = c.set.keypoints;
+  w.planes(n, 2, [&](std::size_t i) { return fixed_pixel(k[i].x); });
+  w.planes(n, 2, [&](std::size_t i) { return fixed_pixel(k[i].y); });
+  w.planes(n, 2, [&](std::size_t i) { return std::llround(k[i].angle * kAngleSteps) & 0xffff; });
+  w.planes(n, 1, [&](std::size_t i) { return std::clamp(std::lround(k[i].response), 0L, 255L); });
+  w.planes(n, 1, [&](std::size_t i) { return k[i].octave; });
+  w.planes(n, 4, [&](std::size_t i) { return static_cast<std::uint32_t>(c.landmarks[i]); });
+}
+
+// Positions of the bits that differ, each as its distance from the one before.
+std::vector<std::uint8_t> flip_gaps(const kys::Descriptor& a, const kys::Descriptor& b) {
+  std::vector<std::uint8_t> gaps;
+  int last = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (std::uint64_t x = a.words[i] ^ b.words[i]; x != 0; x &= x - 1) {
+      const int at = static_cast<int>(64 * i) + std::countr_zero(x);
+      gaps.push_back(static_cast<std::uint8_t>(at - last));
+      last = at;
+    }
+  }
+  return gaps;
+}
+
+void encode_looks(Writer& w, const CameraColumns& c, std::uint64_t seed) {
+  const std::size_t n = c.set.size();
+  std::vector<FeatureLook> looks = c.looks;
+  looks.resize(n);  // kRaw
+  std::vector<std::uint8_t> counts, gaps;
+  std::vector<std::uint64_t> families, states, raw;
+  std::uint64_t last = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    FeatureLook& look = looks[i];
+    const auto flips =
+        flip_gaps(base_descriptor(look, c.landmarks[i], seed), c.set.descriptors[i]);
+    if (flips.size() > 200) look = {};
+    if (look.kind == FeatureLook::Kind::kRaw) {
+      const auto& words = c.set.descriptors[i].words;
+      raw.insert(raw.end(), words.begin(), words.end());
+      continue;
+    }
+    if (look.kind == FeatureLook::Kind::kFamily) families.push_back(look.value);
+    if (look.kind == FeatureLook::Kind::kState) {
+      states.push_back(look.value - last);
+      last = look.value;
+    }
+    counts.push_back(static_cast<std::uint8_t>(flips.size()));
+    gaps.insert(gaps.end(), flips.begin(), flips.end());
+  }
+  w.planes(n, 1, [&](std::size_t i) { return static_cast<std::uint8_t>(looks[i].kind); });
+  w.planes(families.size(), 2, [&](std::size_t i) { return families[i]; });
+  w.planes(states.size(), 8, [&](std::size_t i) { return states[i]; });
+  w.planes(counts.size(), 1, [&](std::size_t i) { return counts[i]; });
+  w.planes(gaps.size(), 1, [&](std::size_t i) { return gaps[i]; });
+  w.planes(raw.size(), 8, [&](std::size_t i) { return raw[i]; });
+}
+
+void encode_priors(Writer& w, const CameraColumns& c) {
+  const std::size_t n = c.set.size();
+  using Key = std::tuple<std::uint16_t, std::uint16_t, std::int32_t, float>;
+  std::map<Key, std::uint16_t> index;
+  std::vector<Key> segments;
+  std::vector<std::uint16_t> segment_of(n, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    const kys::Prior& p = c.priors[i];
+    if (p.label == kys::kVoidLabel) continue;
+    const Key key{p.label, p.dynamic, p.instance, p.scale};
+    const auto [at, is_new] =
+        index.try_emplace(key, static_cast<std::uint16_t>(segments.size() + 1));
+    if (is_new) segments.push_back(key);
+    if (segments.size() > 65534) throw std::logic_error("too many segments in a frame");
+    segment_of[i] = at->second;
+  }
+  w.u16(static_cast<std::uint16_t>(segments.size()));
+  for (const auto& [label, dynamic, instance, scale] : segments) {
+    w.u16(label);
+    w.u16(dynamic);
+    w.u32(static_cast<std::uint32_t>(instance));
+    w.f32(scale);
+  }
+  w.planes(n, 2, [&](std::size_t i) { return segment_of[i]; });
+  w.planes(n, 1, [&](std::size_t i) { return motion_code(c.priors[i].motion); });
+}
+
+void decode_keypoints(Reader& r, std::size_t n, FeatureSet& set,
+                      std::vector<std::int32_t>& landmarks) {
+  require(n * 12 <= r.left(), "too short");  // before anything is allocated
+  set.keypoints.resize(n);
+  set.descriptors.resize(n);
+  landmarks.resize(n);
+  auto& k = set.keypoints;
+  const auto pixel = [](std::uint64_t v) { return static_cast<float>(v) / 32.0F; };
+  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) { k[i].x = pixel(v); });
+  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) { k[i].y = pixel(v); });
+  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) {
+    k[i].angle = static_cast<float>(static_cast<double>(v) / kAngleSteps);
+  });
+  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) { k[i].response = static_cast<float>(v); });
+  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
+    k[i].octave = static_cast<std::uint8_t>(v);
+  });
+  r.planes(n, 4, [&](std::size_t i, std::uint64_t v) {
+    landmarks[i] = static_cast<std::int32_t>(static_cast<std::uint32_t>(v));
+  });
+}
+
+void flip(kys::Descriptor& d, const std::uint8_t* gaps, std::size_t count) {
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    at += gaps[i];
+    require(at < 256, "a flipped bit beyond the descriptor");
+    d.words[at / 64] ^= std::uint64_t{1} << (at % 64);
+  }
+}
+
+void decode_looks(Reader& r, std::uint64_t seed, FeatureSet& set,
+                  const std::vector<std::int32_t>& landmarks, std::vector<FeatureLook>& looks) {
+  const std::size_t n = set.size();
+  looks.resize(n);
+  std::array<std::size_t, 4> count{};
+  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
+    require(v < count.size(), "an unknown kind of descriptor");
+    looks[i].kind = static_cast<FeatureLook::Kind>(v);
+    ++count[v];
+  });
+  const auto of_kind = [&](FeatureLook::Kind kind) { return count[static_cast<std::size_t>(kind)]; };
+  std::vector<std::uint64_t> families(of_kind(FeatureLook::Kind::kFamily));
+  std::vector<std::uint64_t> states(of_kind(FeatureLook::Kind::kState));
+  r.planes(families.size(), 2, [&](std::size_t i, std::uint64_t v) { families[i] = v; });
+  std::uint64_t last = 0;
+  r.planes(states.size(), 8, [&](std::size_t i, std::uint64_t v) { states[i] = last += v; });
+  const std::size_t keyed = n - of_kind(FeatureLook::Kind::kRaw);
+  const std::uint8_t* counts = r.take(keyed);
+  std::size_t gap_count = 0;
+  for (std::size_t i = 0; i < keyed; ++i) gap_count += counts[i];
+  const std::uint8_t* gaps = r.take(gap_count);
+  std::vector<std::uint64_t> raw(4 * of_kind(FeatureLook::Kind::kRaw));
+  r.planes(raw.size(), 8, [&](std::size_t i, std::uint64_t v) { raw[i] = v; });
+  std::size_t family = 0, state = 0, word = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    kys::Descriptor& d = set.descriptors[i];
+    if (looks[i].kind == FeatureLook::Kind::kRaw) {
+      for (std::uint64_t& w : d.words) w = raw[word++];
+      continue;
+    }
+    if (looks[i].kind == FeatureLook::Kind::kFamily) looks[i].value = families[family++];
+    if (looks[i].kind == FeatureLook::Kind::kState) looks[i].value = states[state++];
+    d = base_descriptor(looks[i], landmarks[i], seed);
+    flip(d, gaps, *counts);
+    gaps += *counts++;
+  }
+}
+
+void decode_priors(Reader& r, std::size_t n, std::vector<kys::Prior>& priors) {
+  std::vector<kys::Prior> segments(static_cast<std::size_t>(r.u16()) + 1);
+  try {
+    for (std::size_t k = 1; k < segments.size(); ++k) {
+      const std::uint16_t label = r.u16();
+      const std::uint16_t dynamic = r.u16();
+      const auto instance = static_cast<std::int32_t>(r.u32());
+      require(dynamic <= 1 && label != kys::kVoidLabel && instance >= 0, "a segment makes no sense");
+      segments[k] = kys::make_prior(label, instance, r.f32(), 0, dynamic != 0);
+    }
+  } catch (const kys::Error& error) {
+    throw std::runtime_error(error.what());
+  }
+  priors.resize(n);
+  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) {
+    require(v < segments.size(), "a feature of no segment");
+    priors[i] = segments[v];
+  });
+  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
+    kys::Prior& p = priors[i];
+    if (v == 0 || p.label == kys::kVoidLabel) return;
+    p = kys::make_prior(p.label, p.instance, p.scale, motion_of_code()[v], p.dynamic != 0);
+  });
+}
+
+}  // namespace
+
+kys::Descriptor expand_look(std::uint64_t key) {
+  kys::Descriptor d;
+  for (std::size_t i = 0; i < 4; ++i) d.words[i] = hash_of(key, 0xdec0de, i);
+  return d;
+}
+
+kys::Descriptor base_descriptor(const FeatureLook& look, std::int32_t landmark,
+                                std::uint64_t seed) {
+  switch (look.kind) {
+    case FeatureLook::Kind::kOwn:
+      return expand_look(hash_of(seed, 3, static_cast<std::uint64_t>(landmark)));
+    case FeatureLook::Kind::kFamily:
+      return expand_look(hash_of(seed, 4, look.value));
+    case FeatureLook::Kind::kState:
+      return expand_look(mix(look.value));
+    case FeatureLook::Kind::kRaw:
+      break;
+  }
+  return {};
+}
+
+std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t seed) {
+  Writer w;
+  w.u32(static_cast<std::uint32_t>(frame.left.size()));
+  w.u32(static_cast<std::uint32_t>(frame.right.size()));
+  w.u8(frame.has_priors ? kHasPriors : 0);
+  w.f32(frame.mover_share);
+  for (const CameraColumns& c :
+       {CameraColumns{frame.left, frame.left_landmarks, frame.left_looks, frame.left_priors},
+        CameraColumns{frame.right, frame.right_landmarks, frame.right_looks,
+                      frame.right_priors}}) {
+    if (c.set.keypoints.size() != c.set.descriptors.size() || c.landmarks.size() != c.set.size() ||
+        (!c.looks.empty() && c.looks.size() != c.set.size()) ||
+        (frame.has_priors && c.priors.size() != c.set.size())) {
+      throw std::logic_error("columns of a frame's features differ in length");
+    }
+    encode_keypoints(w, c);
+    encode_looks(w, c, seed);
+    if (frame.has_priors) encode_priors(w, c);
+  }
+  return std::move(w.bytes);
+}
+
+FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t seed) {
+  Reader r(bytes);
+  FeatureFrame f;
+  const std::uint32_t left = r.u32();
+  const std::uint32_t right = r.u32();
+  require(left <= kMaxFeatures && right <= kMaxFeatures, "too many features");
+  const std::uint8_t flags = r.u8();
+  require(flags <= kHasPriors, "unknown flags");
+  f.has_priors = flags != 0;
+  f.mover_share = r.f32();
+  require(f.mover_share >= 0 && f.mover_share <= 1, "the movers' share makes no sense");
+  const auto camera = [&](std::size_t n, FeatureSet& set, std::vector<std::int32_t>& landmarks,
+                          std::vector<FeatureLook>& looks, std::vector<kys::Prior>& priors) {
+    decode_keypoints(r, n, set, landmarks);
+    decode_looks(r, seed, set, landmarks, looks);
+    if (f.has_priors) decode_priors(r, n, priors);
+  };
+  camera(left, f.left, f.left_landmarks, f.left_looks, f.left_priors);
+  camera(right, f.right, f.right_landmarks, f.right_looks, f.right_priors);
+  r.expect_end();
+  return f;
+}
+
+std::vector<std::uint8_t> encode_truth(const FeatureTruth& truth) {
+  Writer w;
+  w.u32(static_cast<std::uint32_t>(truth.objects.size()));
+  w.u32(static_cast<std::uint32_t>(truth.landmarks.size()));
+  for (const FeatureObject& o : truth.objects) {
+    w.u16(o.label);
+    w.u16(static_cast<std::uint16_t>(o.kind));
+    for (const float h : {o.half_size.x(), o.half_size.y(), o.half_size.z()}) w.f32(h);
+    w.u32(static_cast<std::uint32_t>(o.first_frame));
+    w.u32(static_cast<std::uint32_t>(o.poses.size()));
+    for (const Rigid3& T : o.poses) {
+      const auto& q = T.rotation;
+      const auto& t = T.translation;
+      for (const double v : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) w.f64(v);
+    }
+  }
+  const auto& l = truth.landmarks;
+  for (int axis = 0; axis < 3; ++axis) {
+    w.planes(l.size(), 4, [&](std::size_t i) {
+      return std::bit_cast<std::uint32_t>(l[i].position[axis]);
+    });
+  }
+  w.planes(l.size(), 4, [&](std::size_t i) { return static_cast<std::uint32_t>(l[i].object); });
+  w.planes(l.size(), 2, [&](std::size_t i) { return l[i].label; });
+  return std::move(w.bytes);
+}
+
+namespace {
+
+FeatureObject decode_object(Reader& r, std::int64_t frames) {
+  FeatureObject o;
+  o.label = r.u16();
+  const std::uint16_t kind = r.u16();
+  require(kind <= static_cast<std::uint16_t>(FeatureObject::Kind::kArticulated),
+          "an unknown kind of object");
+  o.kind = static_cast<FeatureObject::Kind>(kind);
+  for (int axis = 0; axis < 3; ++axis) {
+    o.half_size[axis] = r.f32();
+    require(o.half_size[axis] > 0 && o.half_size[axis] < 1e4F, "an object's size makes no sense");
+  }
+  o.first_frame = r.u32();
+  const std::uint32_t poses = r.u32();
+  const bool stands = o.kind == FeatureObject::Kind::kStanding;
+  require(poses > 0 && (stands ? poses == 1 : o.first_frame + poses <= frames),
+          "an object's poses leave the sequence");
+  require(poses <= r.left() / 56, "too short");
+  for (std::uint32_t i = 0; i < poses; ++i) {
+    std::array<double, 7> v{};
+    for (double& x : v) x = r.f64();
+    const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
+    const bool finite = std::all_of(v.begin(), v.end(), [](double x) { return std::isfinite(x); });
+    require(finite && std::abs(q.norm() - 1) < 1e-3, "an object's pose makes no sense");
+    o.poses.emplace_back(q, Eigen::Vector3d(v[0], v[1], v[2]));
+  }
+  return o;
+}
+
+}  // namespace
+
+FeatureTruth decode_truth(std::span<const std::uint8_t> bytes, std::int64_t frames) {
+  Reader r(bytes);
+  const std::uint32_t objects = r.u32();
+  const std::uint32_t landmarks = r.u32();
+  require(objects <= kMaxObjects && landmarks <= kMaxLandmarks, "numbers out of range");
+  FeatureTruth truth;
+  for (std::uint32_t i = 0; i < objects; ++i) truth.objects.push_back(decode_object(r, frames));
+  require(r.left() == std::size_t{landmarks} * 18, "wrong length");
+  auto& l = truth.landmarks;
+  l.resize(landmarks);
+  for (int axis = 0; axis < 3; ++axis) {
+    r.planes(landmarks, 4, [&](std::size_t i, std::uint64_t v) {
+      l[i].position[axis] = std::bit_cast<float>(static_cast<std::uint32_t>(v));
+      require(std::isfinite(l[i].position[axis]), "a landmark is not finite");
+    });
+  }
+  r.planes(landmarks, 4, [&](std::size_t i, std::uint64_t v) {
+    l[i].object = static_cast<std::int32_t>(static_cast<std::uint32_t>(v));
+    require(l[i].object >= -1 && l[i].object < static_cast<std::int64_t>(objects),
+            "a landmark of no object");
+  });
+  r.planes(landmarks, 2,
+           [&](std::size_t i, std::uint64_t v) { l[i].label = static_cast<std::uint16_t>(v); });
+  return truth;
+}
+
+std::vector<std::uint8_t> deflate(std::span<const std::uint8_t> bytes) {
+  const std::unique_ptr<libdeflate_compressor, void (*)(libdeflate_compressor*)> compressor(
+      libdeflate_alloc_compressor(kDeflateLevel), libdeflate_free_compressor);
+  if (!compressor) throw std::bad_alloc();
+  std::vector<std::uint8_t> out(libdeflate_deflate_compress_bound(compressor.get(), bytes.size()));
+  out.resize(libdeflate_deflate_compress(compressor.get(), bytes.data(), bytes.size(), out.data(),
+                                         out.size()));
+  return out;
+}
+
+std::vector<std::uint8_t> inflate(std::span<const std::uint8_t> bytes, std::size_t size) {
+  // No stream of deflate grows by more than that: a small file does not make much memory.
+  require(size <= 1032 * bytes.size() + 64, "the size makes no sense");
+  const std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> decompressor(
+      libdeflate_alloc_decompressor(), libdeflate_free_decompressor);
+  if (!decompressor) throw std::bad_alloc();
+  std::vector<std::uint8_t> out(size);
+  const libdeflate_result result = libdeflate_deflate_decompress(
+      decompressor.get(), bytes.data(), bytes.size(), out.data(), size, nullptr);
+  require(result == LIBDEFLATE_SUCCESS, "does not inflate");
+  return out;
+}
+
+}  // namespace kys_slam
