@@ -159,8 +159,7 @@ void encode_looks(Writer& w, const CameraColumns& c, std::uint64_t seed) {
   std::uint64_t last = 0;
   for (std::size_t i = 0; i < n; ++i) {
     FeatureLook& look = looks[i];
-    const auto flips =
-        flip_gaps(base_descriptor(look, c.landmarks[i], seed), c.set.descriptors[i]);
+    const auto flips = flip_gaps(base_descriptor(look, c.landmarks[i], seed), c.set.descriptors[i]);
     if (flips.size() > 200) look = {};
     if (look.kind == FeatureLook::Kind::kRaw) {
       const auto& words = c.set.descriptors[i].words;
@@ -224,9 +223,8 @@ void decode_keypoints(Reader& r, std::size_t n, FeatureSet& set,
     k[i].angle = static_cast<float>(static_cast<double>(v) / kAngleSteps);
   });
   r.planes(n, 1, [&](std::size_t i, std::uint64_t v) { k[i].response = static_cast<float>(v); });
-  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
-    k[i].octave = static_cast<std::uint8_t>(v);
-  });
+  r.planes(n, 1,
+           [&](std::size_t i, std::uint64_t v) { k[i].octave = static_cast<std::uint8_t>(v); });
   r.planes(n, 4, [&](std::size_t i, std::uint64_t v) {
     landmarks[i] = static_cast<std::int32_t>(static_cast<std::uint32_t>(v));
   });
@@ -251,7 +249,9 @@ void decode_looks(Reader& r, std::uint64_t seed, FeatureSet& set,
     looks[i].kind = static_cast<FeatureLook::Kind>(v);
     ++count[v];
   });
-  const auto of_kind = [&](FeatureLook::Kind kind) { return count[static_cast<std::size_t>(kind)]; };
+  const auto of_kind = [&](FeatureLook::Kind kind) {
+    return count[static_cast<std::size_t>(kind)];
+  };
   std::vector<std::uint64_t> families(of_kind(FeatureLook::Kind::kFamily));
   std::vector<std::uint64_t> states(of_kind(FeatureLook::Kind::kState));
   r.planes(families.size(), 2, [&](std::size_t i, std::uint64_t v) { families[i] = v; });
@@ -286,7 +286,8 @@ void decode_priors(Reader& r, std::size_t n, std::vector<kys::Prior>& priors) {
       const std::uint16_t label = r.u16();
       const std::uint16_t dynamic = r.u16();
       const auto instance = static_cast<std::int32_t>(r.u32());
-      require(dynamic <= 1 && label != kys::kVoidLabel && instance >= 0, "a segment makes no sense");
+      require(dynamic <= 1 && label != kys::kVoidLabel && instance >= 0,
+              "a segment makes no sense");
       segments[k] = kys::make_prior(label, instance, r.f32(), 0, dynamic != 0);
     }
   } catch (const kys::Error& error) {
@@ -335,8 +336,7 @@ std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t 
   w.f32(frame.mover_share);
   for (const CameraColumns& c :
        {CameraColumns{frame.left, frame.left_landmarks, frame.left_looks, frame.left_priors},
-        CameraColumns{frame.right, frame.right_landmarks, frame.right_looks,
-                      frame.right_priors}}) {
+        CameraColumns{frame.right, frame.right_landmarks, frame.right_looks, frame.right_priors}}) {
     if (c.set.keypoints.size() != c.set.descriptors.size() || c.landmarks.size() != c.set.size() ||
         (!c.looks.empty() && c.looks.size() != c.set.size()) ||
         (frame.has_priors && c.priors.size() != c.set.size())) {
@@ -390,9 +390,8 @@ std::vector<std::uint8_t> encode_truth(const FeatureTruth& truth) {
   }
   const auto& l = truth.landmarks;
   for (int axis = 0; axis < 3; ++axis) {
-    w.planes(l.size(), 4, [&](std::size_t i) {
-      return std::bit_cast<std::uint32_t>(l[i].position[axis]);
-    });
+    w.planes(l.size(), 4,
+             [&](std::size_t i) { return std::bit_cast<std::uint32_t>(l[i].position[axis]); });
   }
   w.planes(l.size(), 4, [&](std::size_t i) { return static_cast<std::uint32_t>(l[i].object); });
   w.planes(l.size(), 2, [&](std::size_t i) { return l[i].label; });

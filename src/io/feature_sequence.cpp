@@ -367,10 +367,9 @@ std::uint32_t FeatureSequence::Impl::read_head() {
   Unpacker p(bytes.data());
   const bool marked = p.u32() == kFrameMark;
   const std::uint32_t size = p.u32();
-  const bool fits = info.version == 1
-                        ? size >= 8 && (size - 8) % kFeatureBytes == 0 &&
-                              size <= 8 + 2 * kMaxFeatures * kFeatureBytes
-                        : size >= 4 && size <= kMaxFrameBytes;
+  const bool fits = info.version == 1 ? size >= 8 && (size - 8) % kFeatureBytes == 0 &&
+                                            size <= 8 + 2 * kMaxFeatures * kFeatureBytes
+                                      : size >= 4 && size <= kMaxFrameBytes;
   if (!marked || !fits) fail("corrupt at " + where);
   return size;
 }

@@ -5,7 +5,9 @@
 
 #include "feature_world.h"
 #include "io/temporary_folder.h"
+#include "perception.h"
 #include "support/run_command.h"
+#include "traffic.h"
 
 // The run_stereo programs on files of simulate_features instead of sequence folders.
 namespace kys_slam {
@@ -87,6 +89,33 @@ TEST_F(FeatureRun, SameFilesWhateverTheRun) {
   const std::string first = read_text(output_ / "trajectory.tum");
   run("run_stereo_kitti", {"--schedule", "pipelined"});
   EXPECT_EQ(first, read_text(output_ / "trajectory.tum"));
+}
+
+TEST_F(FeatureRun, PriorsInTheFileCountAsPriors) {
+  run("run_stereo_kitti", {"--mode", "stock"});
+  const std::string without = read_text(output_ / "trajectory.tum");
+  simulator::FeatureOptions options;
+  options.features = 800;
+  options.labelled = true;
+  const simulator::FeatureWorld world(curve(), options);
+  FeatureFileInfo info = world.info();
+  info.label_space = simulator::kFeatureLabelSpace;
+  FeatureSequenceWriter writer(file_, info, world.truth());
+  simulator::Perception eye(world, simulator::perception_level("exact"), 1);
+  for (std::size_t i = 0; i < kFrames; ++i) {
+    FeatureFrame frame = world.frame(i);
+    eye.see(i, frame);
+    writer.write(frame);
+  }
+  writer.finish();
+  const auto summary = run("run_stereo_kitti");
+  EXPECT_EQ(summary["mode"], "kys");
+  EXPECT_EQ(summary["frames_tracked"], kFrames);
+  EXPECT_NE(read_text(output_ / "trajectory.tum"), without) << "priors change nothing";
+  run("run_stereo_kitti", {"--mode", "stock"});
+  EXPECT_EQ(read_text(output_ / "trajectory.tum"), without) << "the features are the same";
+  expect_refused(file_, {"curve.dat", "coco_panoptic_133", "ade20k_150"},
+                 {"--set", "control.label_space=ade20k_150"});
 }
 
 TEST_F(FeatureRun, PartOfTheFile) {

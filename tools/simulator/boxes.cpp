@@ -61,8 +61,7 @@ double depth_of_hit(const SeenBox& box, const Vector3d& ray) {
 
 std::vector<SeenBox> boxes_in_view(const StereoCamera& camera, const Rigid3& T_c_w,
                                    std::span<const std::int32_t> objects,
-                                   std::span<const Rigid3> T_w_o,
-                                   std::span<const Vector3d> half) {
+                                   std::span<const Rigid3> T_w_o, std::span<const Vector3d> half) {
   std::vector<SeenBox> boxes;
   for (std::size_t i = 0; i < objects.size(); ++i) {
     SeenBox box;

@@ -191,10 +191,10 @@ struct FeatureWorld::Impl {
   /// A landmark as a camera sees it.
   struct Sight {
     std::int32_t id;
-    float level;            ///< octave, with its fraction
-    float aside;            ///< angle from the cone's axis over half the cone's: 0 to 1
-    Eigen::Vector3d pixel;  ///< u, v, u in the right image
-    Eigen::Vector3d p_c;    ///< m, left camera frame
+    float level;                   ///< octave, with its fraction
+    float aside;                   ///< angle from the cone's axis over half the cone's: 0 to 1
+    Eigen::Vector3d pixel;         ///< u, v, u in the right image
+    Eigen::Vector3d p_c;           ///< m, left camera frame
     std::array<bool, 2> hidden{};  ///< by camera
   };
 
@@ -671,8 +671,7 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
     k.y = static_cast<float>(v);
     const Eigen::Vector3d& p_c = s.p_c;
     const Rigid3* T_w_o =
-        l.object < 0 ? nullptr
-                     : pose_in_frame(objects[static_cast<std::size_t>(l.object)], frame);
+        l.object < 0 ? nullptr : pose_in_frame(objects[static_cast<std::size_t>(l.object)], frame);
     const Eigen::Quaterniond turn =
         T_w_o == nullptr ? T_c_w.rotation : T_c_w.rotation * T_w_o->rotation;
     const Eigen::Vector3d t = turn * l.tangent.cast<double>();

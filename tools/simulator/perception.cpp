@@ -190,8 +190,7 @@ Eigen::Vector2d Perception::image_motion(std::size_t index, int camera, std::int
   const Rigid3* then = pose_in_frame(o, index + 1);
   if (now == nullptr || then == nullptr || index + 1 >= path.poses.size()) return {0, 0};
   const double b = camera == 0 ? 0 : path.camera.baseline;
-  const Eigen::Vector3d p_c =
-      path.camera.back_project(u, v, depth) + Eigen::Vector3d(b, 0, 0);
+  const Eigen::Vector3d p_c = path.camera.back_project(u, v, depth) + Eigen::Vector3d(b, 0, 0);
   const Eigen::Vector3d p_w = path.poses[index].T_w_c * p_c;
   const Rigid3 T_c_w = path.poses[index + 1].T_w_c.inverse();
   const Eigen::Vector3d still = T_c_w * p_w - Eigen::Vector3d(b, 0, 0);
@@ -265,8 +264,7 @@ void Perception::look(std::size_t index, int camera, const FrameScene& scene,
   side.before = std::move(side.now);
   side.now = {};
   View& view = side.now;
-  view.raster =
-      std::make_unique<BoxRaster>(camera == 0 ? scene.left_raster : scene.right_raster);
+  view.raster = std::make_unique<BoxRaster>(camera == 0 ? scene.left_raster : scene.right_raster);
   outline_segments(index, camera, view);
   merge(index, camera, view);
   identify(camera, view);
@@ -276,8 +274,8 @@ void Perception::look(std::size_t index, int camera, const FrameScene& scene,
     Segment& s = view.segments[at];
     Rng rng(hash_of(hash_of(seed_, 9), static_cast<std::uint64_t>(camera),
                     static_cast<std::uint64_t>(object), index));
-    s.prior.scale = static_cast<float>(s.area * s.depth * s.depth *
-                                       std::exp(level_.scale_sd * rng.gaussian()));
+    s.prior.scale =
+        static_cast<float>(s.area * s.depth * s.depth * std::exp(level_.scale_sd * rng.gaussian()));
   }
 }
 
@@ -285,10 +283,9 @@ std::uint16_t Perception::stuff_at(std::size_t index, const Keypoint& k) {
   const StereoCamera& camera = world_.path().camera;
   const int columns = camera.width / kStuffBlock + 1;
   if (stuff_cache_.empty() || stuff_cache_of_ != index) {
-    stuff_cache_.assign(
-        static_cast<std::size_t>(columns) *
-            static_cast<std::size_t>(camera.height / kStuffBlock + 1),
-        -1);
+    stuff_cache_.assign(static_cast<std::size_t>(columns) *
+                            static_cast<std::size_t>(camera.height / kStuffBlock + 1),
+                        -1);
     stuff_cache_of_ = index;
   }
   const int x = static_cast<int>(k.x) / kStuffBlock;

@@ -23,21 +23,21 @@ struct PerceptionLevel {
   double moving0 = 8, moving1 = 0, moving2 = 0;
   // One that stands still: logistic(still0 + still1 ln(area / 1000 px^2)).
   double still0 = -8, still1 = 0;
-  double persistence = 0;    ///< correlation of such a decision with that of the frame before
-  double reference = 0.1;    ///< px, median of the background's residual (m_bg of Eq. 7)
-  double reference_sd = 0;   ///< of its logarithm, from frame to frame
-  double motion_sd = 0;      ///< of the logarithm of a segment's measured motion
-  double false_rho = 5;      ///< median of r / m_bg of what is flagged but stands still
-  double false_rho_sd = 0.5; ///< of its logarithm
-  double scale_sd = 0;       ///< of the logarithm of a segment's scale (Eq. 3)
+  double persistence = 0;     ///< correlation of such a decision with that of the frame before
+  double reference = 0.1;     ///< px, median of the background's residual (m_bg of Eq. 7)
+  double reference_sd = 0;    ///< of its logarithm, from frame to frame
+  double motion_sd = 0;       ///< of the logarithm of a segment's measured motion
+  double false_rho = 5;       ///< median of r / m_bg of what is flagged but stands still
+  double false_rho_sd = 0.5;  ///< of its logarithm
+  double scale_sd = 0;        ///< of the logarithm of a segment's scale (Eq. 3)
   // Of segmentation; probabilities at 1000 px^2, falling with the root of the area.
-  double boundary = 0;       ///< px, sigma of where a segment ends
-  double confusion = 0;      ///< a thing has the class whose name is nearest to its own
-  double stuff_confusion = 0;///< likewise a block of stuff
-  double missed = 0;         ///< a thing has no segment
-  double merged = 0;         ///< a thing is one segment with its neighbour of the same class
-  double missing_frames = 0; ///< share of frames without priors
-  double late_frames = 0;    ///< share of frames that have those of the frame before
+  double boundary = 0;         ///< px, sigma of where a segment ends
+  double confusion = 0;        ///< a thing has the class whose name is nearest to its own
+  double stuff_confusion = 0;  ///< likewise a block of stuff
+  double missed = 0;           ///< a thing has no segment
+  double merged = 0;           ///< a thing is one segment with its neighbour of the same class
+  double missing_frames = 0;   ///< share of frames without priors
+  double late_frames = 0;      ///< share of frames that have those of the frame before
 };
 
 /// \throws InputError when it is none of exact, estimated, poor.
@@ -62,9 +62,9 @@ class Perception {
 
  private:
   struct Segment {
-    kys::Prior prior;      ///< without motion
-    double motion = 0;     ///< r / m_bg of its middle as measured; 0: not flagged
-    double weight = 0;     ///< m_k / 100
+    kys::Prior prior;   ///< without motion
+    double motion = 0;  ///< r / m_bg of its middle as measured; 0: not flagged
+    double weight = 0;  ///< m_k / 100
     bool truly_moves = false;
     double area = 0, u = 0, v = 0, depth = 0;
   };

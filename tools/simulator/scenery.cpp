@@ -15,9 +15,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kCell = 16;       // m, of the index of the way
-constexpr double kUsualDepth = 20; // m, of what a pixel shows where nothing is known
-constexpr double kOnGround = 0.2;  // m
+constexpr double kCell = 16;        // m, of the index of the way
+constexpr double kUsualDepth = 20;  // m, of what a pixel shows where nothing is known
+constexpr double kOnGround = 0.2;   // m
 
 std::uint64_t key_of(int x, int z) {
   return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(x)) << 32) |

@@ -44,8 +44,7 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
     eye.emplace(world, perception_level(perception), o.seed);
     info.label_space = kFeatureLabelSpace;
   }
-  FeatureSequenceWriter writer(output, info,
-                               info.version == 1 ? FeatureTruth{} : world.truth());
+  FeatureSequenceWriter writer(output, info, info.version == 1 ? FeatureTruth{} : world.truth());
   double mover_share = 0;
   for (std::size_t i = 0; i < frames; ++i) {
     FeatureFrame frame = world.frame(i);
@@ -63,10 +62,11 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
   std::printf("\n");
   if (!eye) return;
   const Perception::Score& s = eye->score();
-  std::printf("segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
-              "not\n",
-              static_cast<long long>(s.moving_flagged), static_cast<long long>(s.moving),
-              static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
+  std::printf(
+      "segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
+      "not\n",
+      static_cast<long long>(s.moving_flagged), static_cast<long long>(s.moving),
+      static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
 }
 
 int run(int argc, char** argv) {

@@ -21,13 +21,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kBicycle = 2;        // COCO ids the rendered worlds have no use for
+constexpr int kBicycle = 2;  // COCO ids the rendered worlds have no use for
 constexpr int kSuitcase = 33;
-constexpr double kBumper = 1.7;    // m, from the camera to the front of its own car
-constexpr double kClearance = 1.1; // m around the camera that nothing enters
-constexpr double kSeen = 90;       // m, farther away nothing needs to exist
-constexpr double kBehind = 15;     // m, likewise behind the camera
-constexpr double kLeftLane = -3.4; // m, to the right of the own lane's middle
+constexpr double kBumper = 1.7;     // m, from the camera to the front of its own car
+constexpr double kClearance = 1.1;  // m around the camera that nothing enters
+constexpr double kSeen = 90;        // m, farther away nothing needs to exist
+constexpr double kBehind = 15;      // m, likewise behind the camera
+constexpr double kLeftLane = -3.4;  // m, to the right of the own lane's middle
 
 /// Mean times between two of a kind, s; 0: none.
 struct Density {
@@ -161,7 +161,10 @@ void TrafficMaker::each(std::uint64_t salt, double period,
 
 void TrafficMaker::leads() {
   Rng rng(hash_of(seed_, 22));
-  double t = road_.first_time() + 0.3 * density_.lead_absent * rng.uniform(-1, 1);
+  const double share = density_.lead_stays / (density_.lead_stays + density_.lead_absent);
+  const bool already = rng.chance(share);
+  double t = road_.first_time() +
+             rng.uniform() * (already ? -0.5 * density_.lead_stays : density_.lead_absent);
   while (t < road_.last_time()) {
     const double stays = density_.lead_stays * rng.uniform(0.5, 1.5);
     lead(t, t + stays, rng);
@@ -250,19 +253,17 @@ void TrafficMaker::walker(double time, Rng& rng) {
   const double speed = (back ? -1 : 1) * rng.uniform(0.9, 1.6);
   const double s = road_.way_at(time);
   const double lateral = rng.chance(0.6) ? rng.uniform(4, 6.5) : rng.uniform(-10, -7.5);
-  add({kPerson, half}, FeatureObject::Kind::kArticulated, time - 20, time + 4,
-      [&, this](double t) {
-        return on(s + speed * (t - time), lateral, back ? std::numbers::pi : 0, half);
-      });
+  add({kPerson, half}, FeatureObject::Kind::kArticulated, time - 20, time + 4, [&, this](double t) {
+    return on(s + speed * (t - time), lateral, back ? std::numbers::pi : 0, half);
+  });
 }
 
 void TrafficMaker::cycle(double time, Rng& rng) {
   const Vector3d half(0.3, 0.85, 0.9);
   const double speed = rng.uniform(3.5, 5.5);
   const double s = road_.way_at(time);
-  add({kBicycle, half}, FeatureObject::Kind::kRigid, time - 20, time + 4, [&, this](double t) {
-    return on(s + speed * (t - time), 2.1, 0, half);
-  });
+  add({kBicycle, half}, FeatureObject::Kind::kRigid, time - 20, time + 4,
+      [&, this](double t) { return on(s + speed * (t - time), 2.1, 0, half); });
 }
 
 // Where the camera waits, others have right of way.
@@ -416,8 +417,8 @@ std::vector<FeatureObject> park_cars(const FeaturePath& path, std::uint64_t seed
       const double lateral = side > 0 ? 3.1 : kLeftLane - 3.0;
       if (!run || !taken) continue;
       const Vector3d half = k * Vector3d(0.9, 0.74, 2.15);
-      const Rigid3 T_w_o = road.at(s) * turned(rng.uniform(-0.04, 0.04),
-                                               {lateral, path.ground - half.y(), 0});
+      const Rigid3 T_w_o =
+          road.at(s) * turned(rng.uniform(-0.04, 0.04), {lateral, path.ground - half.y(), 0});
       if (in_the_way(T_w_o, half, cells, kCell) ||
           in_the_way(T_w_o, half + Vector3d(1, 0, 2), parked, kCell)) {
         continue;

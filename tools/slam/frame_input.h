@@ -39,6 +39,6 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
 /// \throws InputError when a feature file has other octaves, or priors of another label space, than
 /// `settings` say.
 void check_features(const FrameInput& input, const Settings& settings,
-                   const std::filesystem::path& path);
+                    const std::filesystem::path& path);
 
 }  // namespace kys_slam
