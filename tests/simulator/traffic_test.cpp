@@ -240,6 +240,41 @@ TEST(Traffic, ThroughARoomPeopleWalk) {
   EXPECT_GT(share, 0.005);
 }
 
+TEST(Traffic, ObjectsOfARenderedWorldAreRead) {
+  const ScratchFolder scratch("objects");
+  const auto write = [&](const std::string& rows) {
+    std::ofstream(scratch / "objects.csv")
+        << "frame,timestamp,object,class,category_id,moving,x,y,z,qx,qy,qz,qw,vx,vy,vz,box_x,box_y,"
+           "box_z,length,width,height,left_id,left_pixels,right_id,right_pixels\n"
+        << rows;
+    return scratch / "objects.csv";
+  };
+  // Forward (the file's x) is the camera's z, up (its z) the camera's -y: q turns the one into the
+  // other.
+  const std::string q = ",0.5,-0.5,0.5,0.5,0,0,0,";
+  const std::string size = "0.5,0,0.75,4,1.8,1.5,1,9,1,9\n";
+  const auto objects =
+      read_objects(write("2,0.2,7,car,3,1,1,1.65,10" + q + size + "4,0.4,7,car,3,0,1,1.65,12" + q +
+                         size + "0,0.0,9,car,3,0,-3,1.65,20" + q + size));
+  ASSERT_EQ(objects.size(), 2U);
+  const FeatureObject& car = objects[0];
+  EXPECT_EQ(car.kind, FeatureObject::Kind::kRigid);
+  EXPECT_EQ(car.first_frame, 2);
+  ASSERT_EQ(car.poses.size(), 3U) << "the gap is filled";
+  EXPECT_TRUE(car.half_size.isApprox(Eigen::Vector3f(0.9F, 0.75F, 2)));
+  EXPECT_LT((car.poses[0].t() - Vector3d(1, 0.9, 10.5)).norm(), 1e-9) << "the box's middle";
+  EXPECT_LT((car.poses[0].rotation * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-9);
+  EXPECT_LT((car.poses[0].rotation * Vector3d::UnitY() - Vector3d::UnitY()).norm(), 1e-9);
+  EXPECT_EQ(objects[1].kind, FeatureObject::Kind::kStanding);
+  EXPECT_THROW(read_objects(write("")), InputError);
+  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1\n")), InputError);
+  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1,1,nan,10" + q + size)), InputError);
+  EXPECT_THROW(
+      read_objects(write("2,0,7,car,3,1,1,1,10" + q + size + "1,0,7,car,3,1,1,1,10" + q + size)),
+      InputError);
+  EXPECT_THROW(read_objects(scratch / "none.csv"), InputError);
+}
+
 TEST(Perception, ExactPerceptionKnowsObjectsAndTheirMotion) {
   FeatureOptions options = clean(Traffic::kCity);
   options.labelled = true;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fstream>
 #include <numbers>
+#include <optional>
 #include <sstream>
 #include <unordered_map>
 
@@ -20,13 +21,21 @@
 namespace kys_slam::simulator {
 namespace {
 
-constexpr double kMargin = 16;          // px, no features nearer to the border
-constexpr double kMinCone = 0.21;       // rad, half the angle a landmark is seen from: 12 degrees
-constexpr double kMaxCone = 0.79;       // 45 degrees
-constexpr double kShortSpan = 0.25;     // octaves that a landmark is found at, mean: half of them
-constexpr double kLongSpan = 1.2;       // the others
-constexpr double kMissed = 0.15;        // share of the features of one image missing in the other
-constexpr double kFarthest = 1e6;       // m from the origin, of a pose
+constexpr double kMargin = 16;       // px, no features nearer to the border
+constexpr double kMinCone = 0.21;    // rad, half the angle a landmark is seen from: 12 degrees
+constexpr double kMaxCone = 0.79;    // 45 degrees
+constexpr double kShortSpan = 0.25;  // octaves that a landmark is found at, mean: half of them
+constexpr double kLongSpan = 1.2;    // the others
+constexpr double kMissed = 0.15;     // share of the features of one image missing in the other
+constexpr double kFarthest = 1e6;    // m from the origin, of a pose
+// What objects have more of than the static world, chosen so that a rendered street and the same
+// street of features agree on the shares of keypoints and of matches that movers hold.
+constexpr double kDensity = 1.7;         // of landmarks
+constexpr double kObjectOutliers = 0.4;  // of features that are not seen again
+constexpr double kSteady = 0.85;  // of what hides a landmark of an object, the part that stays
+                                  // while the view of it does
+constexpr double kSteadyLevels = 0.25;  // octaves of distance over which a view stays
+
 constexpr int kFamilies = 400;          // looks that repeated landmarks share
 constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
 
@@ -94,6 +103,7 @@ void FeatureOptions::check() const {
   require(outliers >= 0 && outliers <= 0.9, "--outliers: must lie between 0 and 0.9");
   require(dropout >= 0 && dropout <= 0.9, "--dropout: must lie between 0 and 0.9");
   require(repeats >= 0 && repeats <= 1, "--repeats: must lie between 0 and 1");
+  require(width == 0 || (width >= 200 && width <= 2000), "--width: must lie between 200 and 2000");
   require(rate >= 1e-3 && rate <= 1e4, "--rate: must lie between 0.001 and 10000 Hz");
   const auto depth_makes_sense = [](double d) { return d == 0 || (d >= 0.1 && d <= 1e4); };
   require(depth_makes_sense(near) && depth_makes_sense(far),
@@ -117,6 +127,19 @@ int count_columns(const std::filesystem::path& trajectory) {
     return count;
   }
   throw InputError(trajectory.string() + ": holds no poses");
+}
+
+}  // namespace
+
+namespace {
+
+// The camera with images of another width.
+StereoCamera scaled(const StereoCamera& k, int width) {
+  const double f = static_cast<double>(width) / k.width;
+  return {width,     static_cast<int>(std::lround(f * k.height)),
+          f * k.fx,  f * k.fy,
+          f * k.cx,  f * k.cy,
+          k.baseline};
 }
 
 }  // namespace
@@ -155,6 +178,7 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
   const bool kitti = options.camera == "kitti" || (options.camera == "auto" && columns == 12);
   if (kitti) {
     path.camera = {1241, 376, 718.856, 718.856, 607.1928, 185.2157, 386.1448 / 718.856};
+    if (options.width > 0) path.camera = scaled(path.camera, options.width);
     path.ground = 1.65;
     path.features = 2000;
   } else {
@@ -213,7 +237,9 @@ struct FeatureWorld::Impl {
   }
   bool sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w, Sight& sight) const;
   void visible(std::size_t frame, std::vector<Sight>& out) const;
-  [[nodiscard]] bool has_traffic() const { return options.traffic != Traffic::kNone; }
+  [[nodiscard]] bool has_traffic() const {
+    return options.traffic != Traffic::kNone || !options.objects.empty();
+  }
   [[nodiscard]] std::vector<Presence> present(std::size_t frame) const;
   void visible_on(const Presence& presence, std::size_t frame, std::vector<Sight>& out) const;
   void hide(const FrameScene& scene, std::vector<Sight>& sights) const;
@@ -222,12 +248,13 @@ struct FeatureWorld::Impl {
   void label();
   [[nodiscard]] FrameScene scene(std::size_t frame) const;
   [[nodiscard]] Landmark new_landmark(const Rigid3& T_a_c, const Eigen::Vector3d& p_c, int octave,
-                                      Rng& rng) const;
+                                      double farthest, Rng& rng) const;
   void add(std::size_t frame, int octave, Rng& rng);
   void populate(std::size_t frame, std::vector<Sight>& sights);
   [[nodiscard]] kys::Descriptor look(std::int32_t id, FeatureLook& origin) const;
   [[nodiscard]] Eigen::Vector2d lens_error(int camera, const Eigen::Vector2d& p) const;
   [[nodiscard]] Eigen::Vector3d wander(const Sight& sight) const;
+  [[nodiscard]] bool finds_on_object(const Sight& s, std::size_t frame, int camera) const;
   [[nodiscard]] std::vector<Sight> detect(std::size_t frame, int camera,
                                           const std::vector<Sight>& by_strength) const;
   /// The features of one image, as a frame holds them.
@@ -237,7 +264,7 @@ struct FeatureWorld::Impl {
     std::vector<FeatureLook>& looks;
   };
   void emit(std::size_t frame, int camera, const std::vector<Sight>& chosen, Columns out) const;
-  void outliers(int count, Rng& rng, Columns out) const;
+  void outliers(int count, Rng& rng, const BoxRaster* raster, Columns out) const;
 };
 
 bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w,
@@ -286,9 +313,9 @@ void FeatureWorld::Impl::visible(std::size_t frame, std::vector<Sight>& out) con
 }
 
 // A landmark at a point seen by the camera, to be found at `octave` from there. T_a_c: of the frame
-// that the landmark is in.
+// that the landmark is in; farthest: m, never found from beyond.
 Landmark FeatureWorld::Impl::new_landmark(const Rigid3& T_a_c, const Eigen::Vector3d& p_c,
-                                          int octave, Rng& rng) const {
+                                          int octave, double farthest, Rng& rng) const {
   Landmark l;
   l.p_w = T_a_c * p_c;
   const Eigen::Vector3d view = -p_c.normalized();
@@ -304,7 +331,7 @@ Landmark FeatureWorld::Impl::new_landmark(const Rigid3& T_a_c, const Eigen::Vect
   l.tangent = (T_a_c.rotation * tangent).cast<float>();
   const double level = octave + rng.uniform(0.02, 0.98);
   l.max_distance =
-      static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), reach - 1e-3));
+      static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), farthest));
   // Found for the first time somewhere in its span, most often at the beginning: from afar.
   const double span = -std::log(1.0 - rng.uniform()) * (rng.chance(0.5) ? kShortSpan : kLongSpan);
   l.max_level = static_cast<float>(level + 0.05 + span);
@@ -323,7 +350,7 @@ void FeatureWorld::Impl::add(std::size_t frame, int octave, Rng& rng) {
   const double down = (v - k.cy) / k.fy;
   const bool on_ground = path.ground > 0 && down > 0 && depth * down > path.ground;
   if (on_ground) depth = path.ground / down;
-  const Landmark l = new_landmark(T_w_c, k.back_project(u, v, depth), octave, rng);
+  const Landmark l = new_landmark(T_w_c, k.back_project(u, v, depth), octave, reach - 1e-3, rng);
   const auto id = static_cast<std::int32_t>(landmarks.size());
   const Eigen::Vector3i c = cell_of(l.p_w);
   landmarks.push_back(l);
@@ -434,11 +461,14 @@ void FeatureWorld::Impl::add_to(const SeenBox& box, int octave, Rng& rng) {
     const Eigen::Vector3d ray((u - k.cx) / k.fx, (v - k.cy) / k.fy, 1);
     const double depth = depth_of_hit(box, ray);
     if (!std::isfinite(depth) || depth < 0.2) continue;
-    Landmark l = new_landmark(box.T_o_c, depth * ray, octave, rng);
+    Landmark l = new_landmark(box.T_o_c, depth * ray, octave, kFarthest, rng);
     Eigen::Index axis = 0;
     (l.p_w.array() / box.half.array()).abs().maxCoeff(&axis);
     const bool upper = l.p_w[axis] > 0;
     l.p_w[axis] = (upper ? 1 : -1) * box.half[axis];
+    // On a body the same corners are seen over a long way; a short life would mean that a car which
+    // comes near needs thousands of them.
+    l.max_level = static_cast<float>(octave + 1 - kLongSpan * std::log(1 - rng.uniform()));
     l.face = static_cast<std::int8_t>((axis + 1) * (upper ? 1 : -1));
     l.object = box.object;
     landmarks_of[static_cast<std::size_t>(box.object)].push_back(
@@ -448,13 +478,18 @@ void FeatureWorld::Impl::add_to(const SeenBox& box, int octave, Rng& rng) {
   }
 }
 
-// As many landmarks on an object as the static world has on its share of the image.
+// Landmarks on an object by the area it covers, as dense as those of the static world that this
+// frame could see there, and denser by kDensity.
 void FeatureWorld::Impl::populate_objects(std::size_t frame, std::vector<Sight>& sights) {
   const FrameScene s = scene(frame);
   std::unordered_map<std::int32_t, int> blocks;
   for (const std::int32_t id : s.left_raster.objects()) {
     if (id >= 0) ++blocks[id];
   }
+  if (blocks.empty()) return;
+  visible(frame, sights);
+  std::array<int, kFeatureLevels> still{};
+  for (const Sight& sight : sights) ++still[static_cast<std::size_t>(sight.level)];
   const double all = static_cast<double>(s.left_raster.objects().size());
   for (const SeenBox& box : s.left) {
     const auto found = blocks.find(box.object);
@@ -470,8 +505,7 @@ void FeatureWorld::Impl::populate_objects(std::size_t frame, std::vector<Sight>&
     Rng rng(hash_of(hash_of(options.seed, 11), frame, at));
     for (int octave = 0; octave < kFeatureLevels; ++octave) {
       const auto o = static_cast<std::size_t>(octave);
-      const double wanted =
-          quota[o] * 1.05 / (1 - options.dropout) / (1 - kMissed) * found->second / all;
+      const double wanted = kDensity * still[o] * found->second / all;
       // Small objects have whole landmarks too, some of them.
       const double part = Rng(hash_of(hash_of(options.seed, 12), at, o)).uniform();
       for (int i = seen[o]; i < static_cast<int>(wanted + part); ++i) add_to(box, octave, rng);
@@ -532,8 +566,11 @@ FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& option
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(path.poses.size()));
   }
   if (options.labelled || impl_->has_traffic()) {
-    impl_->objects = park_cars(path, options.seed);
-    for (FeatureObject& o : make_traffic(path, options.traffic, options.seed)) {
+    if (options.objects.empty()) impl_->objects = park_cars(path, options.seed);
+    for (const FeatureObject& o : options.objects) impl_->objects.push_back(o);
+    for (FeatureObject& o : options.objects.empty()
+                                ? make_traffic(path, options.traffic, options.seed)
+                                : std::vector<FeatureObject>{}) {
       impl_->objects.push_back(std::move(o));
     }
   }
@@ -633,7 +670,7 @@ Eigen::Vector2d FeatureWorld::Impl::lens_error(int camera, const Eigen::Vector2d
          Eigen::Vector<double, 6>(1, x, y, x * x, x * y, y * y);
 }
 
-void FeatureWorld::Impl::outliers(int count, Rng& rng, Columns out) const {
+void FeatureWorld::Impl::outliers(int count, Rng& rng, const BoxRaster* raster, Columns out) const {
   for (int i = 0; i < count; ++i) {
     Keypoint k;
     k.x = static_cast<float>(rng.uniform(kMargin, path.camera.width - kMargin - 1));
@@ -641,8 +678,13 @@ void FeatureWorld::Impl::outliers(int count, Rng& rng, Columns out) const {
     k.angle = static_cast<float>(rng.uniform(0, 2 * std::numbers::pi - 1e-4));
     k.response = static_cast<float>(rng.uniform(7, 40));
     k.octave = static_cast<std::uint8_t>(rng.below(kFeatureLevels));
+    const std::uint64_t key = rng.bits();
+    if (raster != nullptr && raster->object_at(k.x, k.y) >= 0 &&
+        Rng(hash_of(key, 18)).uniform() > kObjectOutliers) {
+      continue;
+    }
     out.set.keypoints.push_back(k);
-    out.set.descriptors.push_back(expand_look(rng.bits()));
+    out.set.descriptors.push_back(expand_look(key));
     out.ids.push_back(-1);
     out.looks.push_back({FeatureLook::Kind::kState, rng.state()});
   }
@@ -693,6 +735,22 @@ void FeatureWorld::Impl::emit(std::size_t frame, int camera, const std::vector<S
   }
 }
 
+// Whether a camera detects a landmark of an object. Vehicles ahead keep their distance, and what
+// was found once is found again, unlike in a world that goes by.
+bool FeatureWorld::Impl::finds_on_object(const Sight& s, std::size_t frame, int camera) const {
+  const auto id = static_cast<std::uint64_t>(s.id);
+  const auto side = static_cast<std::uint64_t>(camera);
+  Rng phase(hash_of(options.seed, 13, id));
+  const auto view = static_cast<std::uint64_t>(s.level / kSteadyLevels + phase.uniform());
+  Rng steady(hash_of(hash_of(options.seed, 14), id, view));
+  Rng fresh(hash_of(hash_of(options.seed, 15), id, frame));
+  Rng steady_one(hash_of(hash_of(options.seed, 16, side), id, view));
+  Rng fresh_one(hash_of(hash_of(options.seed, 17, side), id, frame));
+  return !steady.chance(kSteady * options.dropout) && !steady_one.chance(kSteady * kMissed) &&
+         !fresh.chance((1 - kSteady) * options.dropout) &&
+         !fresh_one.chance((1 - kSteady) * kMissed);
+}
+
 // Of the landmarks in view, strongest first, those that a camera detects: so many of each octave,
 // but for some. The order of the result tells nothing about the landmarks.
 std::vector<FeatureWorld::Impl::Sight> FeatureWorld::Impl::detect(
@@ -703,7 +761,10 @@ std::vector<FeatureWorld::Impl::Sight> FeatureWorld::Impl::detect(
   Rng one(hash_of(hash_of(options.seed, 10, static_cast<std::uint64_t>(camera)), frame, 0));
   for (const Sight& s : by_strength) {
     const bool seen = !both.chance(options.dropout);
-    if (one.chance(kMissed) || !seen || s.hidden[static_cast<std::size_t>(camera)]) continue;
+    const bool missed = one.chance(kMissed);
+    if (s.hidden[static_cast<std::size_t>(camera)]) continue;
+    const bool of_object = landmarks[static_cast<std::size_t>(s.id)].object >= 0;
+    if (of_object ? !finds_on_object(s, frame, camera) : missed || !seen) continue;
     if (left[static_cast<std::size_t>(s.level)]-- > 0) found.push_back(s);
   }
   std::sort(found.begin(), found.end(), [&](const Sight& a, const Sight& b) {
@@ -721,11 +782,12 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
   std::vector<Impl::Sight> sights;
   w.visible(index, sights);
   FeatureFrame out;
+  std::optional<FrameScene> scene;
   if (w.has_traffic()) {
-    const FrameScene scene = w.scene(index);
+    scene = w.scene(index);
     for (const Presence& p : w.present(index)) w.visible_on(p, index, sights);
-    w.hide(scene, sights);
-    out.mover_share = scene.mover_share;
+    w.hide(*scene, sights);
+    out.mover_share = scene->mover_share;
   }
   std::stable_sort(sights.begin(), sights.end(), [&](const Impl::Sight& a, const Impl::Sight& b) {
     const int sa = w.landmarks[static_cast<std::size_t>(a.id)].strength;
@@ -738,7 +800,10 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
     Rng rng(hash_of(hash_of(w.options.seed, 8, static_cast<std::uint64_t>(camera)), index, 0));
     const double wrong =
         w.options.outliers / (1 - w.options.outliers) * static_cast<double>(found.size());
-    w.outliers(static_cast<int>(wrong), rng, columns);
+    const BoxRaster* raster = !scene        ? nullptr
+                              : camera == 0 ? &scene->left_raster
+                                            : &scene->right_raster;
+    w.outliers(static_cast<int>(wrong), rng, raster, columns);
   };
   fill(0, {out.left, out.left_landmarks, out.left_looks});
   fill(1, {out.right, out.right_landmarks, out.right_looks});

@@ -31,7 +31,9 @@ struct FeatureOptions {
   double repeats = 0.10;        ///< share of landmarks that look like others
   double rate = 10;             ///< Hz, for trajectories without time stamps
   double near = 0, far = 0;     ///< m, range of depths; 0: the camera's own (4-60, 0.8-12)
-  Traffic traffic = Traffic::kNone;  ///< moving and parked objects
+  Traffic traffic = Traffic::kNone;    ///< moving and parked objects
+  std::vector<FeatureObject> objects;  ///< in their place, of the same frames (read_objects)
+  int width = 0;                       ///< px of KITTI's images, the camera scaled with it; 0: 1241
   bool labelled = false;  ///< a class for every landmark: for perception. Traffic brings it along
 
   /// \throws InputError naming the option that makes no sense.

@@ -17,10 +17,11 @@ namespace kys_slam::simulator {
 namespace {
 
 constexpr double kBlockArea = BoxRaster::kBlock * BoxRaster::kBlock;  // px^2
-constexpr double kLeastArea = 3 * kBlockArea;  // px^2, of a thing that is a segment
-constexpr int kStuffBlock = 16;                // px, stuff of outliers is looked up by blocks
-constexpr double kUnitArea = 1000;             // px^2
-constexpr double kStill = 1e-3;                // px: less is no motion
+constexpr double kLeastArea = 48;   // px^2 of the level, of a thing that is a segment
+constexpr double kFloor = 0.1;      // px of the camera, of the reference (Eq. 7)
+constexpr int kStuffBlock = 16;     // px, stuff of outliers is looked up by blocks
+constexpr double kUnitArea = 1000;  // px^2
+constexpr double kStill = 1e-3;     // px: less is no motion
 
 const std::vector<PerceptionLevel>& measured_levels() {
   static const std::vector<PerceptionLevel> levels{
@@ -90,6 +91,7 @@ const PerceptionLevel& perception_level(const std::string& name) {
 Perception::Perception(const FeatureWorld& world, const PerceptionLevel& level, std::uint64_t seed)
     : world_(world),
       level_(level),
+      shrink_(static_cast<double>(level.width) / world.path().camera.width),
       seed_(hash_of(seed, 30)),
       sides_{Side(BuilderOptions::Association{}), Side(BuilderOptions::Association{})},
       nearest_class_(nearest_classes()) {}
@@ -131,16 +133,17 @@ void Perception::outline_segments(std::size_t index, int camera, View& view) {
     }
   }
   for (auto& [object, s] : found) {
-    if (s.area < kLeastArea) continue;
     s.u /= s.area;
     s.v /= s.area;
     s.depth /= s.area;
+    const double area = s.area * shrink_ * shrink_;
+    if (area < kLeastArea) continue;
     const bool missed = normal_below(latent(1, camera, object, index, level_.persistence)) <
-                        falling(level_.missed, s.area);
+                        falling(level_.missed, area);
     if (missed) continue;
     s.prior.label = world_.objects()[static_cast<std::size_t>(object)].label;
     if (normal_below(latent(2, camera, object, index, level_.persistence)) <
-        falling(level_.confusion, s.area)) {
+        falling(level_.confusion, area)) {
       s.prior.label = confused(s.prior.label);
     }
     view.segment_of[object] = view.segments.size();
@@ -154,7 +157,7 @@ void Perception::merge(std::size_t index, int camera, View& view) {
   for (auto& [object, at] : view.segment_of) {
     Segment& s = view.segments[at];
     if (normal_below(latent(3, camera, object, index, level_.persistence)) >=
-        falling(level_.merged, s.area)) {
+        falling(level_.merged, s.area * shrink_ * shrink_)) {
       continue;
     }
     for (auto& [other, other_at] : view.segment_of) {
@@ -202,16 +205,16 @@ Eigen::Vector2d Perception::image_motion(std::size_t index, int camera, std::int
 // Eqs. 7 and 8 with a level's errors.
 void Perception::judge_motion(std::size_t index, int camera, View& view) {
   Rng frame_rng(hash_of(seed_, 7, static_cast<std::uint64_t>(camera), index));
-  view.reference =
-      std::max(0.1, level_.reference * std::exp(level_.reference_sd * frame_rng.gaussian()));
+  view.reference = std::max(
+      kFloor * shrink_, level_.reference * std::exp(level_.reference_sd * frame_rng.gaussian()));
   if (index + 1 >= world_.path().poses.size()) return;  // no flow
   std::vector<bool> judged(view.segments.size(), false);
   for (const auto& [object, at] : view.segment_of) {
     if (judged[at]) continue;
     judged[at] = true;
     Segment& s = view.segments[at];
-    const double r = image_motion(index, camera, object, s.u, s.v, s.depth).norm();
-    const double size = std::log(s.area / kUnitArea);
+    const double r = shrink_ * image_motion(index, camera, object, s.u, s.v, s.depth).norm();
+    const double size = std::log(s.area * shrink_ * shrink_ / kUnitArea);
     s.truly_moves = r > kStill;
     const double odds = s.truly_moves
                             ? level_.moving0 + level_.moving1 * std::log(r) + level_.moving2 * size
@@ -322,8 +325,9 @@ kys::Prior Perception::prior_of(std::size_t index, int camera, const View& view,
     object = world_.segment_of(landmark);
     if (level_.boundary > 0) {
       Rng rng(hash_of(hash_of(seed_, 11, static_cast<std::uint64_t>(camera)), index, number));
-      const double u = k.x + level_.boundary * rng.gaussian();
-      const std::int32_t aside = view.raster->object_at(u, k.y + level_.boundary * rng.gaussian());
+      const double u = k.x + level_.boundary / shrink_ * rng.gaussian();
+      const double v = k.y + level_.boundary / shrink_ * rng.gaussian();
+      const std::int32_t aside = view.raster->object_at(u, v);
       if (aside != in_image) object = aside;
     }
   }

@@ -15,9 +15,11 @@ namespace kys_slam::simulator {
 
 /// How a builder of priors errs, as numbers. Those about motion and depth are measured on what
 /// build_priors makes of rendered worlds (fit_perception.py writes perception_levels.inc); those
-/// about segmentation are set by hand, since a renderer's segments have no errors.
+/// about segmentation are set by hand, since a renderer's segments have no errors. Pixels are those
+/// of images `width` px wide: errors of flow are taken to grow with the image.
 struct PerceptionLevel {
   const char* name = "";
+  int width = 620;
   // A segment that moves is flagged with probability logistic(moving0 + moving1 ln(r / px) +
   // moving2 ln(area / 1000 px^2)), r its motion in the image against the static world per frame.
   double moving0 = 8, moving1 = 0, moving2 = 0;
@@ -27,8 +29,8 @@ struct PerceptionLevel {
   double reference = 0.1;     ///< px, median of the background's residual (m_bg of Eq. 7)
   double reference_sd = 0;    ///< of its logarithm, from frame to frame
   double motion_sd = 0;       ///< of the logarithm of a segment's measured motion
-  double false_rho = 5;       ///< median of r / m_bg of what is flagged but stands still
-  double false_rho_sd = 0.5;  ///< of its logarithm
+  double false_rho_sd = 0.5;  ///< of the logarithm of r / m_bg of what is flagged but stands still
+  double false_rho = 5;       ///< its median
   double scale_sd = 0;        ///< of the logarithm of a segment's scale (Eq. 3)
   // Of segmentation; probabilities at 1000 px^2, falling with the root of the area.
   double boundary = 0;         ///< px, sigma of where a segment ends
@@ -100,6 +102,7 @@ class Perception {
 
   const FeatureWorld& world_;
   PerceptionLevel level_;
+  double shrink_;  ///< from the camera's pixels to the level's
   std::uint64_t seed_;
   std::array<Side, 2> sides_;
   std::vector<std::uint16_t> nearest_class_;

@@ -55,7 +55,7 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
   }
   writer.finish();
   std::printf("%s: %zu frames, %zu landmarks", output.c_str(), frames, world.landmark_count());
-  if (o.traffic != Traffic::kNone) {
+  if (o.traffic != Traffic::kNone || !o.objects.empty()) {
     std::printf(", movers cover %.1f %% of the image",
                 100 * mover_share / static_cast<double>(frames));
   }
@@ -77,6 +77,7 @@ int run(int argc, char** argv) {
   std::string output;
   std::string traffic = "none";
   std::string perception = "none";
+  std::string objects;
   bool quiet = false;
   CLI::App app(
       "Simulates stereo features, without images, along a trajectory: landmarks strewn along it,\n"
@@ -114,6 +115,11 @@ int run(int argc, char** argv) {
   app.add_option("--traffic", traffic,
                  "objects that move and hide what is behind them: none, light, city, jam")
       ->capture_default_str();
+  app.add_option("--objects", objects,
+                 "objects.csv of a rendered world: its objects, in the place of traffic; the "
+                 "trajectory must be that world's");
+  app.add_option("--width", o.width,
+                 "px, of KITTI's images; the camera is scaled with it (default: 1241)");
   app.add_option("--perception", perception,
                  "priors for every feature, with the errors of a way to get them: none, exact, "
                  "estimated, poor")
@@ -127,6 +133,10 @@ int run(int argc, char** argv) {
     throw InputError("--features: must lie between 50 and 20000");
   }
   o.traffic = parse_traffic(traffic);
+  if (!objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1)) {
+    throw InputError("--objects: not with --traffic, --start or --every");
+  }
+  if (!objects.empty()) o.objects = read_objects(objects);
   o.labelled = perception != "none";
   if (o.labelled) perception_level(perception);  // refuses what it does not know
   const FeaturePath path = read_feature_path(trajectory, o);

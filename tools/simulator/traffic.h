@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,10 @@ std::vector<FeatureObject> park_cars(const FeaturePath& path, std::uint64_t seed
 /// camera than a metre.
 std::vector<FeatureObject> make_traffic(const FeaturePath& path, Traffic density,
                                         std::uint64_t seed);
+
+/// The objects of a rendered world, from its objects.csv; frames as in the world.
+/// \throws InputError naming the file and line
+std::vector<FeatureObject> read_objects(const std::filesystem::path& file);
 
 /// T_w_o of an object in a frame, or null when it is not there.
 const Rigid3* pose_in_frame(const FeatureObject& object, std::size_t frame);

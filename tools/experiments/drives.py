@@ -1,0 +1,225 @@
+#!/usr/bin/env python3
+"""Drives with traffic and perception that errs, along real trajectories: a table over sequences,
+traffic, perception, modes of matching and seeds.
+
+    drives.py TRUTH --output DIR [--sequences 07,09,V1_02_medium] [--traffic none,city]
+              [--perception exact,estimated] [--modes stock,kys,mask] [--seeds 1,2,3] [--frames N]
+
+TRUTH holds kitti/NN.txt and euroc/NAME.tum.txt. A mode may have settings: kys:kys.normalize=false
+is the literal one. Feature files are made when a run needs them, and removed after the last one that
+does. A run that is there, of the same programs with the same arguments, is not made again: stop it
+and start it again as you like. `stock` reads no priors and runs once per traffic. Written after
+every drive: DIR/drives.md (mean, and difference to stock on the same seed), DIR/drives.csv (all).
+"""
+import argparse
+import glob
+import hashlib
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import time
+
+from runs import (DONE, InputError, comma_separated, digest, fail, find_program, markdown, run_once,
+                  show, write_text)
+
+RUN_HEADER = ["sequence", "traffic", "perception", "mode", "seed", "frames", "lost", "ATE m",
+              "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share"]
+HEADER = ["sequence", "traffic", "perception", "mode", "seeds", "ATE m", "less stock, m", "E_t %",
+          "E_R deg/100m", "frames lost", "loops"]
+
+
+class Drive:
+    """One feature file: a sequence, traffic, perception and seed."""
+
+    def __init__(self, truth, sequence, traffic, perception, seed, options):
+        euroc = not sequence.isdigit()
+        self.trajectory = os.path.join(truth, "euroc" if euroc else "kitti",
+                                       sequence + (".tum.txt" if euroc else ".txt"))
+        if not os.path.exists(self.trajectory):
+            raise InputError(f"{self.trajectory}: no such trajectory")
+        self.labels = (sequence, traffic, perception, seed)
+        self.program = "run_stereo_euroc" if euroc else "run_stereo_kitti"
+        self.arguments = [self.trajectory, "--traffic", traffic, "--seed", str(seed),
+                          "--perception", perception, "--quiet"]
+        if euroc:
+            self.arguments += ["--every", "2"]
+        if options.frames:
+            self.arguments += ["--frames", str(options.frames)]
+        simulator = find_program(options.bin, "simulate_features")
+        key = json.dumps([digest(simulator), self.arguments, digest(self.trajectory)])
+        self.name = "-".join(map(str, self.labels))
+        self.file = os.path.join(options.output, "features",
+                                 self.name + "-" + hashlib.sha256(key.encode()).hexdigest()[:8])
+        self.command = [simulator, *self.arguments]
+
+    def make(self, announce):
+        """Makes the file unless it is there."""
+        if os.path.exists(self.file):
+            return
+        announce(f"{self.name}: simulating")
+        os.makedirs(os.path.dirname(self.file), exist_ok=True)
+        done = subprocess.run([*self.command, "--output", self.file], capture_output=True,
+                              text=True, check=False)
+        if done.returncode != DONE:
+            raise InputError(done.stderr.strip() or f"{self.name}: cannot simulate")
+        write_text(self.file + ".log", done.stdout)
+
+    def share(self):
+        """Share of the image that movers cover, as the simulator printed it, %."""
+        try:
+            with open(self.file + ".log", encoding="utf-8") as file:
+                words = file.read().split()
+            return float(words[words.index("cover") + 1])
+        except (OSError, ValueError):
+            return 0.0
+
+    def remove(self):
+        if os.path.exists(self.file):
+            os.unlink(self.file)
+
+
+def segment_errors(program, output):
+    """E_t (%) and E_R (deg per 100 m) of a run."""
+    done = subprocess.run([program, "--reference", os.path.join(output, "ground_truth.tum"),
+                           "--estimate", os.path.join(output, "trajectory.tum"), "--json"],
+                          capture_output=True, text=True, check=False)
+    try:
+        kitti = json.loads(done.stdout).get("kitti") or {}
+    except ValueError:
+        kitti = {}
+    return kitti.get("t_rel_percent"), kitti.get("r_rel_deg_per_100m")
+
+
+def finished(command, output):
+    """Whether run_once has nothing to do."""
+    try:
+        with open(os.path.join(output, "run.json"), encoding="utf-8") as file:
+            return json.load(file) == [digest(command[0]), command[1:]]
+    except (OSError, ValueError):
+        return False
+
+
+def run_drive(drive, modes, options, announce):
+    """Rows of all modes of one drive."""
+    jobs = []
+    for mode in modes:
+        name, *settings = mode.split(":")
+        command = [find_program(options.bin, drive.program), drive.file, "--mode", name]
+        for setting in settings:
+            command += ["--set", setting]
+        folder = os.path.join(options.output, "runs", drive.name + "-" + mode.replace(":", "+"))
+        jobs.append((mode, command, folder))
+    if not all(finished(command, folder) for _, command, folder in jobs):
+        drive.make(announce)
+    rows = []
+    for mode, command, folder in jobs:
+        if not finished(command, folder):
+            announce(f"{drive.name}: {mode}")
+        summary = run_once(command, folder, announce)
+        if summary is None:
+            continue
+        e_t, e_r = segment_errors(find_program(options.bin, "evaluate_trajectory"), folder)
+        sequence, traffic, perception, seed = drive.labels
+        rows.append([sequence, traffic, perception, mode, seed, summary["frames"],
+                     summary["frames"] - summary["frames_tracked"], summary.get("ate_se3_rmse_m"),
+                     e_t, e_r, summary.get("rpe_translation_rmse_m"), summary["loops_closed"],
+                     summary["keyframes"], summary["submaps"], drive.share()])
+    if not options.keep:
+        drive.remove()
+    return rows
+
+
+def mean(values):
+    known = [v for v in values if v is not None]
+    return statistics.fmean(known) if known else None
+
+
+def interval(values):
+    """Mean with its 95 % confidence interval; of one value: the value."""
+    if not values:
+        return "-"
+    if len(values) == 1:
+        return f"{values[0]:+.3f}"
+    t = {2: 12.71, 3: 4.30, 4: 3.18, 5: 2.78}.get(len(values), 2.0)
+    half = t * statistics.stdev(values) / math.sqrt(len(values))
+    return f"{statistics.fmean(values):+.3f} +- {half:.3f}"
+
+
+def summarise(rows):
+    """One line per sequence, traffic, perception and mode."""
+    groups, stock = {}, {}
+    for row in rows:
+        groups.setdefault(tuple(row[:4]), []).append(row)
+        if row[3] == "stock":
+            stock[(row[0], row[1], row[4])] = row[7]
+    table = []
+    for (sequence, traffic, perception, mode), group in groups.items():
+        less = [r[7] - stock[(sequence, traffic, r[4])] for r in group
+                if r[7] is not None and stock.get((sequence, traffic, r[4])) is not None]
+        table.append([sequence, traffic, "-" if mode == "stock" else perception, mode, len(group),
+                      show(mean([r[7] for r in group]), 3),
+                      "" if mode == "stock" else interval(less),
+                      show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
+                      sum(r[6] for r in group), sum(r[11] for r in group)])
+    return table
+
+
+def sequences_of(truth):
+    kitti = [os.path.basename(p)[:-4] for p in sorted(glob.glob(os.path.join(truth, "kitti", "*.txt")))]
+    euroc = [os.path.basename(p).split(".")[0]
+             for p in sorted(glob.glob(os.path.join(truth, "euroc", "*.tum.txt")))]
+    return kitti + euroc
+
+
+def parse(arguments):
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    words = lambda text: text.split(",")
+    parser.add_argument("truth")
+    parser.add_argument("--output", required=True)
+    parser.add_argument("--sequences", type=words, help="default: all that TRUTH has")
+    parser.add_argument("--traffic", type=words, default=["none", "light", "city", "jam"])
+    parser.add_argument("--perception", type=words, default=["exact", "estimated", "poor"])
+    parser.add_argument("--modes", type=words,
+                        default=["stock", "panoptic", "kys", "kys:kys.normalize=false", "mask"])
+    parser.add_argument("--seeds", type=words, default=["1", "2", "3"])
+    parser.add_argument("--frames", type=int, help="of each sequence, default all")
+    parser.add_argument("--bin", default="build/release/bin")
+    parser.add_argument("--keep", action="store_true", help="do not remove feature files")
+    return parser.parse_args(arguments)
+
+
+def main():
+    options = parse(sys.argv[1:])
+    os.makedirs(options.output, exist_ok=True)
+    begin = time.monotonic()
+
+    def announce(text):
+        print(f"[{time.monotonic() - begin:7.0f} s] {text}", file=sys.stderr, flush=True)
+
+    rows = []
+    for sequence in options.sequences or sequences_of(options.truth):
+        for traffic in options.traffic:
+            for seed in options.seeds:
+                for number, perception in enumerate(options.perception):
+                    modes = [m for m in options.modes if number == 0 or m.split(":")[0] != "stock"]
+                    drive = Drive(options.truth, sequence, traffic, perception, seed, options)
+                    rows += run_drive(drive, modes, options, announce)
+                    text = lambda v: f"{v:.6g}" if isinstance(v, float) else "" if v is None else v
+                    write_text(os.path.join(options.output, "drives.csv"),
+                               comma_separated(RUN_HEADER, [list(map(text, r)) for r in rows]))
+                    write_text(os.path.join(options.output, "drives.md"),
+                               markdown(HEADER, summarise(rows)))
+    print(markdown(HEADER, summarise(rows)), end="")
+    announce("done")
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except InputError as error:
+        sys.exit(fail(error))
