@@ -108,11 +108,12 @@ TEST_F(FeatureRun, PriorsInTheFileCountAsPriors) {
     writer.write(frame);
   }
   writer.finish();
-  const auto summary = run("run_stereo_kitti");
+  const auto summary = run("run_stereo_kitti", {"--overwrite"});
   EXPECT_EQ(summary["mode"], "kys");
   EXPECT_EQ(summary["frames_tracked"], kFrames);
+  run("run_stereo_kitti", {"--set", "kys.normalize=false", "--overwrite"});
   EXPECT_NE(read_text(output_ / "trajectory.tum"), without) << "priors change nothing";
-  run("run_stereo_kitti", {"--mode", "stock"});
+  run("run_stereo_kitti", {"--mode", "stock", "--overwrite"});
   EXPECT_EQ(read_text(output_ / "trajectory.tum"), without) << "the features are the same";
   expect_refused(file_, {"curve.dat", "coco_panoptic_133", "ade20k_150"},
                  {"--set", "control.label_space=ade20k_150"});
