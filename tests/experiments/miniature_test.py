@@ -93,7 +93,7 @@ class Miniature(unittest.TestCase):
             runs = rows(WORK / "tables" / f"{name}.runs.csv")
             self.assertEqual(len(runs), len(experiment["runs"]))
             for row in runs:
-                if row["status"] == "done":
+                if row["status"] == "done" and row["schedule"]:  # a survey runs nothing
                     self.assertGreater(float(row["ate"]), 0)
             for form in ("csv", "md", "tex"):
                 self.assertTrue((WORK / "tables" / f"{name}-1.{form}").stat().st_size > 40)

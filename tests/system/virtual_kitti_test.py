@@ -28,7 +28,9 @@ import virtual_kitti  # noqa: E402
 PLACE = harness.Workplace(os.environ["KYS_BUILD"])
 FRAMES, MIDDLE = 30, 15
 CASE = {"input": {"world": "street", "size": "620x188", "frames": FRAMES, "priors": True},
-        "run": {"program": "run_stereo_kitti", "arguments": ["--schedule", "sequential"]}}
+        # By votes the lorry ahead captures the tracker: only priors that are right free it.
+        "run": {"program": "run_stereo_kitti",
+                "arguments": ["--schedule", "sequential", "--set", "tracking.balanced=false"]}}
 NEAR = 3.0  # m. Nearer, whole centimetres of depth move the predicted flow by up to half a pixel.
 
 
