@@ -18,12 +18,12 @@ import json
 import math
 import os
 import statistics
-import subprocess
 import sys
 import time
 
-from runs import (DONE, InputError, comma_separated, digest, fail, find_program, markdown, run_once,
-                  show, write_text)
+from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, digest, find_program, read_json,
+                  remove, write_text)
+from tables import Table, show
 
 RUN_HEADER = ["sequence", "traffic", "perception", "mode", "seed", "frames", "lost", "ATE m",
               "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share"]
@@ -61,11 +61,8 @@ class Drive:
             return
         announce(f"{self.name}: simulating")
         os.makedirs(os.path.dirname(self.file), exist_ok=True)
-        done = subprocess.run([*self.command, "--output", self.file], capture_output=True,
-                              text=True, check=False)
-        if done.returncode != DONE:
-            raise InputError(done.stderr.strip() or f"{self.name}: cannot simulate")
-        write_text(self.file + ".log", done.stdout)
+        _, printed = call([*self.command, "--output", self.file])
+        write_text(self.file + ".log", printed)
 
     def share(self):
         """Share of the image that movers cover, as the simulator printed it, %."""
@@ -76,30 +73,35 @@ class Drive:
         except (OSError, ValueError):
             return 0.0
 
-    def remove(self):
-        if os.path.exists(self.file):
-            os.unlink(self.file)
-
 
 def segment_errors(program, output):
     """E_t (%) and E_R (deg per 100 m) of a run."""
-    done = subprocess.run([program, "--reference", os.path.join(output, "ground_truth.tum"),
-                           "--estimate", os.path.join(output, "trajectory.tum"), "--json"],
-                          capture_output=True, text=True, check=False)
     try:
-        kitti = json.loads(done.stdout).get("kitti") or {}
-    except ValueError:
+        _, printed = call([program, "--reference", os.path.join(output, "ground_truth.tum"),
+                           "--estimate", os.path.join(output, "trajectory.tum"), "--json"])
+        kitti = json.loads(printed).get("kitti") or {}
+    except (Failure, ValueError):
         kitti = {}
     return kitti.get("t_rel_percent"), kitti.get("r_rel_deg_per_100m")
 
 
 def finished(command, output):
-    """Whether run_once has nothing to do."""
-    try:
-        with open(os.path.join(output, "run.json"), encoding="utf-8") as file:
-            return json.load(file) == [digest(command[0]), command[1:]]
-    except (OSError, ValueError):
-        return False
+    """Whether the same program has done this with the same arguments."""
+    key = [digest(command[0]), command[1:]]
+    return read_json(os.path.join(output, "run.json")) == key
+
+
+def run_once(command, output, announce):
+    """The summary of a run, made unless it is there; None when the program failed."""
+    if not finished(command, output):
+        remove(output)
+        try:
+            call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
+        except Failure as failure:
+            announce(str(failure))
+            return None
+        write_text(os.path.join(output, "run.json"), json.dumps([digest(command[0]), command[1:]]))
+    return read_json(os.path.join(output, "summary.json"))
 
 
 def run_drive(drive, modes, options, announce):
@@ -128,7 +130,7 @@ def run_drive(drive, modes, options, announce):
                      e_t, e_r, summary.get("rpe_translation_rmse_m"), summary["loops_closed"],
                      summary["keyframes"], summary["submaps"], drive.share()])
     if not options.keep:
-        drive.remove()
+        remove(drive.file)
     return rows
 
 
@@ -165,6 +167,10 @@ def summarise(rows):
                       show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
                       sum(r[6] for r in group), sum(r[11] for r in group)])
     return table
+
+
+def table_of(rows):
+    return Table("drives", "Drives with traffic, simulated features", HEADER, summarise(rows))
 
 
 def sequences_of(truth):
@@ -210,10 +216,11 @@ def main():
                     rows += run_drive(drive, modes, options, announce)
                     text = lambda v: f"{v:.6g}" if isinstance(v, float) else "" if v is None else v
                     write_text(os.path.join(options.output, "drives.csv"),
-                               comma_separated(RUN_HEADER, [list(map(text, r)) for r in rows]))
+                               Table("drives", "Runs", RUN_HEADER,
+                                     [list(map(text, r)) for r in rows]).comma_separated())
                     write_text(os.path.join(options.output, "drives.md"),
-                               markdown(HEADER, summarise(rows)))
-    print(markdown(HEADER, summarise(rows)), end="")
+                               table_of(rows).markdown())
+    print(table_of(rows).markdown(), end="")
     announce("done")
     return 0
 
@@ -221,5 +228,6 @@ def main():
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except InputError as error:
-        sys.exit(fail(error))
+    except (InputError, Failure) as error:
+        print(f"drives.py: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -416,17 +416,22 @@ void FeatureWorld::Impl::visible_on(const Presence& presence, std::size_t frame,
   const Rigid3 T_c_o = T_o_c.inverse();
   const Eigen::Vector3d right_o = T_o_c * Eigen::Vector3d(path.camera.baseline, 0, 0);
   for (const std::int32_t id : landmarks_of[at]) {
-    Landmark l = landmarks[static_cast<std::size_t>(id)];
+    const Landmark& l = landmarks[static_cast<std::size_t>(id)];
     const int axis = std::abs(l.face) - 1;
     const double side = l.face > 0 ? 1 : -1;
     const double half = object.half_size[axis];
     const bool left_sees = side * T_o_c.t()[axis] > half;
     const bool right_sees = side * right_o[axis] > half;
     if (!left_sees && !right_sees) continue;
-    l.p_w = sway(object, l.p_w, path.poses[frame].timestamp);
     Sight s{};
     s.id = id;
-    if (!sees(l, T_o_c, T_c_o, s)) continue;
+    if (object.kind == FeatureObject::Kind::kArticulated) {
+      Landmark moved = l;
+      moved.p_w = sway(object, l.p_w, path.poses[frame].timestamp);
+      if (!sees(moved, T_o_c, T_c_o, s)) continue;
+    } else if (!sees(l, T_o_c, T_c_o, s)) {
+      continue;
+    }
     s.hidden = {!left_sees, !right_sees};
     out.push_back(s);
   }
