@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "geometry/image_cells.h"
 #include "geometry/stereo_alignment.h"
 #include "map/seen_landmarks.h"
 #include "matching/descriptor_matcher.h"
@@ -119,6 +120,19 @@ int refine(const Map& map, const FrameFeatures& features, Rigid3& T_c_w,
   return result.inliers;
 }
 
+/// Share of the cells in view that have a matched feature.
+double area_share(const FrameFeatures& features, const std::vector<LandmarkId>& landmarks,
+                  const ImageCells& cells, const std::vector<std::uint8_t>& in_view) {
+  std::vector<std::uint8_t> matched(cells.size(), 0);
+  for (std::size_t i = 0; i < landmarks.size(); ++i) {
+    if (landmarks[i].valid())
+      matched[cells.index(features.keypoint(i).x, features.keypoint(i).y)] = 1;
+  }
+  const auto wanted = std::count(in_view.begin(), in_view.end(), 1);
+  const auto seen = std::count(matched.begin(), matched.end(), 1);
+  return wanted > 0 ? static_cast<double>(seen) / static_cast<double>(wanted) : 0;
+}
+
 /// Keyframes that see at least `min_observed` of the landmarks.
 int observers(const Map& map, const std::vector<LandmarkId>& landmarks, int min_observed) {
   std::map<KeyFrameId, int> counts;
@@ -144,6 +158,8 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
                           const std::vector<LandmarkId>& around, float radius, float max_distance,
                           const kys::DistanceModel& model, kys::Statistics& statistics) {
   const Eigen::Vector3d centre = T_c_w.inverse_t();
+  const ImageCells cells(map.camera(), kAreaColumns);
+  std::vector<std::uint8_t> in_view(cells.size(), 0);
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> asked;
   for (const LandmarkId id : around) {
@@ -152,6 +168,7 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
     if (!view) continue;
     queries.push_back(query_for(*view, radius, map.scales(), landmark.descriptor, landmark.prior));
     asked.push_back(id);
+    in_view[cells.index(queries.back().u, queries.back().v)] = 1;
   }
   SearchOptions search;
   search.max_distance = max_distance;
@@ -166,6 +183,7 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
     found.landmarks[static_cast<std::size_t>(matches[q].feature)] = asked[q];
   }
   found.inliers = refine(map, features, found.T_c_w, found.landmarks);
+  found.area = area_share(features, found.landmarks, cells, in_view);
   return found;
 }
 
@@ -185,6 +203,7 @@ std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& f
   }
   found.keyframe = place;
   if (found.inliers < options.min_share * found.in_view) return std::nullopt;
+  if (found.area < options.min_area) return std::nullopt;
   const auto keyframes = static_cast<int>(1 + map.best_covisible(place, options.window).size());
   if (observers(map, found.landmarks, options.min_observed) <
       std::min(options.min_observers, keyframes)) {

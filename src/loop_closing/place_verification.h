@@ -22,6 +22,7 @@ struct PlaceVerificationOptions {
   float search_distance = 64;       ///< bits
   int min_inliers = 40;             ///< landmarks that fit the refined pose
   double min_share = 0.1;           ///< of the landmarks that should be in view
+  double min_area = 0.45;           ///< of the image area in which landmarks should be in view
   int min_observers = 2;            ///< keyframes of the place that ...
   int min_observed = 10;            ///< ... each see this many of the landmarks that fit
   std::uint64_t seed = 1;           ///< of the samples of the alignment
@@ -34,6 +35,7 @@ struct VerifiedPlace {
   std::vector<LandmarkId> landmarks;  ///< per feature of the frame; invalid: none
   int inliers = 0;                    ///< valid ones among them
   int in_view = 0;                    ///< landmarks of the place that should be in view
+  double area = 0;  ///< share of the image area with landmarks in view that has matches
 };
 
 /// Landmarks seen by a keyframe and its `neighbours` best covisible ones, by id.
@@ -43,8 +45,9 @@ std::vector<LandmarkId> landmarks_around(const Map& map, KeyFrameId keyframe,
 /// Is the frame at this place of the map? Its features are matched to the place's landmarks by
 /// descriptor, aligned over SE(3) by its stereo points, then the landmarks around are searched
 /// where the alignment puts them and the pose is refined (ORB-SLAM, Sec. VII-B, ORB-SLAM3, Sec.
-/// VI-B). Accepted when enough landmarks fit, in number and as a share of what should be in view,
-/// and when several keyframes of the place see them.
+/// VI-B). Accepted when enough landmarks fit, in number, as a share of what should be in view and
+/// of the image area they should cover (a vehicle ahead looks the same in every place), and when
+/// several keyframes of the place see them.
 std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& features,
                                           KeyFrameId place, const PlaceVerificationOptions& options,
                                           const kys::DistanceModel& model,

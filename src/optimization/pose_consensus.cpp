@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "geometry/absolute_orientation.h"
+#include "geometry/image_cells.h"
 #include "geometry/reprojection.h"
 
 namespace kys_slam {
@@ -17,6 +18,7 @@ namespace {
 constexpr std::size_t kSample = 3;
 constexpr std::size_t kRefined = 5;  // samples that are refined
 constexpr int kRefinements = 4;      // of one sample, while its support grows
+constexpr double kKept = 0.95;       // share of the support that the last refinement has to keep
 constexpr double kImpossible =
     0.25;  // factor on the support of a pose that no acceleration explains
 
@@ -26,17 +28,13 @@ using CellMembers = std::vector<std::vector<std::size_t>>;
 class Cells {
  public:
   Cells(const StereoCamera& camera, std::span<const PoseObservation> observations, int columns) {
-    const float side = static_cast<float>(camera.width) / static_cast<float>(columns);
-    const int rows =
-        std::max(1, static_cast<int>(std::ceil(static_cast<float>(camera.height) / side)));
-    members_.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+    const ImageCells cells(camera, columns);
+    members_.resize(cells.size());
     share_.resize(observations.size());
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const PoseObservation& o = observations[i];
       if (!is_usable(o.u, o.v, o.u_right, o.inv_sigma)) continue;
-      const int column = std::clamp(static_cast<int>(o.u / side), 0, columns - 1);
-      const int row = std::clamp(static_cast<int>(o.v / side), 0, rows - 1);
-      members_[static_cast<std::size_t>(row * columns + column)].push_back(i);
+      members_[cells.index(o.u, o.v)].push_back(i);
     }
     std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
     for (const auto& cell : members_) {
@@ -72,7 +70,7 @@ class Consensus {
         expected_(expected),
         options_(options),
         pose_(pose),
-        cells_(camera, observations, std::max(options.columns, 1)) {}
+        cells_(camera, observations, options.columns) {}
 
   [[nodiscard]] double area() const { return static_cast<double>(cells_.size()); }
 
@@ -113,6 +111,28 @@ class Consensus {
     return best;
   }
 
+  /// Local optimisation: over what is near, as long as that gains support.
+  [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
+    Rival best = judged(T_c_w, options_.tolerance);
+    for (int k = 0; k < kRefinements; ++k) {
+      const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
+      const Rival next = judged(result.T_c_w, options_.tolerance);
+      if (result.inliers == 0 || next.support <= best.support) break;
+      best = next;
+    }
+    return best;
+  }
+
+  /// The pose that won, refined over the observations that fit it. Each has full weight unless that
+  /// loses support: much of a mover can be within the bounds of the true pose as well.
+  [[nodiscard]] PoseResult final_pose(const Rival& rival) const {
+    PoseResult result = optimize_near(rival.T_c_w, 1, false);
+    if (judged(result.T_c_w, options_.tolerance).support < kKept * rival.support) {
+      result = optimize_near(rival.T_c_w, 1, true);
+    }
+    return result;
+  }
+
   /// Optimises over the observations within `factor` times their bound of `T_c_w`; the result is
   /// indexed like all observations. `balanced`: cells weigh the same, not observations.
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
@@ -131,7 +151,6 @@ class Consensus {
     return result;
   }
 
- private:
   /// chi2 over its bound; infinite behind the camera.
   [[nodiscard]] double relative_error(const Rigid3& T_c_w, const PoseObservation& o) const {
     const Eigen::Vector3d p_c = T_c_w * o.p_w;
@@ -146,18 +165,6 @@ class Consensus {
       error += dd * dd;
     }
     return error * o.inv_sigma * o.inv_sigma / (stereo ? pose_.chi2_stereo : pose_.chi2_mono);
-  }
-
-  /// Local optimisation: over what is near, as long as that gains support.
-  [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
-    Rival best = judged(T_c_w, options_.tolerance);
-    for (int k = 0; k < kRefinements; ++k) {
-      const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
-      const Rival next = judged(result.T_c_w, options_.tolerance);
-      if (result.inliers == 0 || next.support <= best.support) break;
-      best = next;
-    }
-    return best;
   }
 
   /// The few samples with most support, best first.
@@ -227,21 +234,30 @@ class Consensus {
 ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                               std::span<const PoseObservation> observations,
                               const std::optional<ExpectedPose>& expected,
-                              const ConsensusOptions& options, const PoseOptions& pose) {
+                              const ConsensusOptions& options, Start start,
+                              const PoseOptions& pose) {
   ConsensusResult result;
-  result.pose = optimize_pose(camera, T_c_w_initial, observations, pose);
+  if (start == Start::kGuess) {
+    result.pose = optimize_pose(camera, T_c_w_initial, observations, pose);
+  }
   if (!options.enabled || observations.empty()) return result;
   const Consensus consensus(camera, observations, expected, options, pose);
-  const double within_reach = consensus.support(result.pose.T_c_w, options.reach, false);
-  result.area = within_reach / consensus.area();
-  if (within_reach >= (1 - options.contested) * consensus.area()) return result;
+  if (start == Start::kConsensus) {
+    Rival known = consensus.refined(T_c_w_initial);
+    result.pose = consensus.final_pose(known);
+    result.contested = result.overruled = true;
+    return result;
+  }
+  const double explained = consensus.support(result.pose.T_c_w, options.clear, false);
+  result.area = explained / consensus.area();
+  if (explained >= (1 - options.contested) * consensus.area()) return result;
 
   result.contested = true;
   const double support = consensus.judged(result.pose.T_c_w, options.tolerance).support;
   const Rival rival = consensus.best_rival(result.pose.T_c_w, T_c_w_initial);
   if (rival.support <= options.margin * support) return result;
   result.overruled = true;
-  result.pose = consensus.optimize_near(rival.T_c_w, options.tolerance, false);
+  result.pose = consensus.final_pose(rival);
   return result;
 }
 

@@ -2,17 +2,19 @@
 
 #include <optional>
 
+#include "geometry/image_cells.h"
 #include "optimization/pose_optimization.h"
 
 namespace kys_slam {
 
 struct ConsensusOptions {
-  bool enabled = true;      ///< false: the matches alone decide
-  int columns = 10;         ///< cells across the image's width; cells are square
+  bool enabled = true;         ///< false: the matches alone decide
+  int columns = kAreaColumns;  ///< cells across the image's width; cells are square
   double contested = 0.15;  ///< share of the area held by outliers from which rivals are looked for
-  double tolerance = 2;     ///< factor on the bound of the error within which area supports a pose
-  double reach = 5;         ///< the same for poses that are not refined yet
-  double margin = 1.02;     ///< factor by which a rival has to have more support
+  double clear = 3;      ///< factor on the bound of the error beyond which one is an outlier here
+  double tolerance = 2;  ///< factor on the bound of the error within which area supports a pose
+  double reach = 5;      ///< the same for poses that are not refined yet
+  double margin = 1.02;  ///< factor by which a rival has to have more support
   double max_acceleration = 20;  ///< m/s^2, of the camera
   int samples = 300;             ///< of three matches from three cells
   std::uint64_t seed = 0;        ///< of the samples
@@ -31,6 +33,12 @@ struct ExpectedPose {
   double interval = 0;  ///< s, since the frame before
 };
 
+/// What an initial pose is worth.
+enum class Start : std::uint8_t {
+  kGuess,      ///< a prediction: it may be wrong
+  kConsensus,  ///< decided by image area over other matches of the frame: refined, not questioned
+};
+
 /// Pose of a frame by the image area that agrees with it, not by the number of matches.
 ///
 /// An object that moves with the camera keeps its place in the image: nearly all its features
@@ -46,6 +54,7 @@ struct ExpectedPose {
 ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                               std::span<const PoseObservation> observations,
                               const std::optional<ExpectedPose>& expected,
-                              const ConsensusOptions& options, const PoseOptions& pose = {});
+                              const ConsensusOptions& options, Start start = Start::kGuess,
+                              const PoseOptions& pose = {});
 
 }  // namespace kys_slam

@@ -183,6 +183,8 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("place.search_distance", p.search_distance, "bits", "largest distance of a match there");
   visit("place.min_inliers", p.min_inliers, "", "landmarks that fit the refined pose");
   visit("place.min_share", p.min_share, "", "of the landmarks that should be in view");
+  visit("place.min_area", p.min_area, "",
+        "share of the image area with landmarks in view that has matches");
   visit("place.min_observers", p.min_observers, "", "keyframes of the place that ...");
   visit("place.min_observed", p.min_observed, "", "... see this many of those that fit");
   visit("place.seed", p.seed, "", "of the samples of the alignment");

@@ -304,6 +304,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
     return false;
   }
   frame.T_c_w = last_->T_c_w;
+  result.overruled = false;
   const int inliers = refine_pose(frame, result);
   result.reason = before + "reference keyframe";
   if (inliers >= options_.min_pose_inliers) return true;
@@ -325,7 +326,8 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   std::optional<ExpectedPose> expected;
   if (velocity_) expected = {*velocity_ * last_->T_c_w, frame.timestamp - last_->timestamp};
   const ConsensusResult consensus =
-      estimate_pose(camera_, frame.T_c_w, observations, expected, options_.consensus);
+      estimate_pose(camera_, frame.T_c_w, observations, expected, options_.consensus,
+                    result.overruled ? Start::kConsensus : Start::kGuess);
   frame.T_c_w = consensus.pose.T_c_w;
   result.overruled |= consensus.overruled;
   for (std::size_t k = 0; k < features.size(); ++k) {
