@@ -15,6 +15,10 @@ namespace kys_slam {
 
 namespace {
 
+// A pose that no camera can have come to is doubted when it fits less than this share of the
+// matches that led to it.
+constexpr double kDoubtfulShare = 0.4;
+
 /// Gives matched features their landmarks; returns how many.
 int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
            std::vector<LandmarkId>& landmarks) {
@@ -210,13 +214,27 @@ KeyFrameId Tracker::submap(KeyFrameId keyframe) const {
 }
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
-  if (velocity_ && predict_by_motion(frame, result)) return true;
-  return predict_by_reference(frame, result);
+  if (!velocity_ || !predict_by_motion(frame, result)) return predict_by_reference(frame, result);
+  if (!doubtful_) return true;
+  // A camera that turns back at once is far from where it was expected: what is found there fits by
+  // chance. Without a prediction more of the keyframe fits.
+  Frame unexpected = frame;
+  TrackResult alternative;
+  alternative.reason = "doubtful motion model";
+  const bool found = predict_by_reference(unexpected, alternative);
+  result.statistics += alternative.statistics;
+  if (found && count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks)) {
+    frame = std::move(unexpected);
+    result.reason = alternative.reason;
+    result.overruled = alternative.overruled;
+  }
+  return true;
 }
 
 /// Constant velocity, and the last frame's landmarks searched where it puts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
-  frame.T_c_w = *velocity_ * last_->T_c_w;
+  const Rigid3 expected = *velocity_ * last_->T_c_w;
+  frame.T_c_w = expected;
   int matches = match_last_frame(frame, options_.motion_radius, result);
   if (matches < options_.min_motion_matches) {
     matches = match_last_frame(frame, 2 * options_.motion_radius, result);
@@ -226,6 +244,10 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
     return false;
   }
   const int inliers = refine_pose(frame, result);
+  const double interval = frame.timestamp - last_->timestamp;
+  const double away = (frame.T_c_w.inverse_t() - expected.inverse_t()).norm();
+  doubtful_ = inliers < kDoubtfulShare * matches &&
+              away > options_.consensus.max_acceleration * interval * interval;
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";

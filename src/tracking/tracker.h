@@ -149,6 +149,7 @@ class Tracker {
 
   Replica replica_;
   LocalMapGatherer local_map_gatherer_;
+  bool doubtful_ = false;           // the pose predicted by motion
   std::optional<Frame> last_;       // last frame with a pose
   std::optional<Rigid3> velocity_;  // T_c_last of the last two tracked frames
   KeyFrameId reference_;            // keyframe that shares most with the last frame
