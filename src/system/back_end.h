@@ -106,8 +106,10 @@ class BackEndRunner {
     stop_ = true;
     back_end_.interrupt();
   }
-  /// After `drain`.
+  /// After `drain`. When a step has failed, the map is as that step left it, half changed.
   [[nodiscard]] const Map& map() const { return back_end_.map(); }
+  /// After `drain`.
+  [[nodiscard]] bool failed() const { return failure_ != nullptr; }
 
  private:
   void run();

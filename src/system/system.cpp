@@ -160,6 +160,9 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
 }
 
 void System::save_map(const std::filesystem::path& file) const {
+  if (impl_->runner.failed()) {
+    throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
+  }
   kys_slam::save_map(map(), file, impl_->options.control.label_space);
 }
 
@@ -371,7 +374,7 @@ std::vector<Eigen::Vector3d> System::landmarks() const {
   const KeyFrameId main = impl_->main_submap();
   std::vector<Eigen::Vector3d> points;
   map().landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
-    if (map().keyframe(landmark.reference).submap == main) points.push_back(landmark.p_w);
+    if (map().submap(landmark.reference) == main) points.push_back(landmark.p_w);
   });
   return points;
 }

@@ -14,6 +14,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "util/paths.h"
+
 namespace kys_slam {
 namespace fs = std::filesystem;
 namespace {
@@ -81,17 +83,16 @@ class TemporaryFile {
 /// and locking it.
 void remove_left_files(const fs::path& folder) {
   constexpr std::time_t kPause = 10;  // s
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    const std::string name = it->path().filename().string();
+  for (const std::string& name : names_in_folder(folder)) {
     if (!name.starts_with('.') || !name.ends_with(kEnding)) continue;
-    const int fd = ::open(it->path().c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW);
+    const fs::path path = folder / name;
+    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW);
     if (fd < 0) continue;
     struct stat status {};
     const bool left = ::fstat(fd, &status) == 0 && S_ISREG(status.st_mode) &&
                       status.st_mtime + kPause < std::time(nullptr) &&
                       ::flock(fd, LOCK_EX | LOCK_NB) == 0;
-    if (left) ::unlink(it->path().c_str());
+    if (left) ::unlink(path.c_str());
     ::close(fd);
   }
 }
@@ -117,7 +118,10 @@ void make_output_folder(const fs::path& folder) {
     fail(folder, error ? error.value() : ENOTDIR);
   }
   if (::access(folder.c_str(), W_OK | X_OK) != 0) fail(folder, errno);
-  remove_left_files(folder);
+  try {
+    remove_left_files(folder);
+  } catch (const InputError&) {  // a folder one may write to and not read
+  }
 }
 
 void check_writable(const fs::path& path) {

@@ -70,10 +70,9 @@ InterruptGuard::~InterruptGuard() {
   for (const int number : kSignals) {
     if (!is_ignored(number)) signal(number, SIG_DFL);
   }
-  const char byte = 'q';
-  [[maybe_unused]] const auto written = write(pipe_ends[1], &byte, 1);
+  close(pipe_ends[1]);  // the thread's read ends with nothing
   thread_.join();
-  for (const int end : pipe_ends) close(end);
+  close(pipe_ends[0]);
 }
 
 void InterruptGuard::wait() {
@@ -81,7 +80,7 @@ void InterruptGuard::wait() {
     char byte = 0;
     const auto count = read(pipe_ends[0], &byte, 1);
     if (count < 0 && errno == EINTR) continue;
-    if (count != 1 || byte == 'q') return;
+    if (count != 1) return;
     if (requested_.exchange(true)) continue;
     pause_.interrupt();
     on_interrupt_();

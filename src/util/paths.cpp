@@ -1,8 +1,11 @@
 #include "util/paths.h"
 
+#include <dirent.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <memory>
 #include <system_error>
 
 namespace kys_slam {
@@ -34,13 +37,29 @@ bool is_file(const fs::path& path) {
   return type_of(path) == fs::file_type::regular;
 }
 
+// std::filesystem's iterators end the program when memory runs out (libstdc++ 12).
+std::vector<std::string> names_in_folder(const fs::path& folder) {
+  struct Closer {
+    void operator()(DIR* d) const { ::closedir(d); }
+  };
+  const std::unique_ptr<DIR, Closer> stream(::opendir(folder.c_str()));
+  if (stream == nullptr) fail(folder, {errno, std::generic_category()});
+  std::vector<std::string> names;
+  while (true) {
+    errno = 0;
+    const dirent* entry = ::readdir(stream.get());
+    if (entry == nullptr) break;
+    names.emplace_back(entry->d_name);
+  }
+  if (errno != 0) fail(folder, {errno, std::generic_category()});
+  return names;
+}
+
 std::vector<fs::path> list_folder(const fs::path& folder) {
   std::vector<fs::path> entries;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (!it->path().filename().string().starts_with('.')) entries.push_back(it->path());
+  for (const std::string& name : names_in_folder(folder)) {
+    if (!name.starts_with('.')) entries.push_back(folder / name);
   }
-  if (error) fail(folder, error);
   std::sort(entries.begin(), entries.end());
   return entries;
 }

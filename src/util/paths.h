@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 namespace kys_slam {
@@ -13,6 +14,8 @@ bool path_exists(const std::filesystem::path& path);
 bool is_folder(const std::filesystem::path& path);
 bool is_file(const std::filesystem::path& path);
 
+/// The names in a folder, in any order, "." and ".." among them.
+std::vector<std::string> names_in_folder(const std::filesystem::path& folder);
 /// What is in a folder, sorted by name; names that begin with '.' are left out.
 std::vector<std::filesystem::path> list_folder(const std::filesystem::path& folder);
 

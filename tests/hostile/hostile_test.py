@@ -250,9 +250,13 @@ refusals("paths", {
     "calib_is_a_fifo": (fifo_as("seq/calib.txt"), ["calib.txt", "not a regular file"]),
     "image_is_a_fifo": (fifo_as("seq/image_0/000000.png"), ["000000.png", "not a regular file"]),
     "map_is_a_fifo": (fifo_as("m.map", "--load-map", "{}"), ["m.map", "not a regular file"]),
-    "label_space_is_long": (lambda f: ["--set", "kys.mode=kys", "--set", "control.label_space=" +
-                                       "a" * 100000], ["label space"]),
 })
+
+
+@case
+def paths_label_space_is_long(f, programs):
+    refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
+                         f.output, "--label-space", "a" * 100000), "label space")
 
 
 @case

@@ -224,7 +224,11 @@ void save_map(const System& system, const std::filesystem::path& file,
     system.save_map(file);
   } catch (const InputError& error) {
     const std::filesystem::path instead = output / "saved.map";
-    system.save_map(instead);
+    try {
+      system.save_map(instead);
+    } catch (const InputError&) {
+      throw error;
+    }
     throw InputError(fmt::format("{}; the map is in {}", error.what(), instead.string()));
   }
 }
