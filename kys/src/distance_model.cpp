@@ -14,6 +14,9 @@ namespace {
 constexpr std::size_t index_of(Tier tier) {
   return static_cast<std::size_t>(tier);
 }
+constexpr std::size_t index_of(Context context) {
+  return static_cast<std::size_t>(context);
+}
 
 constexpr std::array<Tier, 3> kStructuralTiers = {Tier::kSameInstance, Tier::kCrossInstance,
                                                   Tier::kCrossClass};
@@ -42,6 +45,9 @@ DistanceModel::DistanceModel(const ModeOptions& options, const LabelSpace* space
       table_ = space->table();
       table_mask_ = ~0u;
     }
+  }
+  if (space != nullptr && wants_belief()) {
+    for (const LabelClass& c : space->classes()) things_.push_back(c.thing ? 1 : 0);
   }
   native_ = options.mode == Mode::kStock || options.mode == Mode::kMask;
   drops_dynamic_ = options.mode == Mode::kMask;
@@ -82,13 +88,22 @@ void DistanceModel::set_factors() {
       break;
     case Mode::kKys:
       if (o.gates) {
-        gates_ = {static_cast<float>(o.gate_stereo), static_cast<float>(o.gate_temporal)};
+        gates_[index_of(Context::kStereo)] = static_cast<float>(o.gate_stereo);
+        gates_[index_of(Context::kTemporal)] = static_cast<float>(o.gate_temporal);
       }
       if (o.continuous) {
         set_structure();
-        factors_[index_of(Tier::kCrossClass)].lambda = static_cast<float>(o.lambda[0]);
-        factors_[index_of(Tier::kCrossInstance)].lambda = static_cast<float>(o.lambda[1]);
-        factors_[index_of(Tier::kSameInstance)].lambda = static_cast<float>(o.lambda[2]);
+        set_lambdas();
+      }
+      break;
+    case Mode::kVerified:
+      // What moves needs its depth to be judged: no gate in stereo. believed() gives mu in percent.
+      if (o.gates) {
+        gates_[index_of(Context::kTemporal)] = static_cast<float>(100.0 * o.gate_belief);
+      }
+      if (o.continuous) {
+        set_structure();
+        set_lambdas();
       }
       break;
   }
@@ -98,6 +113,12 @@ void DistanceModel::set_bases(double base) {
   for (const Tier tier : kStructuralTiers) {
     factors_[index_of(tier)].base = static_cast<float>(base);
   }
+}
+
+void DistanceModel::set_lambdas() {
+  factors_[index_of(Tier::kCrossClass)].lambda = static_cast<float>(options_.lambda[0]);
+  factors_[index_of(Tier::kCrossInstance)].lambda = static_cast<float>(options_.lambda[1]);
+  factors_[index_of(Tier::kSameInstance)].lambda = static_cast<float>(options_.lambda[2]);
 }
 
 // Eq. 5. Normalised, a same-instance pair without motion keeps exactly d.

@@ -10,8 +10,9 @@ namespace kys {
 
 namespace {
 
-constexpr std::array<std::string_view, 8> kModeNames = {
-    "stock", "scaled", "hard_mismatch", "soft_filter", "semantic", "panoptic", "kys", "mask"};
+constexpr std::array<std::string_view, 9> kModeNames = {
+    "stock",    "scaled",   "hard_mismatch", "soft_filter", "semantic",
+    "panoptic", "kys",      "mask",          "verified"};
 
 /// Calls visit(key, member) for every option: the one place where keys and members meet.
 template <typename Options, typename Visit>
@@ -33,6 +34,7 @@ void for_each_option(Options& o, Visit&& visit) {
   visit("kys.gate_stereo", o.gate_stereo);
   visit("kys.gate_temporal", o.gate_temporal);
   visit("kys.continuous", o.continuous);
+  visit("kys.gate_belief", o.gate_belief);
 }
 
 void parse(std::string_view, std::string_view text, Mode& value) {
@@ -94,10 +96,11 @@ Mode parse_mode(std::string_view name) {
   throw Error("unknown mode '" + std::string(name) + "' (known: " + known + ")");
 }
 
-const std::array<Mode, 8>& all_modes() {
-  static constexpr std::array<Mode, 8> kModes = {
+const std::array<Mode, 9>& all_modes() {
+  static constexpr std::array<Mode, 9> kModes = {
       Mode::kStock,    Mode::kScaled,   Mode::kHardMismatch, Mode::kSoftFilter,
-      Mode::kSemantic, Mode::kPanoptic, Mode::kKys,          Mode::kMask};
+      Mode::kSemantic, Mode::kPanoptic, Mode::kKys,          Mode::kMask,
+      Mode::kVerified};
   return kModes;
 }
 
@@ -119,6 +122,7 @@ void ModeOptions::check() const {
   require(eta[0] >= kSmallest, "kys.eta1", "at least 0.001", eta[0]);
   require(gamma >= kSmallest, "kys.gamma", "at least 0.001", gamma);
   require(s_max >= kSmallest, "kys.s_max", "at least 0.001", s_max);
+  require(gate_belief <= 1, "kys.gate_belief", "between 0 and 1", gate_belief);
 }
 
 bool needs_priors(Mode mode) {
@@ -130,6 +134,7 @@ bool needs_label_space(const ModeOptions& options) {
     case Mode::kSoftFilter:
     case Mode::kSemantic:
     case Mode::kPanoptic:
+    case Mode::kVerified:
       return true;
     case Mode::kKys:
       return options.continuous;

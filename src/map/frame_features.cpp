@@ -72,6 +72,15 @@ FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left
   return features;
 }
 
+FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {
+  if (!priors.empty() && priors.size() != size()) {
+    throw std::logic_error("features of a frame differ in number");
+  }
+  FrameFeatures changed = *this;
+  changed.priors_ = std::move(priors);
+  return changed;
+}
+
 FrameFeatures FrameFeatures::with_disparity_offset(const StereoCamera& camera, float offset) const {
   FrameFeatures changed = *this;
   for (float& u : changed.u_right_) u -= offset - disparity_offset_;

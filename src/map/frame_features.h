@@ -54,6 +54,8 @@ class FrameFeatures {
 
   /// The same features with another disparity offset.
   [[nodiscard]] FrameFeatures with_disparity_offset(const StereoCamera& camera, float offset) const;
+  /// The same features with other priors, one per keypoint or none.
+  [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
 
   [[nodiscard]] std::size_t size() const { return set_.size(); }

@@ -8,6 +8,7 @@
 
 #include "map/frame_features.h"
 #include "map/ids.h"
+#include "map/instance_belief.h"
 
 namespace kys_slam {
 
@@ -35,6 +36,7 @@ struct KeyFrameMessage {
   std::vector<LandmarkId> tracked;         ///< per feature; landmarks seen again
   std::vector<NewLandmark> new_landmarks;  ///< by feature
   std::vector<VisibilityCount> counts;     ///< by landmark
+  std::vector<InstanceBelief> beliefs;     ///< those that changed since the last message
   KeyFrameId reference;  ///< the keyframe tracked against; parent if none covisible
   Rigid3 T_c_reference;  ///< measured motion from it: poses may have moved meanwhile
 };

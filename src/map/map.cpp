@@ -367,7 +367,49 @@ void Map::refresh_landmark(LandmarkId id) {
   landmark.descriptor = keyframe(best.keyframe).features->descriptor(best.feature);
   landmark.prior = kys::landmark_prior(keyframe(best.keyframe).features->prior(best.feature),
                                        keyframe(recent.keyframe).features->prior(recent.feature));
+  if (const auto known = beliefs_.find(landmark.prior.instance); known != beliefs_.end()) {
+    landmark.prior = kys::believed(landmark.prior, known->second.p_static);
+  }
   refresh_geometry(id);
+}
+
+int Map::set_beliefs(std::span<const InstanceBelief> beliefs, double patience) {
+  std::map<std::int32_t, InstanceBelief> changed;
+  for (const InstanceBelief& belief : beliefs) {
+    changed[belief.instance] = beliefs_[belief.instance] = belief;
+  }
+  if (changed.empty()) return 0;
+  const std::int32_t first = changed.begin()->first;
+  std::vector<LandmarkId> gone;
+  for (const LandmarkId id : landmarks_.ids()) {
+    Landmark& landmark = landmarks_.at(id);
+    if (landmark.prior.instance < first) continue;
+    const auto known = changed.find(landmark.prior.instance);
+    if (known == changed.end()) continue;
+    if (known->second.moving_for > patience) {
+      gone.push_back(id);
+      continue;
+    }
+    const kys::Prior prior = kys::believed(landmark.prior, known->second.p_static);
+    if (prior == landmark.prior) continue;
+    landmark.prior = prior;
+    touch(id);
+  }
+  for (const LandmarkId id : gone) erase_landmark(id);
+  return static_cast<int>(gone.size());
+}
+
+std::int32_t Map::instance_end(std::span<const std::uint8_t> is_thing) const {
+  std::int32_t end = 0;
+  const auto see = [&](const kys::Prior& prior) {
+    if (prior.label >= is_thing.size() || is_thing[prior.label] == 0 || prior.instance < 0) return;
+    end = std::max(end, prior.instance % kys::kRightInstances + 1);
+  };
+  keyframes_.for_each([&](KeyFrameId, const KeyFrame& k) {
+    for (const kys::Prior& prior : k.features->priors()) see(prior);
+  });
+  landmarks_.for_each([&](LandmarkId, const Landmark& l) { see(l.prior); });
+  return end;
 }
 
 void Map::refresh_geometry(LandmarkId id) {

@@ -1,13 +1,17 @@
 #pragma once
 
+#include <kys/belief.h>
 #include <kys_slam/stereo_camera.h>
 
+#include <map>
 #include <optional>
 #include <set>
+#include <span>
 #include <vector>
 
 #include "map/change_set.h"
 #include "map/id_table.h"
+#include "map/instance_belief.h"
 #include "map/keyframe.h"
 #include "map/landmark.h"
 #include "map/map_contents.h"
@@ -106,6 +110,21 @@ class Map {
   /// The cheaper part, after poses or points moved: direction and distance range alone.
   void refresh_geometry(LandmarkId id);
 
+  /// From here on the motion of a landmark's prior is the belief in its standing still
+  /// (kys::believed), and `weight` follows it.
+  void keep_beliefs() { keeps_beliefs_ = true; }
+  /// New beliefs reach the landmarks on these things; landmarks on what has moved for longer than
+  /// `patience` (s) are erased. Returns how many were.
+  int set_beliefs(std::span<const InstanceBelief> beliefs, double patience);
+  /// Factor on the information of a landmark's observations, 0..1.
+  [[nodiscard]] float weight(const Landmark& landmark) const {
+    return keeps_beliefs_ ? kys::p_static(landmark.prior) : 1.0f;
+  }
+
+  /// One past the largest instance number of things, that of the camera aside.
+  /// \param is_thing by label
+  [[nodiscard]] std::int32_t instance_end(std::span<const std::uint8_t> is_thing) const;
+
   /// What changed since the last call.
   [[nodiscard]] ChangeSet take_changes();
   [[nodiscard]] LandmarkView view(LandmarkId id) const;
@@ -132,6 +151,8 @@ class Map {
   StereoCamera camera_;
   ScaleLevels scales_;
   float disparity_offset_ = 0;  // px
+  bool keeps_beliefs_ = false;
+  std::map<std::int32_t, InstanceBelief> beliefs_;  // of this session's things
   IdTable<KeyFrameId, KeyFrame> keyframes_;
   IdTable<LandmarkId, Landmark> landmarks_;
   IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks

@@ -52,6 +52,7 @@ std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& p
   for (const LandmarkId id : landmarks) {
     const Landmark& landmark = map.landmark(id);
     const auto point = static_cast<std::int32_t>(problem.points.size());
+    const float weight = map.weight(landmark);
     problem.points.push_back(landmark.p_w);
     for (const Observation& o : landmark.observations) {
       const std::int32_t pose = pose_index(o.keyframe);
@@ -59,7 +60,7 @@ std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& p
       const FrameFeatures& features = *map.keyframe(o.keyframe).features;
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
       problem.observations.push_back(
-          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
+          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, weight});
       bonds.push_back({id, o.keyframe});
     }
   }

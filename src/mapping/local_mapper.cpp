@@ -19,6 +19,7 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   Stopwatch watch;
   const KeyFrameId id = message.id;
   insert_keyframe(map, message);
+  map.set_beliefs(message.beliefs, options_.mover_patience);
   for (const NewLandmark& landmark : message.new_landmarks) recent_.add(landmark.id);
   report.landmarks_culled = recent_.cull(map, id, options_.landmark_culling);
   report.insert = watch.lap_ms();

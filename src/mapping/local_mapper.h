@@ -22,6 +22,7 @@ struct LocalMapperOptions {
   LocalBundleOptions bundle;
   KeyFrameCullingOptions keyframe_culling;
   StereoCalibrationOptions calibration;
+  double mover_patience = 1;  ///< s after which landmarks on what moves leave the map
 };
 
 /// ms of the steps of local mapping, and what they did, for one keyframe.

@@ -43,7 +43,7 @@ SearchMatch best_feature(const FrameFeatures& features, const ScaleLevels& scale
         if (options.check_error && !within_error_bound(features, scales, i, query)) return;
         const kys::Distance d =
             model.evaluate(*query.descriptor, *query.prior, features.descriptor(i),
-                           features.prior(i), kys::Context::kTemporal, second, statistics);
+                           features.prior(i), options.context, second, statistics);
         const int octave = features.keypoint(i).octave;
         if (d.value < best.distance) {
           second = best.distance;

@@ -29,6 +29,7 @@ struct SearchOptions {
   float ratio = 1.0f;           ///< best / second best of the same octave; 1: not tested
   bool check_rotation = false;  ///< keep matches of the three most frequent turns of orientation
   bool check_error = false;     ///< candidates must reproject within the 95 % chi-square bound
+  kys::Context context = kys::Context::kTemporal;
   std::span<const std::uint8_t> taken;  ///< features left out, one flag each; empty: none
 };
 
@@ -38,8 +39,7 @@ struct SearchMatch {
 };
 
 /// For every query the best feature around its predicted pixel. A feature is given to the nearest
-/// of the queries that chose it (ties: the first). Every distance comes from `model`, in the
-/// temporal context.
+/// of the queries that chose it (ties: the first). Every distance comes from `model`.
 std::vector<SearchMatch> search_features(const FrameFeatures& features, const ScaleLevels& scales,
                                          std::span<const SearchQuery> queries,
                                          const SearchOptions& options,

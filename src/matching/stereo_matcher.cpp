@@ -226,7 +226,6 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
   const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
 
   std::vector<int> difference(n, -1);
-  std::vector<int> differences;
   for (std::size_t i = 0; i < n; ++i) {
     const Keypoint& l = left.features->keypoints[i];
     const std::int32_t j =
@@ -239,17 +238,27 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
       if (!refined) continue;
       u = refined->u_right;
       difference[i] = refined->difference;
-      differences.push_back(refined->difference);
     }
     const float disparity = l.x - u + options.added_disparity;
     if (!(disparity >= 0 && disparity < max_disparity)) continue;
     // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
     u_right[i] = l.x - std::max(disparity, 0.01f);
   }
-  if (!differences.empty()) {
+  // What moves close by and is sharp would set the bound for the scene behind it.
+  for (const bool apart : {false, true}) {
+    std::vector<int> differences;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (difference[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
+        differences.push_back(difference[i]);
+      }
+    }
+    if (differences.empty()) continue;
     const float bound = options.median_cut * static_cast<float>(median(differences));
     for (std::size_t i = 0; i < n; ++i) {
-      if (static_cast<float>(difference[i]) > bound) u_right[i] = kNone;
+      if (static_cast<float>(difference[i]) > bound &&
+          model.stands_apart(prior_of(left, i)) == apart) {
+        u_right[i] = kNone;
+      }
     }
   }
   return u_right;

@@ -19,6 +19,7 @@ struct BundleProblem {
     float v = 0;          ///< px
     float u_right = 0;    ///< px, right image; NaN for a monocular observation
     float inv_sigma = 1;  ///< 1/px
+    float weight = 1;     ///< 0..1, factor on its cost; bounds of outliers do not depend on it
   };
   StereoCamera camera;
   std::vector<Rigid3> T_c_w;              ///< changed in place, but for the fixed ones

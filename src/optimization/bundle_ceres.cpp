@@ -83,13 +83,22 @@ class CeresBundle {
     point_used_[o.point] = 1;
     if (std::isnan(o.u_right)) {
       mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), o.inv_sigma);
-      problem_.AddResidualBlock(&mono_costs_.back(), robust ? &loss_mono_ : nullptr, pose, point);
+      problem_.AddResidualBlock(&mono_costs_.back(), loss(o, robust ? &loss_mono_ : nullptr), pose,
+                                point);
     } else {
       stereo_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector3d(o.u, o.v, o.u_right),
                                  o.inv_sigma);
-      problem_.AddResidualBlock(&stereo_costs_.back(), robust ? &loss_stereo_ : nullptr, pose,
-                                point);
+      problem_.AddResidualBlock(&stereo_costs_.back(), loss(o, robust ? &loss_stereo_ : nullptr),
+                                pose, point);
     }
+  }
+
+  /// The loss, which may be null, times the observation's weight.
+  ceres::LossFunction* loss(const BundleProblem::Observation& o, ceres::LossFunction* robust) {
+    if (o.weight == 1) return robust;
+    weighted_losses_.push_back(std::make_unique<ceres::ScaledLoss>(
+        robust, static_cast<double>(o.weight), ceres::DO_NOT_TAKE_OWNERSHIP));
+    return weighted_losses_.back().get();
   }
 
   std::shared_ptr<ceres::ParameterBlockOrdering> points_first() {
@@ -114,6 +123,7 @@ class CeresBundle {
   ceres::HuberLoss loss_mono_;
   std::deque<StereoReprojectionCost> stereo_costs_;  // Ceres keeps pointers to them
   std::deque<MonoReprojectionCost> mono_costs_;
+  std::vector<std::unique_ptr<ceres::ScaledLoss>> weighted_losses_;
   std::vector<Vector6d> increments_;
   std::vector<std::uint8_t> pose_used_;
   std::vector<std::uint8_t> point_used_;

@@ -281,7 +281,8 @@ class SchurBundle {
 
   [[nodiscard]] SchurObservation convert(const BundleProblem::Observation& o) const {
     const bool stereo = !std::isnan(o.u_right);
-    const double weight = static_cast<double>(o.inv_sigma) * o.inv_sigma;
+    // Errors and their bound shrink together: the kernel acts as on the unweighted error.
+    const double weight = o.weight * (static_cast<double>(o.inv_sigma) * o.inv_sigma);
     return {o.pose,
             free_index_[o.pose],
             o.u,
@@ -289,7 +290,7 @@ class SchurBundle {
             stereo ? o.u_right : 0,
             weight,
             stereo ? weight : 0,
-            stereo ? options_.chi2_stereo : options_.chi2_mono};
+            o.weight * (stereo ? options_.chi2_stereo : options_.chi2_mono)};
   }
 
   void update_matrices() {

@@ -38,12 +38,17 @@ class Cells {
     }
     std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
     for (const auto& cell : members_) {
-      for (const std::size_t i : cell) share_[i] = 1.0f / static_cast<float>(cell.size());
+      double sum = 0;
+      for (const std::size_t i : cell) {
+        share_[i] = observations[i].share / static_cast<float>(cell.size());
+        sum += observations[i].share;
+      }
+      area_ += sum / static_cast<double>(cell.size());
     }
   }
 
-  /// Occupied cells.
-  [[nodiscard]] std::size_t size() const { return members_.size(); }
+  /// Of all occupied cells, less what is doubted (PoseObservation::share).
+  [[nodiscard]] double area() const { return area_; }
   /// Observations of each occupied cell.
   [[nodiscard]] const CellMembers& members() const { return members_; }
   /// What one observation stands for, in cells.
@@ -52,6 +57,7 @@ class Cells {
  private:
   CellMembers members_;
   std::vector<float> share_;
+  double area_ = 0;
 };
 
 /// A pose and the area that supports it, in cells.
@@ -72,7 +78,7 @@ class Consensus {
         pose_(pose),
         cells_(camera, observations, options.columns) {}
 
-  [[nodiscard]] double area() const { return static_cast<double>(cells_.size()); }
+  [[nodiscard]] double area() const { return cells_.area(); }
 
   /// 1 for the motion expected, falling to kImpossible for one that no vehicle can make.
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
@@ -141,7 +147,7 @@ class Consensus {
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       if (!(relative_error(T_c_w, observations_[i]) <= factor * factor)) continue;
       near.push_back(observations_[i]);
-      if (balanced) near.back().share *= cells_.share(i);
+      if (balanced) near.back().share = cells_.share(i);
       at.push_back(i);
     }
     PoseResult result = optimize_pose(camera_, T_c_w, near, pose_);

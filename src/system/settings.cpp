@@ -165,6 +165,7 @@ void Settings::check() const {
   }
   try {
     data_->kys.check();
+    data_->belief.check();
   } catch (const kys::Error& error) {
     throw InputError(error.what());
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/belief.h>
 #include <kys/mode_options.h>
 
 #include <string>
@@ -32,6 +33,7 @@ struct SettingsData {
   RelocalizationOptions relocalization;
   PlaceVerificationOptions place;  ///< of loops and relocalisation alike
   kys::ModeOptions kys;
+  kys::BeliefOptions belief;
   ControlOptions control;
 };
 
@@ -188,6 +190,35 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("place.min_observers", p.min_observers, "", "keyframes of the place that ...");
   visit("place.min_observed", p.min_observed, "", "... see this many of those that fit");
   visit("place.seed", p.seed, "", "of the samples of the alignment");
+
+  auto& i = s.tracking.instances;
+  visit("motion.pixel_sigma", i.motion.pixel_sigma, "px",
+        "of a keypoint at octave 0, when things are judged");
+  visit("motion.disparity_sigma", i.motion.disparity_sigma, "px", "of its disparity");
+  visit("motion.max_chi2", i.motion.max_chi2, "", "what a match says at most");
+  visit("motion.min_matches", i.motion.min_matches, "", "below which a thing is not judged");
+  visit("motion.iterations", i.motion.iterations, "", "of a fit");
+  visit("motion.max_frames", i.max_frames, "frames", "back over which a thing is compared");
+  visit("motion.kept_share", i.kept_share, "", "of its matches that a longer span has to keep");
+  visit("motion.max_matches", i.max_matches, "", "keypoints of a thing followed at most");
+  visit("motion.max_speed", i.max_speed, "m/s", "of things not seen to move before");
+  visit("motion.max_turn", i.max_turn, "rad/s", "of things");
+  visit("motion.search_radius", i.search_radius, "px", "around a predicted keypoint at octave 0");
+  visit("motion.max_search", i.max_search, "px", "radius for things of unknown motion");
+  visit("motion.descriptor_distance", i.descriptor_distance, "bits", "largest of a match");
+  visit("motion.descriptor_ratio", i.descriptor_ratio, "", "best over second best distance");
+  visit("motion.inherit_radius", i.inherit_radius, "of the width",
+        "within which a keypoint without a prior file takes a neighbour's prior");
+  visit("belief.change_rate", i.belief.change_rate, "1/s", "of things between standing and moving");
+  visit("belief.max_evidence", i.belief.max_evidence, "nats", "what one frame says at most");
+  visit("belief.max_log_odds", i.belief.max_log_odds, "nats", "belief gets no surer");
+  visit("belief.memory", i.memory, "s", "without a file after which nothing is inherited");
+  visit("belief.patience", m.mover_patience, "s", "after which landmarks on a mover leave the map");
+  visit("belief.carried", s.belief.carried, "nats",
+        "log-odds of standing still of things that others move (chairs, bags)");
+  visit("belief.mobile", s.belief.mobile, "nats", "of people, animals, vehicles");
+  visit("belief.flagged", s.belief.flagged, "nats", "added when the file calls it moving");
+  visit("belief.unflagged", s.belief.unflagged, "nats", "added when it does not");
 
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");

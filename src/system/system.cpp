@@ -33,6 +33,25 @@ kys::DistanceModel make_model(const SettingsData& settings) {
   }
 }
 
+kys::BeliefStart make_belief_start(const SettingsData& settings, const kys::DistanceModel& model) {
+  if (!model.wants_belief()) return {};
+  return {settings.belief, kys::load_label_space(settings.control.label_space)};
+}
+
+/// Per label: is it a thing?
+std::vector<std::uint8_t> things_of(const std::string& label_space) {
+  try {
+    std::vector<std::uint8_t> is_thing;
+    const kys::LabelSpace space = kys::load_label_space(label_space);
+    for (const kys::LabelClass& c : space.classes()) {
+      is_thing.push_back(c.thing ? 1 : 0);
+    }
+    return is_thing;
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+}
+
 BackEndOptions back_end_options(const SettingsData& settings) {
   BackEndOptions options{settings.mapping, settings.loop, settings.full_bundle,
                          settings.relocalization};
@@ -98,7 +117,7 @@ struct System::Impl {
         priors(std::move(priors_in)),
         scales(options.orb.scale_factor, options.orb.levels),
         front_end(camera, options.orb, options.stereo, model, priors.get()),
-        tracker(camera, scales, options.tracking, model),
+        tracker(camera, scales, options.tracking, model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay) {}
 
@@ -153,6 +172,10 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
                      "orb.scale_factor)");
   }
   s.first_keyframe = {map.keyframe_id_end()};
+  if (s.priors) {
+    const std::vector<std::uint8_t> is_thing = things_of(s.options.control.label_space);
+    s.front_end.raise_instances(map.instance_end(is_thing), is_thing);
+  }
   s.tracker.continue_map(map.keyframe_id_end(), map.landmark_id_end(), localize_only);
   const ChangeSet changes = s.runner.continue_map(std::move(map));
   s.tracker.apply(changes);

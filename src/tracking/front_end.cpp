@@ -1,7 +1,11 @@
 #include "tracking/front_end.h"
 
+#include <kys_slam/error.h>
+
 #include <algorithm>
 #include <cmath>
+#include <span>
+#include <string>
 
 #include "util/stopwatch.h"
 
@@ -25,6 +29,18 @@ int drop_masked(FeatureSet& features, std::vector<kys::Prior>& priors,
   features.descriptors.resize(n);
   priors.resize(n);
   return dropped;
+}
+
+/// Raises the instance numbers of things.
+void raise(std::vector<kys::Prior>& priors, std::int32_t by, std::span<const std::uint8_t> thing) {
+  for (kys::Prior& prior : priors) {
+    if (prior.label >= thing.size() || thing[prior.label] == 0 || prior.instance < 0) continue;
+    if (prior.instance % kys::kRightInstances >= kys::kRightInstances - by) {
+      throw InputError("instance " + std::to_string(prior.instance) +
+                       " is too high beside those of the loaded map");
+    }
+    prior.instance += by;
+  }
 }
 
 }  // namespace
@@ -51,6 +67,10 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   if (!prior_provider_->look_up(frame, features_[0].keypoints, features_[1].keypoints, priors_[0],
                                 priors_[1])) {
     return false;
+  }
+  if (instances_raised_by_ > 0) {
+    raise(priors_[0], instances_raised_by_, is_thing_);
+    raise(priors_[1], instances_raised_by_, is_thing_);
   }
   for (std::size_t side = 0; side < 2; ++side) {
     result.masked += drop_masked(features_[side], priors_[side], *model_);

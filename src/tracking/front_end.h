@@ -5,7 +5,9 @@
 #include <kys_slam/prior_provider.h>
 
 #include <array>
+#include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "features/orb_extractor.h"
@@ -40,6 +42,13 @@ class FrontEnd {
            const kys::DistanceModel& model, PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame);
+  /// Things of the frames to come get their instance number raised by this, those of a loaded map
+  /// having used the ones below.
+  /// \param is_thing by label
+  void raise_instances(std::int32_t by, std::vector<std::uint8_t> is_thing) {
+    instances_raised_by_ = by;
+    is_thing_ = std::move(is_thing);
+  }
   /// px, added to the disparities of the frames to come.
   void set_disparity_offset(float offset) { disparity_offset_ = offset; }
 
@@ -51,6 +60,8 @@ class FrontEnd {
   ScaleLevels scales_;
   StereoOptions stereo_;
   float disparity_offset_ = 0;
+  std::int32_t instances_raised_by_ = 0;
+  std::vector<std::uint8_t> is_thing_;  // by label
   const kys::DistanceModel* model_;
   PriorProvider* prior_provider_;
   std::array<OrbExtractor, 2> extractors_;  // left, right

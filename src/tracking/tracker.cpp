@@ -57,20 +57,32 @@ void TrackerOptions::check() const {
   positive(max_distance, "max_distance");
   positive(consensus.columns, "cell_columns");
   positive(consensus.tolerance, "consensus_tolerance");
+  instances.check();
 }
 
 Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
-                 const TrackerOptions& options, const kys::DistanceModel& model)
+                 const TrackerOptions& options, const kys::DistanceModel& model,
+                 const kys::BeliefStart& start)
     : camera_(camera),
       scales_(scales),
       options_(options),
       model_(&model),
       close_depth_(static_cast<float>(options.close_baselines * camera.baseline)) {
   options.check();
+  if (model.wants_belief()) {
+    instances_.emplace(camera, scales, options.instances, start, model);
+  }
 }
 
 Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
-                                   std::shared_ptr<const FrameFeatures> features) const {
+                                   std::shared_ptr<const FrameFeatures> features) {
+  if (instances_) {
+    const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
+    const Rigid3 expected = velocity_ ? *velocity_ * T_last_w : T_last_w;
+    std::vector<kys::Prior> priors =
+        instances_->believe(timestamp, *features, expected, T_last_w);
+    features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
+  }
   Frame frame{index, timestamp, std::move(features), {}, {}, {}};
   frame.landmarks.resize(frame.features->size());
   return frame;
@@ -87,6 +99,7 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
                            std::shared_ptr<const FrameFeatures> features, int waiting) {
   TrackResult result;
   Stopwatch watch;
+  if (last_) refresh_last_frame();
   Frame frame = make_frame(frame_index, timestamp, std::move(features));
   if (!last_) {
     if (replica_.keyframes().empty()) {
@@ -96,13 +109,13 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
     }
     return result;
   }
-  refresh_last_frame();
   bool tracked = predict(frame, result);
   result.times.predict = watch.lap_ms();
   tracked = tracked && track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
   if (!tracked) {
     velocity_.reset();
+    lose_instances();
     return result;
   }
   settle(std::move(frame), waiting, result);
@@ -114,6 +127,7 @@ void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   result.status = TrackingStatus::kTracked;
   if (result.overruled) result.reason += "; image area against most matches";
+  if (instances_) judge_instances(frame, result);
   if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
@@ -169,6 +183,7 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
   }
   result.status = TrackingStatus::kStarted;
   result.reason = "start";
+  if (instances_) judge_instances(frame, result);
   result.keyframe = make_keyframe(frame);
   first_keyframe_ = result.keyframe->id;
   result.inliers = result.matches = static_cast<int>(result.keyframe->new_landmarks.size());
@@ -187,7 +202,48 @@ void Tracker::leave(Frame frame, TrackResult& result) {
   } else {
     velocity_.reset();
   }
+  if (instances_) {
+    judged_.push_front(frame.pose);
+    judged_.resize(std::min(judged_.size(), instances_->frames_kept()));
+  }
   last_ = std::move(frame);
+}
+
+/// What the frame says of its things; landmarks on those that turn out to move are let go.
+void Tracker::judge_instances(Frame& frame, TrackResult& result) {
+  std::vector<PoseTerm> terms;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    const LandmarkView* landmark = replica_.landmarks().find(frame.landmarks[i]);
+    if (landmark == nullptr) continue;
+    const kys::Prior& prior = frame.features->prior(i);
+    terms.push_back({landmark->p_w, frame.features->stereo_pixel(i, scales_),
+                     std::min(belief(prior), belief(landmark->prior)),
+                     instances_->follows(prior) ? prior.instance : -1});
+  }
+  std::vector<Rigid3> past;
+  for (const FramePose& pose : judged_) past.push_back(current_pose(pose));
+  result.instances = instances_->judge(frame.timestamp, frame.features, frame.T_c_w, terms, past,
+                                       result.statistics);
+  bool changed = false;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (!frame.landmarks[i].valid() || stands(frame.features->prior(i))) continue;
+    frame.landmarks[i] = {};
+    changed = true;
+  }
+  if (changed) result.inliers = refine_pose(frame, result);
+}
+
+void Tracker::lose_instances() {
+  if (!instances_) return;
+  instances_->lose();
+  judged_.clear();
+}
+
+/// A landmark's prior with belief as it is now; kept for as long as `kept` lives.
+const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
+                                    std::deque<kys::Prior>& kept) const {
+  if (!instances_) return &landmark.prior;
+  return &kept.emplace_back(instances_->believed(landmark.prior));
 }
 
 /// The map may have moved since the last frame: its pose follows its keyframe, its landmarks their
@@ -259,6 +315,7 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
   const double forward = -(T_c_last.rotation.conjugate() * T_c_last.translation).z();
   const bool moving = std::abs(forward) > camera_.baseline;
 
+  std::deque<kys::Prior> priors;
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> landmarks;
   for (std::size_t i = 0; i < last_->landmarks.size(); ++i) {
@@ -281,7 +338,7 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
         moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
     query.angle = seen.angle;
     query.descriptor = &landmark.descriptor;
-    query.prior = &landmark.prior;
+    query.prior = prior_of(landmark, priors);
     queries.push_back(query);
     landmarks.push_back(id);
   }
@@ -307,6 +364,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
     const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
     if (landmark == nullptr) continue;
     priors[i] = kys::landmark_prior(reference.features->prior(i), landmark->prior);
+    if (instances_) priors[i] = instances_->believed(priors[i]);
     queries.push_back(
         {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);
@@ -341,8 +399,10 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (!frame.landmarks[i].valid()) continue;
     const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
-    observations.push_back({replica_.landmarks().at(frame.landmarks[i]).p_w, pixel.u, pixel.v,
-                            pixel.u_right, pixel.inv_sigma});
+    const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
+    const float share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
+    observations.push_back(
+        {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
   }
   std::optional<ExpectedPose> expected;
@@ -388,6 +448,7 @@ void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRe
   }
   std::sort(held.begin(), held.end());
   const Eigen::Vector3d centre = frame.T_c_w.inverse_t();
+  std::deque<kys::Prior> priors;
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> landmarks;
   for (const LandmarkId id : local.landmarks) {
@@ -396,7 +457,8 @@ void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRe
     if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
     // The straighter the view, the better the prediction.
     const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
-    queries.push_back(query_for(*view, radius, scales_, landmark.descriptor, landmark.prior));
+    queries.push_back(query_for(*view, radius, scales_, landmark.descriptor,
+                                *prior_of(landmark, priors)));
     landmarks.push_back(id);
     count_visible(id);
   }
@@ -434,7 +496,7 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
   }
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     const float depth = frame.features->depth(i);
-    if (depth <= 0 || depth > close_depth_) continue;
+    if (depth <= 0 || depth > close_depth_ || !stands(frame.features->prior(i))) continue;
     ++(frame.landmarks[i].valid() ? s.tracked_close : s.untracked_close);
   }
   return s;
@@ -442,6 +504,14 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
 
 KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   KeyFrameMessage message;
+  if (instances_) {
+    std::vector<kys::Prior> priors(frame.features->priors().begin(),
+                                   frame.features->priors().end());
+    for (kys::Prior& prior : priors) prior = instances_->believed(prior);
+    frame.features =
+        std::make_shared<const FrameFeatures>(frame.features->with_priors(std::move(priors)));
+    message.beliefs = instances_->take_changed_beliefs();
+  }
   message.id = {next_keyframe_++};
   message.frame_index = frame.index;
   message.timestamp = frame.timestamp;
@@ -485,7 +555,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
 void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < frame.features->size(); ++i) {
-    if (frame.features->has_stereo(i)) order.push_back(i);
+    if (frame.features->has_stereo(i) && stands(frame.features->prior(i))) order.push_back(i);
   }
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return frame.features->depth(a) < frame.features->depth(b);

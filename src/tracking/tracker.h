@@ -5,6 +5,7 @@
 #include <kys_slam/stereo_camera.h>
 
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include "map/keyframe_message.h"
 #include "map/replica.h"
 #include "matching/landmark_search.h"
+#include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
 #include "tracking/keyframe_policy.h"
 #include "tracking/local_map.h"
@@ -34,6 +36,7 @@ struct TrackerOptions {
   float reference_ratio = 0.7f;
   ConsensusOptions consensus;  ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
+  InstanceTrackerOptions instances;  ///< used when the model wants belief
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
@@ -69,6 +72,7 @@ struct TrackResult {
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
   bool overruled = false;  ///< image area decided against the number of matches
+  std::vector<InstanceState> instances;  ///< things in the frame, when belief is kept
   TrackTimes times;
   kys::Statistics statistics;
   std::optional<KeyFrameMessage> keyframe;  ///< for the back end
@@ -79,8 +83,9 @@ struct TrackResult {
 class Tracker {
  public:
   /// \param model has to outlive the tracker
+  /// \param start where belief starts; used when the model wants belief
   Tracker(const StereoCamera& camera, const ScaleLevels& scales, const TrackerOptions& options,
-          const kys::DistanceModel& model);
+          const kys::DistanceModel& model, const kys::BeliefStart& start = {});
 
   /// \param waiting keyframes sent to the back end whose change set has not been applied
   TrackResult track(std::int64_t frame_index, double timestamp,
@@ -122,7 +127,7 @@ class Tracker {
   };
 
   Frame make_frame(std::int64_t index, double timestamp,
-                   std::shared_ptr<const FrameFeatures> features) const;
+                   std::shared_ptr<const FrameFeatures> features);
   void start_map(Frame& frame, TrackResult& result);
   void settle(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
@@ -138,6 +143,17 @@ class Tracker {
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);
   [[nodiscard]] LandmarkView first_view(const Frame& frame, std::size_t feature,
                                         const Eigen::Vector3d& p_w, KeyFrameId keyframe) const;
+  void judge_instances(Frame& frame, TrackResult& result);
+  void lose_instances();
+  [[nodiscard]] const kys::Prior* prior_of(const LandmarkView& landmark,
+                                           std::deque<kys::Prior>& kept) const;
+  [[nodiscard]] float belief(const kys::Prior& prior) const {
+    return instances_ ? instances_->weight(prior) : 1.0f;
+  }
+  /// Is it believed enough to be part of the map?
+  [[nodiscard]] bool stands(const kys::Prior& prior) const {
+    return !instances_ || model_->admits(instances_->believed(prior), kys::Context::kTemporal);
+  }
   void count_visible(LandmarkId id);
   void leave(Frame frame, TrackResult& result);
 
@@ -160,6 +176,8 @@ class Tracker {
   std::uint32_t next_landmark_ = 0;  // the tracker's ids are even, the back end's odd
   bool frozen_ = false;              // no keyframes, no landmarks
   IdTable<LandmarkId, VisibilityCount> counts_;
+  std::optional<InstanceTracker> instances_;  // when the model wants belief
+  std::deque<FramePose> judged_;              // of the frames it keeps, latest first
 };
 
 }  // namespace kys_slam

@@ -151,10 +151,37 @@ TEST(Formula, GatesAreStrictAndUnilateral) {
   EXPECT_EQ(value(model, 0, on(1, 1, 0, 50), on(1)), kRejected);  // even at distance 0
 }
 
-TEST(Formula, OnlyKysHasGates) {
+TEST(Formula, VerifiedGatesOnBeliefBetweenFramesOnly) {
+  ModeOptions options = options_of(Mode::kVerified);
+  options.gate_belief = 0.8;
+  const DistanceModel model = model_of(options);
+  EXPECT_TRUE(model.wants_belief());
+  EXPECT_FALSE(model_of(options_of(Mode::kKys)).wants_belief());
+  const auto tier = [&](double p_static, Context context) {
+    const Prior prior = believed(on(1, 1, 0, 0), p_static);
+    EXPECT_EQ(model.admits(prior, context), context != Context::kTemporal || p_static > 0.2);
+    return model.evaluate({}, prior, with_bits(9), on(1, 1), context).tier;
+  };
+  EXPECT_EQ(tier(0.25, Context::kTemporal), Tier::kSameInstance);
+  EXPECT_EQ(tier(0.15, Context::kTemporal), Tier::kGated);
+  EXPECT_EQ(tier(0.15, Context::kStereo), Tier::kSameInstance);
+  EXPECT_EQ(tier(0.15, Context::kInstance), Tier::kSameInstance);
+}
+
+TEST(Formula, FollowingOneThingIsNeverGated) {
+  for (const Mode mode : all_modes()) {
+    const Distance d = model_of(options_of(mode))
+                           .evaluate({}, on(1, 1, 0, 90), with_bits(10), on(1, 1, 0, 90),
+                                     Context::kInstance);
+    EXPECT_LT(d.value, kRejected) << mode_name(mode);
+  }
+}
+
+TEST(Formula, OnlyKysAndVerifiedHaveGates) {
   for (const Mode mode : all_modes()) {
     const float gated = value(model_of(options_of(mode)), 10, on(1, 1, 0, 90), on(1, 1, 0, 90));
-    EXPECT_EQ(gated == kRejected, mode == Mode::kKys) << mode_name(mode);
+    EXPECT_EQ(gated == kRejected, mode == Mode::kKys || mode == Mode::kVerified)
+        << mode_name(mode);
   }
 }
 

@@ -73,7 +73,7 @@ TEST(Options, ConfigurationFilesOfTheTree) {
     if (key != "kys.mode" && text != "true") set_option(defaults, key, "1");
   }
   defaults.normalize = defaults.gates = defaults.continuous = false;
-  EXPECT_EQ(read_config("kys_default.yaml", defaults), 16);  // all but the mode
+  EXPECT_EQ(read_config("kys_default.yaml", defaults), 17);  // all but the mode
   EXPECT_EQ(defaults, ModeOptions{});
   ModeOptions paper;
   EXPECT_EQ(read_config("kys_paper.yaml", paper), 1);
@@ -124,7 +124,8 @@ TEST(Options, ModesThatLookAtSNeedALabelSpace) {
   for (const Mode mode : all_modes()) {
     const bool needs = needs_label_space(options_of(mode));
     EXPECT_EQ(needs, mode == Mode::kSoftFilter || mode == Mode::kSemantic ||
-                         mode == Mode::kPanoptic || mode == Mode::kKys);
+                         mode == Mode::kPanoptic || mode == Mode::kKys ||
+                         mode == Mode::kVerified);
     if (needs) {
       EXPECT_THROW(DistanceModel{options_of(mode)}, Error);
     } else {

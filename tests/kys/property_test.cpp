@@ -148,6 +148,9 @@ double from_the_paper(const ModeOptions& o, const Pair& p, const LabelSpace& spa
       return phi;
     case Mode::kKys:
       break;
+    case Mode::kVerified:
+      if (o.gates && p.context == Context::kTemporal && mu > 100 * o.gate_belief) return rejected;
+      return o.continuous ? phi * (1 + lambda * std::log(1 + mu)) : d;
   }
   if (o.gates && mu > (p.context == Context::kStereo ? o.gate_stereo : o.gate_temporal)) {
     return rejected;

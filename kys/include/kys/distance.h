@@ -12,6 +12,9 @@ namespace kys {
 /// distance to everything, in every mode.
 inline constexpr std::uint16_t kVoidLabel = 0xFFFF;
 
+/// Instance identities of the left camera lie below this, those of the right one from here on.
+inline constexpr std::int32_t kRightInstances = 1 << 30;
+
 /// The prior tuple of one keypoint or map point: (label, instance, scale, motion) of the paper's
 /// Sec. 3.4. 20 bytes; a default-constructed one has no valid label. Made by make_prior().
 struct Prior {
@@ -25,8 +28,10 @@ struct Prior {
   friend bool operator==(const Prior&, const Prior&) = default;
 };
 
-/// Where a comparison happens: the two differ in the motion gate (Sec. 3.4).
-enum class Context : std::uint8_t { kStereo, kTemporal };
+/// Where a comparison happens: they differ in the motion gate (Sec. 3.4). `kInstance`, between frames
+/// to follow a thing whether it moves or not, has none in any mode.
+enum class Context : std::uint8_t { kStereo, kTemporal, kInstance };
+inline constexpr std::size_t kContextCount = 3;
 
 /// What became of a pair. The first three name its structural tier, i.e. how its factor was chosen
 /// (Eq. 5). `kBypassed`: native distance, because a keypoint has no valid label or the mode uses no

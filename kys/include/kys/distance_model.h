@@ -95,9 +95,26 @@ class DistanceModel {
                                  std::span<const std::uint32_t> candidates, Context context,
                                  Statistics& statistics) const;
 
+  /// Whether the keypoint is on a thing, in the mode that keeps what moves: statistics of the scene
+  /// are then taken without it. False in all other modes.
+  [[nodiscard]] bool stands_apart(const Prior& prior) const {
+    return prior.label < things_.size() && things_[prior.label] != 0;
+  }
+
+  /// Whether its motion lets this keypoint be matched at all in the context (the gate).
+  [[nodiscard]] bool admits(const Prior& prior, Context context) const {
+    return kPriorsOff || prior.label >= label_limit_ ||
+           !(prior.motion > gates_[static_cast<std::size_t>(context)]);
+  }
+
   /// False: drop this keypoint at extraction (mode mask, keypoint of a moving segment).
   [[nodiscard]] bool keeps_keypoint(const Prior& prior) const {
     return kPriorsOff || !drops_dynamic_ || prior.dynamic == 0 || prior.label >= label_limit_;
+  }
+
+  /// Whether the mode wants belief in the place of motion (belief.h) outside the stereo context.
+  [[nodiscard]] bool wants_belief() const {
+    return !kPriorsOff && options_.mode == Mode::kVerified;
   }
 
   /// Whether the mode looks at priors at all: if not, the caller need not read any.
@@ -122,12 +139,13 @@ class DistanceModel {
   void set_factors();
   void set_bases(double base);
   void set_structure();
+  void set_lambdas();
   [[nodiscard]] Distance weigh(float d, const Prior& pa, const Prior& pb, float gate) const;
   [[nodiscard]] int first_hopeless(float value) const;
 
   ModeOptions options_;
   std::array<Factors, 3> factors_;                    ///< by Tier
-  std::array<float, 2> gates_{kRejected, kRejected};  ///< largest mu, by Context
+  std::array<float, kContextCount> gates_{kRejected, kRejected, kRejected};  ///< mu, by Context
   float filter_from_ = kRejected;                     ///< S from which differing labels reject
   float unlabelled_ = 1;  ///< factor of pairs with an end that has no valid label
   float floor_ = 1;
@@ -136,6 +154,7 @@ class DistanceModel {
   bool native_ = true;                      ///< every value is d
   bool drops_dynamic_ = false;
   bool uses_priors_ = false;
+  std::vector<std::uint8_t> things_;        ///< by label, mode verified only
   std::vector<float> table_ = std::vector<float>(1, 0.0f);  ///< S, label_limit_ squared
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 // The whole library.
+#include <kys/belief.h>
 #include <kys/descriptor.h>
 #include <kys/distance.h>
 #include <kys/distance_model.h>

@@ -19,17 +19,18 @@ enum class Mode : std::uint8_t {
   kPanoptic,      ///< structural factor (Eqs. 4-5)
   kKys,           ///< gates, structural factor and motion (Eq. 9)
   kMask,          ///< d; keypoints of moving segments are dropped at extraction (control)
+  kVerified,      ///< Eq. 9 with belief (belief.h) in the place of the file's motion
 };
 
 /// The name of a mode as users write it: "stock", "scaled", "hard_mismatch", "soft_filter",
-/// "semantic", "panoptic", "kys", "mask".
+/// "semantic", "panoptic", "kys", "mask", "verified".
 std::string_view mode_name(Mode mode);
 
 /// The mode of that name. Throws Error, naming the known ones, when there is none.
 Mode parse_mode(std::string_view name);
 
 /// All modes, in the order of the enumeration.
-const std::array<Mode, 8>& all_modes();
+const std::array<Mode, 9>& all_modes();
 
 /// Every coefficient of every mode. The defaults are the paper's, with two exceptions: `mode` is
 /// stock, and `normalize` is on.
@@ -52,6 +53,9 @@ struct ModeOptions {
   double gate_stereo = 8;                          ///< largest mu that may be matched left to right
   double gate_temporal = 20;                       ///< largest mu that may be matched anywhere else
   bool continuous = true;                          ///< false: gates only, pairs that pass keep d
+
+  // Mode verified: the structure, lambda and continuous of kys, with
+  double gate_belief = 0.8;  ///< largest 1 - p_static that may be matched between frames
 
   /// Throws Error, naming the key, when a value makes no sense.
   void check() const;

@@ -1,0 +1,78 @@
+#include <kys/belief.h>
+#include <kys/error.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <string>
+
+namespace kys {
+
+namespace {
+
+/// Words of class names (COCO, ADE20K, Virtual KITTI 2, Cityscapes) that stand for what moves by
+/// itself.
+constexpr std::array<std::string_view, 45> kMobileWords = {
+    "person",   "people",     "rider",   "pedestrian", "child",   "man",      "woman",    "bicycle",
+    "bike",     "minibike",   "motorcycle", "motorbike", "car",   "van",      "bus",      "truck",
+    "lorry",    "train",      "tram",    "trailer",    "caravan", "vehicle",  "airplane", "boat",
+    "ship",     "cat",        "dog",     "horse",      "sheep",   "cow",      "elephant", "bear",
+    "zebra",    "giraffe",    "bird",    "animal",     "wheelchair", "scooter", "tractor", "cart",
+    "plane", "cyclist",  "tuk-tuk",    "excavator", "helicopter"};
+
+std::string lower(std::string_view text) {
+  std::string out(text);
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return out;
+}
+
+}  // namespace
+
+Mobility mobility(const LabelClass& label_class) {
+  if (!label_class.thing) return Mobility::kFixed;
+  const std::string name = lower(label_class.name);
+  // Synonyms are listed behind commas; the first says what it is.
+  const std::string first = name.substr(0, name.find(','));
+  const bool mobile =
+      std::find(kMobileWords.begin(), kMobileWords.end(), first) != kMobileWords.end();
+  return mobile ? Mobility::kMobile : Mobility::kCarried;
+}
+
+void BeliefOptions::check() const {
+  const auto require = [](double value, const char* key) {
+    if (!(std::abs(value) <= 20)) {
+      throw Error(std::string("belief.") + key + " must be between -20 and 20");
+    }
+  };
+  require(carried, "carried");
+  require(mobile, "mobile");
+  require(flagged, "flagged");
+  require(unflagged, "unflagged");
+}
+
+BeliefStart::BeliefStart(const BeliefOptions& options, const LabelSpace& space)
+    : options_(options) {
+  options.check();
+  mobility_.reserve(space.size());
+  for (const LabelClass& label_class : space.classes()) {
+    mobility_.push_back(kys::mobility(label_class));
+  }
+}
+
+double BeliefStart::log_odds(const Prior& prior) const {
+  const double by_class =
+      mobility(prior.label) == Mobility::kMobile ? options_.mobile : options_.carried;
+  return by_class + (prior.dynamic != 0 ? options_.flagged : options_.unflagged);
+}
+
+Prior believed(const Prior& prior, double p_static) {
+  Prior out = prior;
+  out.motion = static_cast<float>(100.0 * std::clamp(1.0 - p_static, 0.0, 1.0));
+  out.log_motion = static_cast<float>(std::log1p(static_cast<double>(out.motion)));
+  out.dynamic = p_static < 0.5 ? 1 : 0;
+  return out;
+}
+
+}  // namespace kys

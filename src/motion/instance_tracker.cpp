@@ -1,0 +1,368 @@
+#include "motion/instance_tracker.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "matching/landmark_search.h"
+
+namespace kys_slam {
+
+namespace {
+
+using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by instance
+
+constexpr double kFarDepth = 1000;  // m, of keypoints without disparity
+constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
+constexpr double kSurelyMoving = 0.2;         // p_static
+constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
+
+Eigen::Vector3d back_project(const StereoCamera& camera, const FrameFeatures& features,
+                             std::size_t i) {
+  const double depth = features.depth(i) > 0 ? features.depth(i) : kFarDepth;
+  return camera.back_project(features.keypoint(i).x, features.keypoint(i).y, depth);
+}
+
+/// Of the keypoints of one instance those that are followed on: first those with a past, then
+/// others at equal steps, `count` in all.
+std::vector<std::size_t> choose(const std::vector<std::size_t>& keypoints,
+                                const std::vector<std::int32_t>& back, std::size_t count) {
+  if (keypoints.size() <= count) return keypoints;
+  std::vector<std::size_t> chosen;
+  std::vector<std::size_t> others;
+  for (const std::size_t i : keypoints) (back[i] >= 0 ? chosen : others).push_back(i);
+  if (chosen.size() >= count) {
+    std::vector<std::size_t> some;
+    for (std::size_t k = 0; k < count; ++k) some.push_back(chosen[k * chosen.size() / count]);
+    return some;
+  }
+  const std::size_t more = count - chosen.size();
+  for (std::size_t k = 0; k < more; ++k) chosen.push_back(others[k * others.size() / more]);
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
+}
+
+}  // namespace
+
+void InstanceTrackerOptions::check() const {
+  motion.check();
+  const auto require = [](bool good, const char* name) {
+    if (!good) throw InputError(std::string(name) + " is out of range");
+  };
+  require(belief.change_rate >= 0, "belief.change_rate");
+  require(belief.max_evidence > 0, "belief.max_evidence");
+  require(belief.max_log_odds > 0 && belief.max_log_odds <= 20, "belief.max_log_odds");
+  require(max_frames >= 1 && max_frames <= 100, "motion.max_frames");
+  require(kept_share > 0 && kept_share <= 1, "motion.kept_share");
+  require(max_matches >= motion.min_matches, "motion.max_matches");
+  require(max_speed > 0, "motion.max_speed");
+  require(max_turn > 0, "motion.max_turn");
+  require(search_radius > 0, "motion.search_radius");
+  require(max_search > 0, "motion.max_search");
+  require(descriptor_distance > 0, "motion.descriptor_distance");
+  require(descriptor_ratio > 0, "motion.descriptor_ratio");
+  require(inherit_radius >= 0, "motion.inherit_radius");
+  require(memory >= 0, "belief.memory");
+}
+
+InstanceTracker::InstanceTracker(const StereoCamera& camera, const ScaleLevels& scales,
+                                 const InstanceTrackerOptions& options,
+                                 const kys::BeliefStart& start, const kys::DistanceModel& model)
+    : camera_(camera), scales_(scales), options_(options), start_(start), model_(&model) {
+  options.check();
+}
+
+const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) const {
+  if (!follows(prior)) return nullptr;
+  const auto at = things_.find(prior.instance);
+  return at != things_.end() ? &at->second : nullptr;
+}
+
+double InstanceTracker::p_static(std::int32_t instance) const {
+  const auto at = things_.find(instance);
+  return at != things_.end() ? probability(at->second.log_odds) : 1.0;
+}
+
+kys::Prior InstanceTracker::believed(const kys::Prior& prior) const {
+  const Thing* thing = find(prior);
+  return thing != nullptr ? kys::believed(prior, probability(thing->log_odds)) : prior;
+}
+
+float InstanceTracker::weight(const kys::Prior& prior) const {
+  const Thing* thing = find(prior);
+  if (thing != nullptr) return static_cast<float>(probability(thing->log_odds));
+  return follows(prior) ? kys::p_static(prior) : 1.0f;
+}
+
+std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
+  std::vector<InstanceBelief> changed;
+  for (auto& [instance, thing] : things_) {
+    if (!std::exchange(thing.changed, false)) continue;
+    const double p = probability(thing.log_odds);
+    const double moving_for = p < kSurelyMoving ? thing.timestamp - thing.moving_since : 0;
+    changed.push_back({instance, static_cast<float>(p), static_cast<float>(moving_for)});
+  }
+  return changed;
+}
+
+std::vector<kys::Prior> InstanceTracker::believe(double timestamp, const FrameFeatures& features,
+                                                 const Rigid3& T_c_w_expected,
+                                                 const Rigid3& T_last_w) {
+  std::vector<kys::Prior> priors(features.priors().begin(), features.priors().end());
+  if (!priors.empty()) {
+    last_file_ = timestamp;
+  } else if (!frames_.empty() && timestamp - last_file_ <= options_.memory) {
+    inherit(timestamp, features, T_c_w_expected * T_last_w.inverse(), T_last_w, priors);
+  }
+  meet(timestamp, priors);
+  for (kys::Prior& prior : priors) prior = believed(prior);
+  return priors;
+}
+
+/// Every keypoint of the last frame is moved on to where it should be seen now; a keypoint takes the
+/// prior of the nearest one, if it is near and as far away.
+void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
+                              const Rigid3& T_now_last, const Rigid3& T_last_w,
+                              std::vector<kys::Prior>& priors) {
+  const Frame& last = frames_.front();
+  priors.assign(features.size(), kys::Prior{});
+  const auto radius = static_cast<float>(options_.inherit_radius * camera_.width);
+  std::vector<float> nearest(features.size(), radius * radius);
+  const Rigid3 T_now_w = T_now_last * T_last_w;
+  const double dt = timestamp - last.timestamp;
+  for (std::size_t i = 0; i < last.features->size(); ++i) {
+    const kys::Prior& prior = last.features->prior(i);
+    if (prior.label == kys::kVoidLabel) continue;
+    Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i);
+    const Thing* thing = find(prior);
+    if (thing != nullptr && thing->velocity) p += T_now_w.rotation * (*thing->velocity * dt);
+    if (p.z() <= 0.1) continue;
+    const Eigen::Vector3d pixel = camera_.project_stereo(p);
+    const auto u = static_cast<float>(pixel.x());
+    const auto v = static_cast<float>(pixel.y());
+    const bool deep = last.features->has_stereo(i);
+    const double disparity = pixel.x() - pixel.z();
+    features.for_each_near(u, v, radius, 0, scales_.levels() - 1, [&](std::size_t k) {
+      const Keypoint& keypoint = features.keypoint(k);
+      const float du = keypoint.x - u;
+      const float dv = keypoint.y - v;
+      const float distance = du * du + dv * dv;
+      if (distance >= nearest[k]) return;
+      if (deep && features.has_stereo(k) &&
+          std::abs(keypoint.x - features.u_right(k) - disparity) >
+              std::max(1.0, kDisparityTolerance * disparity)) {
+        return;
+      }
+      nearest[k] = distance;
+      priors[k] = prior;
+    });
+  }
+}
+
+/// Things seen for the first time start where their class and file put them; others grow older.
+void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors) {
+  const bool from_file = last_file_ == timestamp;
+  for (const kys::Prior& prior : priors) {
+    if (!follows(prior)) continue;
+    const auto [at, is_new] = things_.try_emplace(prior.instance);
+    Thing& thing = at->second;
+    if (!is_new && thing.timestamp == timestamp) continue;
+    if (from_file || is_new) thing.settled = start_.log_odds(prior);
+    if (is_new) {
+      thing.log_odds = thing.settled;
+      thing.first_seen = timestamp;
+    } else {
+      thing.log_odds = after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp,
+                                  options_.belief);
+    }
+    if (probability(thing.log_odds) >= kSurelyMoving) thing.moving_since = timestamp;
+    thing.label = prior.label;
+    thing.timestamp = timestamp;
+    thing.changed = true;
+  }
+}
+
+const std::vector<InstanceState>& InstanceTracker::judge(
+    double timestamp, std::shared_ptr<const FrameFeatures> features, const Rigid3& T_c_w,
+    std::span<const PoseTerm> terms, std::span<const Rigid3> past, kys::Statistics& statistics) {
+  Frame now;
+  now.timestamp = timestamp;
+  now.features = std::move(features);
+  now.back.assign(now.features->size(), -1);
+  if (!terms.empty()) now.pose = PoseWithout(camera_, T_c_w, terms);
+  if (!frames_.empty()) {
+    follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
+    rename(now);
+  }
+  Keypoints keypoints;
+  for (std::size_t i = 0; i < now.features->size(); ++i) {
+    const kys::Prior& prior = now.features->prior(i);
+    if (now.features->has_stereo(i) && follows(prior)) keypoints[prior.instance].push_back(i);
+  }
+  states_.clear();
+  for (const auto& [instance, members] : keypoints) {
+    states_.push_back(judge_one(instance, members, now, T_c_w, past));
+    learn(states_.back(), T_c_w);
+    states_.back().p_static = p_static(instance);
+  }
+  frames_.push_front(std::move(now));
+  if (frames_.size() > static_cast<std::size_t>(options_.max_frames)) frames_.pop_back();
+  return states_;
+}
+
+/// Keypoints of the last frame's things are looked for in this one: where their velocity puts them,
+/// or, if it is not known, wherever they can be.
+void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3& T_last_w,
+                             kys::Statistics& statistics) const {
+  const Frame& last = frames_.front();
+  Keypoints keypoints;
+  for (std::size_t i = 0; i < last.features->size(); ++i) {
+    const kys::Prior& prior = last.features->prior(i);
+    if (last.features->has_stereo(i) && find(prior) != nullptr) {
+      keypoints[prior.instance].push_back(i);
+    }
+  }
+  const double dt = now.timestamp - last.timestamp;
+  const Rigid3 T_now_w = T_now_last * T_last_w;
+  std::vector<SearchQuery> queries;
+  std::vector<std::size_t> sources;
+  for (const auto& [instance, members] : keypoints) {
+    const Thing& thing = things_.at(instance);
+    const Eigen::Vector3d shift =
+        thing.velocity ? Eigen::Vector3d(T_now_w.rotation * (*thing.velocity * dt))
+                       : Eigen::Vector3d(Eigen::Vector3d::Zero());
+    for (const std::size_t i :
+         choose(members, last.back, static_cast<std::size_t>(options_.max_matches))) {
+      const Eigen::Vector3d p =
+          T_now_last * back_project(camera_, *last.features, i) + shift;
+      if (p.z() <= 0.1) continue;
+      const Eigen::Vector3d pixel = camera_.project_stereo(p);
+      const Keypoint& seen = last.features->keypoint(i);
+      SearchQuery query;
+      query.u = static_cast<float>(pixel.x());
+      query.v = static_cast<float>(pixel.y());
+      query.u_right = static_cast<float>(pixel.z());
+      double radius = options_.search_radius * scales_.scale[seen.octave];
+      if (!thing.velocity) radius += camera_.fx * options_.max_speed * dt / p.z();
+      query.radius = static_cast<float>(std::min(radius, options_.max_search));
+      query.min_octave = std::max(0, seen.octave - 1);
+      query.max_octave = std::min(scales_.levels() - 1, seen.octave + 1);
+      query.angle = seen.angle;
+      query.descriptor = &last.features->descriptor(i);
+      query.prior = &last.features->prior(i);
+      queries.push_back(query);
+      sources.push_back(i);
+    }
+  }
+  std::vector<std::uint8_t> flat(now.features->size());
+  for (std::size_t i = 0; i < flat.size(); ++i) flat[i] = now.features->has_stereo(i) ? 0 : 1;
+  SearchOptions options;
+  options.max_distance = static_cast<float>(options_.descriptor_distance);
+  options.ratio = static_cast<float>(options_.descriptor_ratio);
+  options.check_rotation = true;
+  options.taken = flat;
+  options.context = kys::Context::kInstance;
+  const std::vector<SearchMatch> matches =
+      search_features(*now.features, scales_, queries, options, *model_, statistics);
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0) continue;
+    now.back[static_cast<std::size_t>(matches[q].feature)] = static_cast<std::int32_t>(sources[q]);
+  }
+}
+
+/// An instance that appears where another has just gone is that one under a new name: it takes over
+/// its belief and velocity.
+void InstanceTracker::rename(const Frame& now) {
+  std::map<std::int32_t, std::map<std::int32_t, int>> votes;  // of each new name for old ones
+  const Frame& last = frames_.front();
+  for (std::size_t i = 0; i < now.back.size(); ++i) {
+    const Thing* thing = find(now.features->prior(i));
+    if (thing == nullptr || now.back[i] < 0 || thing->first_seen != now.timestamp) continue;
+    const kys::Prior& before = last.features->prior(static_cast<std::size_t>(now.back[i]));
+    if (find(before) != nullptr) ++votes[now.features->prior(i).instance][before.instance];
+  }
+  for (const auto& [instance, names] : votes) {
+    int all = 0;
+    int most = 0;
+    std::int32_t name = -1;
+    for (const auto& [old_name, count] : names) {
+      all += count;
+      if (count > most) {
+        most = count;
+        name = old_name;
+      }
+    }
+    Thing& thing = things_.at(instance);
+    const Thing& old = things_.at(name);
+    if (most < options_.motion.min_matches || 2 * most < all || old.timestamp == now.timestamp ||
+        old.label != thing.label) {
+      continue;
+    }
+    thing.log_odds = old.log_odds;
+    thing.velocity = old.velocity;
+  }
+}
+
+InstanceState InstanceTracker::judge_one(std::int32_t instance,
+                                         const std::vector<std::size_t>& keypoints,
+                                         const Frame& now, const Rigid3& T_c_w,
+                                         std::span<const Rigid3> past) const {
+  InstanceState state;
+  state.instance = instance;
+  state.label = now.features->prior(keypoints.front()).label;
+  state.keypoints = static_cast<int>(keypoints.size());
+  if (frames_.empty()) return state;
+
+  // Where each keypoint was in the earlier frames, as far as it can be followed back.
+  std::vector<std::vector<std::pair<std::size_t, std::size_t>>> spans(frames_.size());
+  for (const std::size_t i : keypoints) {
+    std::int32_t at = now.back[i];
+    for (std::size_t s = 0; s < frames_.size() && at >= 0; ++s) {
+      spans[s].emplace_back(static_cast<std::size_t>(at), i);
+      at = frames_[s].back[static_cast<std::size_t>(at)];
+    }
+  }
+  const double enough = std::max(static_cast<double>(options_.motion.min_matches),
+                                 options_.kept_share * static_cast<double>(spans[0].size()));
+  std::size_t span = frames_.size();
+  while (span > 0 && static_cast<double>(spans[span - 1].size()) < enough) --span;
+  if (span == 0) return state;
+
+  const Frame& before = frames_[span - 1];
+  std::vector<InstanceMatch> matches;
+  for (const auto& [then, i] : spans[span - 1]) {
+    matches.push_back(
+        {before.features->stereo_pixel(then, scales_), now.features->stereo_pixel(i, scales_)});
+  }
+  const double dt = now.timestamp - before.timestamp;
+  const MotionRange range{0.5 * options_.max_speed * dt, 0.5 * options_.max_turn * dt};
+  const auto without = [&](const Frame& frame) {
+    return frame.pose ? frame.pose->without(instance) : PoseIncrement{};
+  };
+  const CameraMotion ego = camera_motion(past[span - 1], without(before), T_c_w, without(now));
+  state.motion = estimate_instance_motion(camera_, matches, ego, range, options_.motion);
+  state.matches = state.motion.matches;
+  if (state.matches < options_.motion.min_matches) return state;
+  state.span = dt;
+  // Frames that were compared before say part of it again.
+  state.log_ratio = state.motion.log_ratio / static_cast<double>(span);
+  return state;
+}
+
+void InstanceTracker::learn(const InstanceState& state, const Rigid3& T_c_w) {
+  if (state.span <= 0) return;
+  Thing& thing = things_.at(state.instance);
+  thing.log_odds = after_evidence(thing.log_odds, state.log_ratio, options_.belief);
+  if (probability(thing.log_odds) < kMoving &&
+      2 * state.motion.inliers > state.matches) {
+    thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
+  } else if (probability(thing.log_odds) >= kMoving) {
+    thing.velocity.reset();
+  }
+}
+
+}  // namespace kys_slam

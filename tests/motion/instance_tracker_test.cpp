@@ -1,0 +1,195 @@
+#include "motion/instance_tracker.h"
+
+#include <gtest/gtest.h>
+#include <kys/kys.h>
+
+#include <memory>
+#include <random>
+#include <utility>
+#include <vector>
+
+namespace kys_slam {
+namespace {
+
+const StereoCamera kCamera{1241, 376, 720, 720, 610, 185, 0.54};
+constexpr double kDt = 0.1;              // s
+constexpr std::int32_t kDriving = 70000;  // instances
+constexpr std::int32_t kParked = 70001;
+
+kys::Descriptor random_descriptor(std::mt19937_64& random) {
+  kys::Descriptor d;
+  for (std::uint64_t& word : d.words) word = random();
+  return d;
+}
+
+/// A road with a car that drives 7 m/s ahead and one that is parked, filmed at 8 m/s.
+class Street {
+ public:
+  Street()
+      : space_(kys::load_label_space("coco_panoptic_133")),
+        model_(verified(), space_),
+        tracker_(kCamera, scales_, {}, kys::BeliefStart({}, space_), model_) {
+    std::mt19937_64 random(11);
+    std::uniform_real_distribution<double> side(-1, 1);
+    const auto road = space_.index_of("road");
+    const auto car = space_.index_of("car");
+    for (int i = 0; i < 300; ++i) {
+      points_.push_back({{15 * side(random), 1.5, 30 + 20 * side(random)},
+                         kys::make_prior(road, road, 1, 0, false), random_descriptor(random)});
+    }
+    for (int i = 0; i < 60; ++i) {
+      points_.push_back({{side(random), 0.5 + side(random), 12 + side(random)},
+                         kys::make_prior(car, kDriving, 1, 0, false), random_descriptor(random)});
+      points_.push_back({{4 + side(random), 0.5 + side(random), 20 + 2 * side(random)},
+                         kys::make_prior(car, kParked, 1, 0, false), random_descriptor(random)});
+    }
+  }
+
+  /// The file calls the wrong one moving.
+  void spoil_flags() {
+    for (Point& p : points_) p.prior.dynamic = p.prior.instance == kParked ? 1 : 0;
+  }
+  void rename(std::int32_t from, std::int32_t to) {
+    for (Point& p : points_) {
+      if (p.prior.instance == from) p.prior.instance = to;
+    }
+  }
+
+  /// \param with_file false: there is none for this frame. Returns its priors as believed.
+  std::vector<kys::Prior> frame(bool with_file = true) {
+    const Rigid3 T_c_w{Eigen::Quaterniond::Identity(), {0, 0, -0.8 * frames_}};
+    FeatureSet set;
+    std::vector<float> u_right;
+    std::vector<kys::Prior> priors;
+    std::vector<PoseTerm> terms;
+    seen_.clear();
+    for (const Point& p : points_) {
+      Eigen::Vector3d p_w = p.p_w;
+      if (p.prior.instance == kDriving) p_w.z() += 0.7 * frames_;
+      const Eigen::Vector3d p_c = T_c_w * p_w;
+      if (p_c.z() < 2) continue;
+      const Eigen::Vector3d pixel = kCamera.project_stereo(p_c);
+      if (!kCamera.in_image(pixel.x(), pixel.y())) continue;
+      set.keypoints.push_back({static_cast<float>(pixel.x()), static_cast<float>(pixel.y())});
+      set.descriptors.push_back(p.descriptor);
+      u_right.push_back(static_cast<float>(pixel.z()));
+      priors.push_back(p.prior);
+      seen_.push_back(p.prior);
+      const StereoPixel stereo{set.keypoints.back().x, set.keypoints.back().y, u_right.back(),
+                               1 / kPixelSigma};
+      if (p.prior.instance != kDriving && p.prior.instance != kParked) {
+        terms.push_back({p_w, stereo, 1, -1});
+      }
+    }
+    if (!with_file) priors.clear();
+    const FrameFeatures raw(kCamera, std::move(set), std::move(u_right), std::move(priors));
+    const Rigid3 last = past_.empty() ? Rigid3{} : past_.front();
+    const double time = kDt * frames_;
+    std::vector<kys::Prior> believed = tracker_.believe(time, raw, T_c_w, last);
+    kys::Statistics statistics;
+    states_ = tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),
+                             T_c_w, frames_ == 0 ? std::vector<PoseTerm>{} : terms, past_,
+                             statistics);
+    past_.insert(past_.begin(), T_c_w);
+    past_.resize(std::min(past_.size(), tracker_.frames_kept()));
+    ++frames_;
+    return believed;
+  }
+
+  const std::vector<kys::Prior>& seen() const { return seen_; }
+  InstanceTracker& tracker() { return tracker_; }
+  const InstanceState* state(std::int32_t instance) const {
+    for (const InstanceState& s : states_) {
+      if (s.instance == instance) return &s;
+    }
+    return nullptr;
+  }
+
+ private:
+  struct Point {
+    Eigen::Vector3d p_w;
+    kys::Prior prior;
+    kys::Descriptor descriptor;
+  };
+  static kys::ModeOptions verified() {
+    kys::ModeOptions options;
+    options.mode = kys::Mode::kVerified;
+    return options;
+  }
+
+  ScaleLevels scales_{1.2, 8};
+  kys::LabelSpace space_;
+  kys::DistanceModel model_;
+  InstanceTracker tracker_;
+  std::vector<Point> points_;
+  std::vector<Rigid3> past_;
+  std::vector<kys::Prior> seen_;
+  std::vector<InstanceState> states_;
+  int frames_ = 0;
+};
+
+TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
+  Street street;
+  street.spoil_flags();
+  street.frame();
+  EXPECT_GT(street.tracker().p_static(kDriving), 0.5);  // as the file has it
+  EXPECT_LT(street.tracker().p_static(kParked), 0.5);
+  for (int i = 0; i < 6; ++i) street.frame();
+  EXPECT_LT(street.tracker().p_static(kDriving), 0.1);
+  EXPECT_GT(street.tracker().p_static(kParked), 0.8);
+  const InstanceState* car = street.state(kDriving);
+  ASSERT_NE(car, nullptr);
+  ASSERT_GT(car->span, 0);
+  EXPECT_GT(car->matches, 30);
+  EXPECT_NEAR(car->motion.motion[5] / car->span, 7.0, 0.2);
+  EXPECT_NEAR(car->motion.centre.z(), 12 - 0.1 * 6, 1.0);
+}
+
+TEST(InstanceTracker, BeliefOutlivesMissingFiles) {
+  Street street;
+  for (int i = 0; i < 5; ++i) street.frame();
+  for (int i = 0; i < 5; ++i) {
+    const std::vector<kys::Prior> believed = street.frame(false);
+    ASSERT_EQ(believed.size(), street.seen().size());
+    int right = 0;
+    int things = 0;
+    for (std::size_t k = 0; k < believed.size(); ++k) {
+      if (street.seen()[k].instance != kDriving) continue;
+      ++things;
+      right += believed[k].instance == kDriving && believed[k].motion > 80 ? 1 : 0;
+    }
+    EXPECT_GT(right, 0.9 * things) << i;
+  }
+}
+
+TEST(InstanceTracker, ANewNameTakesOverBelief) {
+  Street street;
+  for (int i = 0; i < 6; ++i) street.frame();
+  const double before = street.tracker().p_static(kParked);
+  EXPECT_GT(before, 0.9);
+  street.rename(kParked, 70010);
+  street.frame();
+  EXPECT_GT(street.tracker().p_static(70010), 0.9);
+}
+
+TEST(InstanceTracker, StuffIsNotDoubted) {
+  Street street;
+  for (int i = 0; i < 4; ++i) {
+    for (const kys::Prior& prior : street.frame()) {
+      if (prior.instance != kDriving && prior.instance != kParked) EXPECT_EQ(prior.motion, 0);
+    }
+  }
+  EXPECT_EQ(street.tracker().p_static(3), 1.0);
+}
+
+TEST(InstanceTracker, ChangesAreToldOnce) {
+  Street street;
+  street.frame();
+  const std::vector<InstanceBelief> first = street.tracker().take_changed_beliefs();
+  ASSERT_EQ(first.size(), 2u);
+  EXPECT_EQ(first[0].instance, kDriving);
+  EXPECT_TRUE(street.tracker().take_changed_beliefs().empty());
+}
+
+}  // namespace
+}  // namespace kys_slam
