@@ -1,6 +1,8 @@
 #include "priors/builder/build_sequence.h"
 
+#include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
 
 #include <algorithm>
 #include <atomic>
@@ -15,8 +17,6 @@
 #include "priors/builder/association.h"
 #include "priors/builder/debug_image.h"
 #include "priors/builder/estimators.h"
-#include "priors/format/calibration_hash.h"
-#include "priors/format/prior_format.h"
 #include "util/atomic_file.h"
 #include "util/stopwatch.h"
 

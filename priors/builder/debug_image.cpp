@@ -1,11 +1,11 @@
 #include "priors/builder/debug_image.h"
 
+#include <kys_slam/prior_format.h>
+
 #include <cmath>
 #include <cstdio>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-
-#include "priors/format/prior_format.h"
 
 namespace kys_slam {
 namespace {

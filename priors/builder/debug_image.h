@@ -1,6 +1,7 @@
 #pragma once
 
-#include "io/image_io.h"
+#include <kys_slam/image_file.h>
+
 #include "priors/builder/fuse.h"
 
 namespace kys_slam {

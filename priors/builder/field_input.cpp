@@ -1,6 +1,7 @@
 #include "priors/builder/field_input.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <array>
 #include <bit>
@@ -9,7 +10,6 @@
 #include <sstream>
 #include <vector>
 
-#include "io/image_io.h"
 #include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
 #include "priors/format/byte_io.h"

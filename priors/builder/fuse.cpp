@@ -1,9 +1,10 @@
 #include "priors/builder/fuse.h"
 
+#include <kys_slam/prior_format.h>
+
 #include <algorithm>
 #include <cmath>
 
-#include "priors/format/prior_format.h"
 #include "util/stopwatch.h"
 
 namespace kys_slam {

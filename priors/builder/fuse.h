@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys_slam/prior_writer.h>
 #include <kys_slam/stereo_camera.h>
 
 #include <cstdint>
@@ -12,7 +13,6 @@
 #include "priors/builder/options.h"
 #include "priors/builder/panoptic.h"
 #include "priors/builder/residual.h"
-#include "priors/format/prior_writer.h"
 
 namespace kys_slam {
 

@@ -1,11 +1,10 @@
 #pragma once
 
 #include <kys_slam/image.h>
+#include <kys_slam/segment_runs.h>
 
 #include <cstdint>
 #include <vector>
-
-#include "priors/format/segment_runs.h"
 
 namespace kys_slam {
 

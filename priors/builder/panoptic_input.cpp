@@ -1,11 +1,11 @@
 #include "priors/builder/panoptic_input.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "io/image_io.h"
 #include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
 #include "util/paths.h"

@@ -1,4 +1,4 @@
-#include "priors/format/calibration_hash.h"
+#include <kys_slam/calibration_hash.h>
 
 #include <cmath>
 

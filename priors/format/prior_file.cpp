@@ -1,8 +1,8 @@
-#include "priors/format/prior_file.h"
-
 #include <fcntl.h>
 #include <kys/prior.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_file.h>
+#include <kys_slam/prior_format.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -14,7 +14,6 @@
 #include <stdexcept>
 
 #include "priors/format/byte_io.h"
-#include "priors/format/prior_format.h"
 
 namespace kys_slam {
 namespace {

@@ -1,4 +1,4 @@
-#include "priors/format/prior_format.h"
+#include <kys_slam/prior_format.h>
 
 #include <bit>
 #include <cmath>

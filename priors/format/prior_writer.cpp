@@ -1,14 +1,12 @@
-#include "priors/format/prior_writer.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstdlib>
-
-#include "priors/format/prior_format.h"
 
 namespace kys_slam {
 namespace {

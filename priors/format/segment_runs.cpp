@@ -1,4 +1,4 @@
-#include "priors/format/segment_runs.h"
+#include <kys_slam/segment_runs.h>
 
 namespace kys_slam {
 

@@ -1,6 +1,5 @@
-#include "camera/stereo_rectifier.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/stereo_rectifier.h>
 
 #include <algorithm>
 #include <cmath>

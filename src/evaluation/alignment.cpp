@@ -1,4 +1,4 @@
-#include "evaluation/alignment.h"
+#include <kys_slam/evaluation.h>
 
 #include <Eigen/SVD>
 

@@ -1,4 +1,4 @@
-#include "evaluation/association.h"
+#include <kys_slam/evaluation.h>
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "evaluation/errors.h"
+#include <kys_slam/evaluation.h>
 
 #include <algorithm>
 #include <numbers>

@@ -1,4 +1,4 @@
-#include "evaluation/evaluation.h"
+#include <kys_slam/evaluation.h>
 
 #include <utility>
 

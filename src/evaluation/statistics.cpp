@@ -1,4 +1,4 @@
-#include "evaluation/statistics.h"
+#include <kys_slam/evaluation.h>
 
 #include <algorithm>
 #include <cmath>

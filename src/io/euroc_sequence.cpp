@@ -1,13 +1,13 @@
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/stereo_rectifier.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <cmath>
 
-#include "camera/stereo_rectifier.h"
-#include "io/image_io.h"
 #include "io/sensor_yaml.h"
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
-#include "io/trajectory_file.h"
 #include "util/paths.h"
 
 namespace kys_slam {

@@ -1,10 +1,10 @@
 #pragma once
 
+#include <kys_slam/image_file.h>
+
 #include <cstdint>
 #include <span>
 #include <string>
-
-#include "io/image_io.h"
 
 namespace kys_slam {
 

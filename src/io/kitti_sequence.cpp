@@ -1,8 +1,8 @@
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
-#include "io/trajectory_file.h"
 #include "util/paths.h"
 
 namespace kys_slam {

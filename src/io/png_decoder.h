@@ -1,11 +1,11 @@
 #pragma once
 
+#include <kys_slam/image_file.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
-
-#include "io/image_io.h"
 
 namespace kys_slam {
 

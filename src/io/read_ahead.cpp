@@ -1,4 +1,4 @@
-#include "io/read_ahead.h"
+#include <kys_slam/read_ahead.h>
 
 #include <algorithm>
 #include <utility>

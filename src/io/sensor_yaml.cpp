@@ -1,9 +1,9 @@
 #include "io/sensor_yaml.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/trajectory_file.h>
 
-#include "io/image_io.h"
-#include "io/trajectory_file.h"
 #include "io/yaml_file.h"
 #include "util/parse_number.h"
 

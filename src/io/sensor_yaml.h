@@ -1,8 +1,8 @@
 #pragma once
 
-#include <filesystem>
+#include <kys_slam/stereo_rectifier.h>
 
-#include "camera/stereo_rectifier.h"
+#include <filesystem>
 
 namespace kys_slam {
 

@@ -1,12 +1,11 @@
-#include "io/sequence.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/sequence.h>
+#include <kys_slam/stereo_rectifier.h>
 
 #include <algorithm>
 #include <cstdint>
 
-#include "camera/stereo_rectifier.h"
-#include "io/image_io.h"
 #include "io/read_bytes.h"
 #include "util/paths.h"
 

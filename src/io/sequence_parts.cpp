@@ -1,11 +1,11 @@
 #include "io/sequence_parts.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <algorithm>
 
 #include "camera/kitti_calibration.h"
-#include "io/image_io.h"
 #include "io/text_table.h"
 #include "util/paths.h"
 

@@ -1,11 +1,11 @@
 #pragma once
 
+#include <kys_slam/sequence.h>
+
 #include <Eigen/Core>
 #include <filesystem>
 #include <string>
 #include <vector>
-
-#include "io/sequence.h"
 
 /// Pieces shared by the readers of the sequence layouts. All throw InputError naming the file.
 namespace kys_slam {

@@ -1,4 +1,4 @@
-#include "io/trajectory_file.h"
+#include <kys_slam/trajectory_file.h>
 
 #include <cstdio>
 

@@ -1,4 +1,6 @@
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <array>
 #include <cmath>
@@ -8,10 +10,8 @@
 #include <vector>
 
 #include "camera/plausible.h"
-#include "io/image_io.h"
 #include "io/sequence_parts.h"
 #include "io/text_table.h"
-#include "io/trajectory_file.h"
 #include "util/median.h"
 
 namespace kys_slam {

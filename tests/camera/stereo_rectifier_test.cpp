@@ -1,7 +1,6 @@
-#include "camera/stereo_rectifier.h"
-
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/stereo_rectifier.h>
 
 #include <algorithm>
 #include <cmath>

@@ -1,11 +1,11 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <cmath>
 #include <numbers>
 #include <sstream>
 
-#include "io/trajectory_file.h"
 #include "object_evaluation.h"
 #include "object_files.h"
 #include "temporary_folder.h"

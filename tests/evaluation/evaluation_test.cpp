@@ -1,6 +1,5 @@
-#include "evaluation/evaluation.h"
-
 #include <gtest/gtest.h>
+#include <kys_slam/evaluation.h>
 
 #include <cmath>
 

@@ -3,9 +3,9 @@
 //   evo_rpe {kitti|euroc|tum} REFERENCE ESTIMATE [-a|-as] -r trans_part -d DELTA -u f [--all_pairs]
 //   evo_rpe ...                                           -r angle_deg  -d DELTA -u f
 #include <gtest/gtest.h>
+#include <kys_slam/evaluation.h>
+#include <kys_slam/trajectory_file.h>
 
-#include "evaluation/evaluation.h"
-#include "io/trajectory_file.h"
 #include "temporary_folder.h"
 
 namespace kys_slam {

@@ -2,6 +2,7 @@
 // texture of the same size otherwise). Build `features_benchmark`, run it on an idle machine.
 
 #include <benchmark/benchmark.h>
+#include <kys_slam/image_file.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -11,7 +12,6 @@
 #include "features/orb_descriptor.h"
 #include "features/orb_extractor.h"
 #include "features/quadtree.h"
-#include "io/image_io.h"
 #include "synthetic_images.h"
 
 namespace {

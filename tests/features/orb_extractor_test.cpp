@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <bit>
 #include <cmath>
@@ -13,7 +14,6 @@
 #include <set>
 
 #include "features/orb_descriptor.h"
-#include "io/image_io.h"
 #include "synthetic_images.h"
 
 namespace kys_slam {

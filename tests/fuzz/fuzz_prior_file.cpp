@@ -2,11 +2,10 @@
 // and what it accepts can be written again. Size and checksum are made right first, otherwise
 // hardly an input would get past them.
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 
 #include <cstdlib>
-
-#include "priors/format/prior_format.h"
-#include "priors/format/prior_writer.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace kys_slam;

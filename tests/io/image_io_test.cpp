@@ -1,6 +1,5 @@
-#include "io/image_io.h"
-
 #include <gtest/gtest.h>
+#include <kys_slam/image_file.h>
 #include <spng.h>
 
 #include <cstdlib>

@@ -1,7 +1,6 @@
-#include "io/read_ahead.h"
-
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/read_ahead.h>
 
 #include <atomic>
 

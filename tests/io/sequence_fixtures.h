@@ -1,9 +1,10 @@
 #pragma once
 
+#include <kys_slam/image_file.h>
+
 #include <cstdio>
 #include <string>
 
-#include "io/image_io.h"
 #include "temporary_folder.h"
 
 namespace kys_slam {

@@ -1,6 +1,5 @@
-#include "io/sequence.h"
-
 #include <gtest/gtest.h>
+#include <kys_slam/sequence.h>
 
 #include "io/read_bytes.h"
 #include "sequence_fixtures.h"

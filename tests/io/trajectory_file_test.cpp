@@ -1,6 +1,5 @@
-#include "io/trajectory_file.h"
-
 #include <gtest/gtest.h>
+#include <kys_slam/trajectory_file.h>
 
 #include "io/read_bytes.h"
 #include "temporary_folder.h"

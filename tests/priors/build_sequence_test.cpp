@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/prior_format.h>
 #include <unistd.h>
 
 #include <cstring>
@@ -10,8 +12,6 @@
 #include <iterator>
 #include <sstream>
 
-#include "io/image_io.h"
-#include "priors/format/prior_format.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,7 +11,6 @@
 #include <fstream>
 #include <map>
 
-#include "priors/format/prior_format.h"
 #include "util/atomic_file.h"
 
 namespace kys_slam {

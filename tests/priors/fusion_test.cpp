@@ -1,12 +1,12 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
 
 #include <algorithm>
 #include <random>
 
 #include "priors/builder/drift.h"
 #include "priors/builder/fuse.h"
-#include "priors/format/prior_format.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {

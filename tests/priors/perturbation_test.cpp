@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -11,7 +12,6 @@
 #include <nlohmann/json.hpp>
 
 #include "exposure.h"
-#include "io/image_io.h"
 
 namespace kys_slam {
 namespace {

@@ -1,7 +1,10 @@
-#include "priors/format/prior_format.h"
-
 #include <gtest/gtest.h>
+#include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_file.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,11 +13,6 @@
 #include <fstream>
 #include <limits>
 #include <random>
-
-#include "priors/format/calibration_hash.h"
-#include "priors/format/prior_file.h"
-#include "priors/format/prior_source.h"
-#include "priors/format/prior_writer.h"
 
 namespace kys_slam {
 namespace {
@@ -268,17 +266,17 @@ TEST(PriorFile, HostileContentWithAValidChecksumNeverReadsOutside) {
   }
 }
 
-TEST(PriorSource, MissingFilesAreCountedAndWarnedOnce) {
+TEST(PriorFolder, MissingFilesAreCountedAndWarnedOnce) {
   const fs::path folder =
       fs::temp_directory_path() / ("kys_prior_source_test_" + std::to_string(::getpid()));
   fs::create_directories(folder);
-  EXPECT_THROW(PriorSource(folder / "none", {}), InputError);
+  EXPECT_THROW(PriorFolder(folder / "none", {}), InputError);
   const auto bytes = encode_priors(make_street(48, 24, 4), "x");
   std::ofstream(folder / "000003.kysp", std::ios::binary)
       .write(reinterpret_cast<const char*>(bytes.data()),
              static_cast<std::streamsize>(bytes.size()));
   int warnings = 0;
-  PriorSource source(folder, {}, false, [&](const std::string&) { ++warnings; });
+  PriorFolder source(folder, {}, false, [&](const std::string&) { ++warnings; });
   source.prefetch("000003");
   source.prefetch("000004");
   EXPECT_TRUE(source.load("000003").has_value());
@@ -287,7 +285,7 @@ TEST(PriorSource, MissingFilesAreCountedAndWarnedOnce) {
   EXPECT_EQ(source.loaded(), 1u);
   EXPECT_EQ(source.missing(), 2u);
   EXPECT_EQ(warnings, 1);
-  PriorSource strict(folder, {}, true);
+  PriorFolder strict(folder, {}, true);
   EXPECT_THROW(strict.load("000004"), InputError);
   fs::remove_all(folder);
 }

@@ -2,14 +2,14 @@
 // reading: open + 2 x 2000 look-ups.
 #include <benchmark/benchmark.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 
 #include <filesystem>
 #include <fstream>
 #include <random>
 
 #include "priors/builder/fuse.h"
-#include "priors/format/prior_format.h"
-#include "priors/format/prior_writer.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {

@@ -1,7 +1,8 @@
 // Reads a prior file and writes it again, without tolerance: for tests of other implementations.
+#include <kys_slam/prior_writer.h>
+
 #include <iostream>
 
-#include "priors/format/prior_writer.h"
 #include "util/atomic_file.h"
 
 int main(int argc, char** argv) {

@@ -1,6 +1,7 @@
 // Virtual KITTI 2's own pictures, in tiny made-up folders: encodings as in its documentation.
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -8,7 +9,6 @@
 #include <fstream>
 #include <functional>
 
-#include "io/image_io.h"
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
 

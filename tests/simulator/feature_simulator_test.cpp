@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <bit>
 #include <cmath>
@@ -8,7 +9,6 @@
 #include <set>
 
 #include "feature_world.h"
-#include "io/trajectory_file.h"
 #include "scratch_folder.h"
 
 namespace kys_slam::simulator {

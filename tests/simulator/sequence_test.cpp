@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +10,6 @@
 #include <set>
 
 #include "euroc_rig.h"
-#include "io/image_io.h"
-#include "io/trajectory_file.h"
 #include "scratch_folder.h"
 #include "sensor.h"
 #include "sequence_writer.h"

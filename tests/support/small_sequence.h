@@ -1,13 +1,13 @@
 #pragma once
 
 #include <fmt/format.h>
+#include <kys_slam/image_file.h>
 
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <string>
 
-#include "io/image_io.h"
 #include "io/temporary_folder.h"
 #include "support/rendered_corridor.h"
 

@@ -1,10 +1,10 @@
 // Loops and saved maps as a user of the programs meets them, on simulated features of a round road.
 #include <gtest/gtest.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "io/trajectory_file.h"
 #include "support/feature_world.h"
 #include "support/repeatable_content.h"
 #include "support/run_command.h"

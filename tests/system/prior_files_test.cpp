@@ -1,13 +1,13 @@
 #include <gtest/gtest.h>
+#include <kys_slam/calibration_hash.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 
 #include <algorithm>
 #include <functional>
 #include <nlohmann/json.hpp>
 
-#include "priors/format/calibration_hash.h"
-#include "priors/format/prior_format.h"
-#include "priors/format/prior_source.h"
-#include "priors/format/prior_writer.h"
 #include "support/run_command.h"
 #include "support/small_sequence.h"
 #include "util/atomic_file.h"

@@ -1,11 +1,11 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/sequence.h>
 #include <kys_slam/system.h>
 
 #include <sstream>
 #include <thread>
 
-#include "io/sequence.h"
 #include "map/map.h"
 #include "support/small_sequence.h"
 

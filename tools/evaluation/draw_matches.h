@@ -2,11 +2,10 @@
 
 #include <kys_slam/features.h>
 #include <kys_slam/image.h>
+#include <kys_slam/image_file.h>
 
 #include <span>
 #include <utility>
-
-#include "io/image_io.h"
 
 namespace kys_slam {
 

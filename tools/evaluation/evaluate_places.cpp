@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
+#include <kys_slam/sequence.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -11,7 +12,6 @@
 
 #include "common/command_line.h"
 #include "draw_matches.h"
-#include "io/sequence.h"
 #include "place_run.h"
 #include "recall.h"
 #include "util/atomic_file.h"

@@ -1,4 +1,7 @@
 #include <kys_slam/error.h>
+#include <kys_slam/evaluation.h>
+#include <kys_slam/sequence.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <cstdio>
 #include <map>
@@ -7,11 +10,8 @@
 #include <string>
 
 #include "common/command_line.h"
-#include "evaluation/evaluation.h"
 #include "io/sensor_yaml.h"
-#include "io/sequence.h"
 #include "io/text_table.h"
-#include "io/trajectory_file.h"
 
 namespace kys_slam {
 namespace {

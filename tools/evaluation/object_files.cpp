@@ -1,13 +1,13 @@
 #include "object_files.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "io/text_table.h"
-#include "io/trajectory_file.h"
 
 namespace kys_slam {
 namespace {

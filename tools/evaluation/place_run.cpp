@@ -1,13 +1,13 @@
 #include "place_run.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/evaluation.h>
+#include <kys_slam/sequence.h>
 #include <time.h>
 
 #include <algorithm>
 #include <numbers>
 
-#include "evaluation/association.h"
-#include "io/sequence.h"
 #include "tracking/front_end.h"
 #include "util/progress.h"
 

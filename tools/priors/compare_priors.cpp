@@ -1,5 +1,6 @@
 // compare_priors: at how many ORB keypoints two sets of priors differ.
 #include <kys_slam/error.h>
+#include <kys_slam/prior_file.h>
 
 #include <cstdio>
 
@@ -7,7 +8,6 @@
 #include "exposure.h"
 #include "features/orb_extractor.h"
 #include "open_sequence.h"
-#include "priors/format/prior_file.h"
 #include "util/atomic_file.h"
 #include "util/paths.h"
 

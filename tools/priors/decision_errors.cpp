@@ -1,14 +1,14 @@
 #include "decision_errors.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/prior_format.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numeric>
 
-#include "prior_folder.h"
-#include "priors/format/prior_format.h"
 #include "seeded_random.h"
 #include "util/atomic_file.h"
 #include "util/nearest_name.h"
@@ -216,7 +216,7 @@ void grow_moving_segments(CameraPriors& camera, int radius) {
 
 DecisionErrorCounts disturb_decisions(const fs::path& folder, const fs::path& output,
                                       DecisionError error, std::uint64_t seed) {
-  const std::vector<fs::path> files = prior_files(folder);
+  const std::vector<fs::path> files = list_prior_files(folder);
   check_output(output);
   std::vector<bool> kept(files.size(), true);
   if (error == DecisionError::kDrop) kept = kept_frames(files.size(), seed);

@@ -1,13 +1,12 @@
 #pragma once
 
 #include <kys/label_space.h>
+#include <kys_slam/prior_writer.h>
 
 #include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
-
-#include "priors/format/prior_writer.h"
 
 namespace kys_slam {
 

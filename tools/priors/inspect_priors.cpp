@@ -1,14 +1,14 @@
 // inspect_priors: what is in prior files, as text or pictures.
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/prior_writer.h>
 
 #include <algorithm>
 #include <cstdio>
 
 #include "common/command_line.h"
-#include "io/image_io.h"
-#include "prior_folder.h"
-#include "priors/format/prior_format.h"
-#include "priors/format/prior_writer.h"
 #include "util/atomic_file.h"
 
 namespace {
@@ -61,7 +61,7 @@ int run(int argc, char** argv) {
   app.add_option("--png", png, "Folder for pictures: one per camera and file");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!png.empty()) make_output_folder(png);
-  for (const fs::path& path : prior_files(input)) {
+  for (const fs::path& path : list_prior_files(input)) {
     const PriorFile file = PriorFile::open(path);
     print(path, file);
     if (png.empty()) continue;

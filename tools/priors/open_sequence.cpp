@@ -1,10 +1,9 @@
 #include "open_sequence.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/sequence.h>
 
 #include <memory>
-
-#include "io/sequence.h"
 
 namespace kys_slam {
 

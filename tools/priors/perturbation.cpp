@@ -1,6 +1,7 @@
 #include "perturbation.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +9,6 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "io/image_io.h"
 #include "io/read_bytes.h"
 #include "seeded_random.h"
 #include "util/atomic_file.h"

@@ -1,11 +1,11 @@
 // rectify_sequence: the rectified images of a sequence as PNG, for networks to run on. Priors live
 // in the rectified geometry.
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <cstdio>
 
 #include "common/command_line.h"
-#include "io/image_io.h"
 #include "open_sequence.h"
 #include "util/atomic_file.h"
 #include "util/paths.h"

@@ -1,12 +1,12 @@
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
+#include <kys_slam/sequence.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
 #include "common/command_line.h"
-#include "io/sequence.h"
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
 #include "util/atomic_file.h"

@@ -1,5 +1,9 @@
 // validate_priors: is there a sound prior file, made for this sequence, for every frame?
+#include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_file.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/prior_format.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -7,10 +11,6 @@
 
 #include "common/command_line.h"
 #include "open_sequence.h"
-#include "prior_folder.h"
-#include "priors/format/calibration_hash.h"
-#include "priors/format/prior_file.h"
-#include "priors/format/prior_format.h"
 #include "util/paths.h"
 
 namespace {
@@ -55,7 +55,7 @@ int run(int argc, char** argv) {
   }
   const std::size_t good = sequence.names.size() - missing - bad;
   std::size_t foreign = 0;
-  for (const fs::path& path : prior_files(folder)) {
+  for (const fs::path& path : list_prior_files(folder)) {
     foreign += std::find(sequence.names.begin(), sequence.names.end(), path.stem().string()) ==
                sequence.names.end();
   }

@@ -1,8 +1,9 @@
 #pragma once
 
+#include <kys_slam/stereo_rectifier.h>
+
 #include <string>
 
-#include "camera/stereo_rectifier.h"
 #include "camera_model.h"
 
 namespace kys_slam::simulator {

@@ -1,6 +1,7 @@
 #include "feature_world.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <algorithm>
 #include <array>
@@ -13,7 +14,6 @@
 
 #include "euroc_rig.h"
 #include "io/feature_payload.h"
-#include "io/trajectory_file.h"
 #include "rng.h"
 #include "scenery.h"
 #include "traffic.h"

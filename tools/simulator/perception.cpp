@@ -3,12 +3,12 @@
 #include <kys/label_space.h>
 #include <kys/prior.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "priors/format/prior_format.h"
 #include "rng.h"
 #include "scenery.h"
 #include "traffic.h"

@@ -1,9 +1,10 @@
 #pragma once
 
+#include <kys_slam/image_file.h>
+
 #include <string>
 #include <vector>
 
-#include "io/image_io.h"
 #include "renderer.h"
 
 namespace kys_slam::simulator {

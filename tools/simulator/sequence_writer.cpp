@@ -2,6 +2,7 @@
 
 #include <fmt/printf.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,7 +12,6 @@
 #include <mutex>
 #include <thread>
 
-#include "io/image_io.h"
 #include "io/png_encoder.h"
 #include "layouts.h"
 #include "object_truth.h"

@@ -1,7 +1,8 @@
+#include <kys_slam/stereo_rectifier.h>
+
 #include <cmath>
 #include <numbers>
 
-#include "camera/stereo_rectifier.h"
 #include "city.h"
 #include "euroc_rig.h"
 #include "world.h"

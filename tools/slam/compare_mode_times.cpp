@@ -1,5 +1,8 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/read_ahead.h>
+#include <kys_slam/sequence.h>
 #include <kys_slam/system.h>
 
 #include <exception>
@@ -9,9 +12,6 @@
 #include <vector>
 
 #include "common/command_line.h"
-#include "io/read_ahead.h"
-#include "io/sequence.h"
-#include "prior_files.h"
 #include "util/progress.h"
 
 namespace kys_slam {
@@ -67,8 +67,8 @@ std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& pr
     const Settings settings = settings_of(a, mode);
     systems.push_back(std::make_unique<System>(
         sequence->camera(), settings, Schedule::kSequential,
-        std::make_unique<PriorFiles>(a.priors, sequence->camera(),
-                                     settings.get("control.label_space"), false)));
+        std::make_unique<PriorFolder>(
+            a.priors, expected_priors(sequence->camera(), settings.get("control.label_space")))));
   }
   ReadAhead source(*sequence);
   while (const auto frame = source.next()) {

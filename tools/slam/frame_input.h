@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys_slam/frame_source.h>
+#include <kys_slam/sequence.h>
 
 #include <filesystem>
 #include <functional>
@@ -8,8 +9,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
-#include "io/sequence.h"
 
 namespace kys_slam {
 

@@ -3,6 +3,9 @@
 #include <fmt/format.h>
 #include <kys/mode_options.h>
 #include <kys_slam/error.h>
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/read_ahead.h>
+#include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -18,10 +21,7 @@
 
 #include "common/command_line.h"
 #include "frame_priors.h"
-#include "io/read_ahead.h"
 #include "io/read_bytes.h"
-#include "prior_files.h"
-#include "system/output.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"
 #include "util/memory_reserve.h"
@@ -248,8 +248,10 @@ Priors counted(std::unique_ptr<Provider> provider) {
 /// From the folder given, or from the frames of a feature file.
 Priors open_priors(const Arguments& a, const FrameInput& input, const Settings& settings) {
   if (!a.priors.empty()) {
-    return counted(std::make_unique<PriorFiles>(
-        a.priors, input.frames->camera(), settings.get("control.label_space"), a.strict_priors));
+    return counted(std::make_unique<PriorFolder>(
+        a.priors, expected_priors(input.frames->camera(), settings.get("control.label_space")),
+        a.strict_priors,
+        [](const std::string& message) { spdlog::warn("{}", printable(message)); }));
   }
   if (!input.label_space.empty()) return counted(std::make_unique<FramePriors>());
   return {};

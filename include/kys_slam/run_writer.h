@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys_slam/evaluation.h>
 #include <kys_slam/settings.h>
 #include <kys_slam/system.h>
 
@@ -8,8 +9,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
-#include "evaluation/evaluation.h"
 
 namespace kys_slam {
 

@@ -1,6 +1,5 @@
-#include "io/image_io.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 
 #include <vector>
 

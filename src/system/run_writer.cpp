@@ -1,8 +1,9 @@
-#include "system/output.h"
-
 #include <fmt/format.h>
 #include <kys_slam/error.h>
+#include <kys_slam/evaluation.h>
 #include <kys_slam/run_main.h>
+#include <kys_slam/run_writer.h>
+#include <kys_slam/trajectory_file.h>
 
 #include <algorithm>
 #include <array>
@@ -13,8 +14,6 @@
 #include <optional>
 #include <stdexcept>
 
-#include "evaluation/evaluation.h"
-#include "io/trajectory_file.h"
 #include "map/map.h"
 #include "util/atomic_file.h"
 #include "util/process_figures.h"

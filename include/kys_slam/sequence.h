@@ -1,0 +1,110 @@
+#pragma once
+
+#include <kys_slam/frame_source.h>
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace kys_slam {
+
+class StereoRectifier;
+
+/// Which part of a sequence to use.
+struct SequenceOptions {
+  std::int64_t start = 0;              ///< first frame, from 0
+  std::optional<std::int64_t> frames;  ///< how many; all that follow when not given
+  double pairing_tolerance = 0.003;    ///< s, EuRoC: largest difference of the two cameras' stamps
+};
+
+/// A recorded stereo sequence in a folder. Frames can be read in order (`next`) or by position, the
+/// latter from several threads at a time. Positions run from 0 to frame_count()-1 of the part in
+/// use; StereoFrame::index counts from the beginning of the whole sequence.
+class Sequence : public FrameSource {
+ public:
+  /// Where the images of one frame are.
+  struct Frame {
+    std::string name;      ///< stem of the left image's file name
+    double timestamp = 0;  ///< s, strictly increasing
+    std::filesystem::path left;
+    std::filesystem::path right;
+  };
+
+  /// Everything about a sequence but its pixels; filled in by the readers of each layout.
+  struct Content {
+    std::string name;
+    std::string layout;  ///< "KITTI odometry", "KITTI Tracking", "Virtual KITTI 2", "EuRoC"
+    StereoCamera camera;
+    std::vector<Frame> frames;
+    std::vector<TimedPose> ground_truth;               ///< left camera frame
+    std::optional<Rigid3> T_b_c;                       ///< rectified left camera to body
+    std::shared_ptr<const StereoRectifier> rectifier;  ///< null: images are rectified already
+    std::int64_t dropped = 0;  ///< images without a partner in the other camera
+  };
+
+  /// \param first_index  index of content.frames[0] in the whole sequence
+  Sequence(Content content, std::int64_t first_index);
+  ~Sequence() override;
+
+  /// Short name for output folders, e.g. "06", "0001", "Scene01-clone", "V1_01_easy".
+  [[nodiscard]] const std::string& name() const { return content_.name; }
+  [[nodiscard]] const std::string& layout() const { return content_.layout; }
+  [[nodiscard]] const StereoCamera& camera() const override { return content_.camera; }
+  [[nodiscard]] std::optional<std::int64_t> size() const override { return frame_count(); }
+  [[nodiscard]] std::int64_t frame_count() const {
+    return static_cast<std::int64_t>(content_.frames.size());
+  }
+  /// Name, time stamp and files of a frame; decodes nothing.
+  [[nodiscard]] const Frame& frame(std::int64_t position) const {
+    return content_.frames.at(static_cast<std::size_t>(position));
+  }
+  /// Poses of the (rectified) left camera; empty when the sequence has none. KITTI layouts: one
+  /// per frame. EuRoC: the recorder's own stamps, the whole recording.
+  [[nodiscard]] const std::vector<TimedPose>& ground_truth() const { return content_.ground_truth; }
+  /// Rectified left camera to body (EuRoC), for results in the body frame.
+  [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
+  /// Images that were left out because the other camera has none of that time.
+  [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
+
+  /// The rectified grey pair at a position. Thread-safe.
+  /// \throws InputError naming the file: missing, truncated, corrupt, of another size.
+  [[nodiscard]] StereoFrame read(std::int64_t position) const;
+
+  std::optional<StereoFrame> next() override;
+
+ private:
+  Content content_;
+  std::int64_t first_index_ = 0;
+  std::int64_t position_ = 0;
+};
+
+/// Opens a sequence in one of the KITTI layouts, told apart by what the folder holds:
+/// - KITTI odometry: image_0/ and image_1/ (else image_2/ and image_3/), calib.txt, times.txt;
+///   ground truth in poses.txt, else in ../../poses/NAME.txt
+/// - KITTI Tracking: the folder is ROOT/image_02/0001, its right images in ROOT/image_03/0001,
+///   ROOT/calib/0001.txt, ground truth from ROOT/oxts/0001.txt; 10 Hz
+/// - Virtual KITTI 2: Scene01/clone with frames/rgb/Camera_{0,1}, intrinsic.txt, extrinsic.txt; 10
+/// Hz \throws InputError naming the file and what is wrong with it.
+std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
+                                              const SequenceOptions& options = {});
+
+/// Opens an EuRoC sequence in ASL layout (the folder that holds mav0/, or mav0/ itself). Images are
+/// rectified; the cameras are paired by time stamp, images without partner are left out and
+/// counted. Ground truth is moved from the body to the rectified left camera.
+/// \throws InputError naming the file and what is wrong with it.
+std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
+                                              const SequenceOptions& options = {});
+
+/// True of a folder in EuRoC's layout, by the names of its folders.
+bool is_euroc_folder(const std::filesystem::path& folder);
+
+/// Opens a sequence folder of either kind, known by its layout. \throws InputError as those do.
+std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
+                                        const SequenceOptions& options = {});
+
+/// Rectified left camera to body of an EuRoC sequence, from its calibration alone.
+Rigid3 read_euroc_T_b_c(const std::filesystem::path& folder);
+
+}  // namespace kys_slam

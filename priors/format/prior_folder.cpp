@@ -1,0 +1,93 @@
+#include <fcntl.h>
+#include <kys/error.h>
+#include <kys/label_space.h>
+#include <kys_slam/calibration_hash.h>
+#include <kys_slam/error.h>
+#include <kys_slam/prior_folder.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "util/paths.h"
+
+namespace kys_slam {
+
+namespace fs = std::filesystem;
+
+ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space) {
+  ExpectedPriors e;
+  e.width = camera.width;
+  e.height = camera.height;
+  e.calibration_hash = calibration_hash(camera);
+  e.label_space = label_space;
+  try {
+    e.label_count = kys::load_label_space(label_space).size();
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+  return e;
+}
+
+PriorFolder::PriorFolder(fs::path folder, ExpectedPriors expected, bool strict, Warning warn)
+    : folder_(std::move(folder)),
+      expected_(std::move(expected)),
+      strict_(strict),
+      warn_(std::move(warn)) {
+  const std::vector<fs::path> entries = list_folder(folder_);
+  const bool any = std::any_of(entries.begin(), entries.end(),
+                               [](const fs::path& p) { return p.extension() == ".kysp"; });
+  if (!any) throw InputError(folder_.string() + ": has no prior files (*.kysp)");
+}
+
+fs::path PriorFolder::path_of(const std::string& name) const {
+  return folder_ / (name + ".kysp");
+}
+
+std::optional<PriorFile> PriorFolder::load(const std::string& name) {
+  const fs::path path = path_of(name);
+  if (!path_exists(path)) {
+    const std::string message = path.string() + ": no prior file for this frame";
+    if (strict_) throw InputError(message);
+    if (missing_++ == 0 && warn_) warn_(message + "; it has no priors (told once)");
+    return std::nullopt;
+  }
+  std::optional<PriorFile> file = PriorFile::open(path, expected_);
+  ++loaded_;
+  return file;
+}
+
+bool PriorFolder::look_up(const StereoFrame& frame, std::span<const Keypoint> left,
+                          std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
+                          std::vector<kys::Prior>& right_priors) {
+  const std::optional<PriorFile> file = load(frame.name);
+  if (!file) return false;
+  left_priors.resize(left.size());
+  right_priors.resize(right.size());
+  file->lookup(CameraSide::kLeft, left, left_priors);
+  file->lookup(CameraSide::kRight, right, right_priors);
+  return true;
+}
+
+void PriorFolder::prefetch(const std::string& name) const {
+#ifdef POSIX_FADV_WILLNEED
+  const int fd = ::open(path_of(name).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (fd < 0) return;
+  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
+  ::close(fd);
+#else
+  (void)name;
+#endif
+}
+
+std::vector<fs::path> list_prior_files(const fs::path& input) {
+  if (!is_folder(input)) return {input};
+  std::vector<fs::path> files;
+  for (const fs::path& path : list_folder(input)) {
+    if (path.extension() == ".kysp") files.push_back(path);
+  }
+  if (files.empty()) throw InputError(input.string() + ": has no prior files (*.kysp)");
+  return files;
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <kys_slam/image.h>
+#include <kys_slam/prior_file.h>
+#include <kys_slam/segment_runs.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace kys_slam {
+
+/// The priors of one camera before they are encoded.
+struct CameraPriors {
+  std::vector<PriorSegment> segments;  ///< `area` is filled in by the encoder
+  ImageOf<std::uint16_t> segment_map;  ///< 0 void, k = segments[k-1]
+  SegmentRuns runs;                    ///< of the map; found by the encoder when empty
+  ImageOf<float> motion;  ///< mu, 0..100, read inside dynamic segments only; may be empty if none
+};
+
+/// The priors of one stereo frame before they are encoded.
+struct FramePriors {
+  std::string label_space;
+  std::uint64_t calibration_hash = 0;
+  std::uint64_t content_key = 0;
+  bool has_motion = false;
+  std::vector<CameraPriors> cameras;  ///< left, or left and right
+};
+
+/// How motion is coded.
+struct MotionCoding {
+  /// A run goes on while ln(1 + mu) is within this many steps of 0.0181 of the run's value.
+  int tolerance_steps = 2;
+  /// mu and its coded value are on the same side of each of these (the gates of Sec. 3.4): nothing
+  /// is gated, or let through, by the coding.
+  std::vector<float> keep_sides = {8.0F, 20.0F};
+};
+
+/// The bytes of a prior file. The same priors give the same bytes.
+/// \throws InputError, starting with `name`, for sizes that differ, segment numbers that are not in
+/// the table, values that are out of range or not finite.
+std::vector<std::uint8_t> encode_priors(const FramePriors& priors, const std::string& name,
+                                        const MotionCoding& coding = {});
+
+/// Everything in a file, expanded to images; for tools, not for the tracker.
+FramePriors decode_priors(const PriorFile& file);
+
+/// The code whose value is nearest to mu among those on its side of the `keep_sides`.
+std::uint8_t motion_code(float mu, const MotionCoding& coding);
+
+}  // namespace kys_slam
