@@ -3,6 +3,7 @@
 #   tools/setup.sh            compiler, libraries, tests
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
 #   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
+#   tools/setup.sh --python   and what the Python package and its tests need in it
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -11,7 +12,7 @@ packages=(
   build-essential cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libyaml-cpp-dev libcli11-dev
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
-  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev python3 python3-venv
+  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev python3 python3-venv python3-dev
 )
 as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
@@ -46,6 +47,13 @@ case "${1:-}" in
     if ! .venv/bin/python -c 'import matplotlib, scipy, snakemake, yaml' 2>/dev/null; then
       make_environment
       install_python numpy matplotlib 'scipy>=1.15' 'snakemake>=8,<10' pyyaml
+    fi
+    ;;
+  --python)
+    if ! .venv/bin/python -c 'import cv2, matplotlib, nanobind, pytest, rosbags, scikit_build_core, yaml' 2>/dev/null; then
+      make_environment
+      install_python numpy matplotlib nanobind scikit-build-core pytest pyyaml \
+        opencv-python-headless rosbags
     fi
     ;;
   --perception)

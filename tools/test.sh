@@ -6,6 +6,7 @@ cd "$(dirname "$0")/.."
 preset=${1:-release}
 
 tools/setup.sh --experiments
+tools/setup.sh --python
 cmake --preset "$preset" -DPython3_EXECUTABLE="$PWD/.venv/bin/python" "${@:2}"
 cmake --build --preset "$preset"
 ctest --preset "$preset" -j "$(nproc)"

@@ -9,7 +9,7 @@ import unittest
 
 import numpy as np
 
-sys.path.insert(0, os.path.join(os.path.dirname(__file__), "..", "..", "tools", "priors"))
+sys.path.insert(0, os.path.join(os.path.dirname(__file__), "..", "..", "python", "kys_slam"))
 import kysp  # noqa: E402
 
 EXCHANGE = os.environ.get("KYS_PRIORS_EXCHANGE", "")

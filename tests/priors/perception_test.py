@@ -14,7 +14,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools" / "perception"))
-sys.path.insert(0, str(ROOT / "tools" / "priors"))
+sys.path.insert(0, str(ROOT / "python" / "kys_slam"))
 import common  # noqa: E402
 import disparity  # noqa: E402
 import flow  # noqa: E402

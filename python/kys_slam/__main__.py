@@ -1,0 +1,5 @@
+import sys
+
+from kys_slam.cli import main
+
+sys.exit(main())

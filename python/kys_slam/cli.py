@@ -1,0 +1,467 @@
+"""The command kys-slam: track any stereo recording, evaluate and draw what came of it."""
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+import kys_slam
+from kys_slam import InputError
+
+BAD_INPUT, TRACKING_FAILED = 2, 3
+INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
+RUN_FILES = ("summary.json", "trajectory.tum", "frames.csv")
+
+_DESCRIPTION = """Stereo visual SLAM on any stereo recording.
+
+  kys-slam run SEQUENCE                                  KITTI, Virtual KITTI 2, EuRoC, TUM-VI
+  kys-slam run left.mp4 right.mp4 --calibration camchain.yaml
+  kys-slam run left/ right/ --calibration camchain.yaml --rate 20
+  kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
+  kys-slam evaluate RUN
+  kys-slam plot RUN [RUN ...]
+"""
+
+
+def _add_run(commands) -> None:
+    p = commands.add_parser(
+        "run", help="track a recording",
+        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
+        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
+        "by side, a ROS bag, or a feature file. What it is, is seen from what it holds.")
+    p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
+    camera = p.add_argument_group("camera")
+    camera.add_argument("--calibration", nargs="+", metavar="FILE",
+                        help="Kalibr camchain, OpenCV stereo calibration, own YAML, or the "
+                        "camera_info files of the left and the right camera")
+    camera.add_argument("--calibration-unit", type=float, default=1, metavar="M",
+                        help="metres per unit of the calibration's lengths (mm: 0.001)")
+    camera.add_argument("--rate", type=float, metavar="HZ",
+                        help="frames per second, where the recording does not say")
+    camera.add_argument("--times", default="", metavar="FILE", help="time stamps, s, one per image")
+    camera.add_argument("--topics", nargs=2, metavar=("LEFT", "RIGHT"), help="image topics of a bag")
+    camera.add_argument("--tolerance", type=float, metavar="S",
+                        help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
+                        "for bags)")
+    camera.add_argument("--no-check", action="store_true",
+                        help="do not look whether the pair is swapped or not rectified")
+    slam = p.add_argument_group("tracking")
+    slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
+    slam.add_argument("--strict-priors", action="store_true", help="a missing one is an error")
+    slam.add_argument("--masks", metavar="DIR",
+                      help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png")
+    slam.add_argument("--mode", help="how descriptors are compared: " + ", ".join(kys_slam.modes()) +
+                      " (default: kys with --priors, stock without)")
+    slam.add_argument("--kind", choices=("driving", "indoor"),
+                      help="defaults of the settings (default: by the recording)")
+    slam.add_argument("--config", metavar="FILE", help="YAML file of settings")
+    slam.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings",
+                      help="one setting, may be repeated; kys-slam settings lists them")
+    slam.add_argument("--schedule", default="pipelined",
+                      choices=("pipelined", "sequential", "realtime"))
+    slam.add_argument("--start", type=int, default=0, metavar="N", help="first frame")
+    slam.add_argument("--frames", type=int, metavar="N", help="number of frames")
+    slam.add_argument("--load-map", metavar="FILE", help="go on with this map")
+    slam.add_argument("--save-map", metavar="FILE", help="write the map at the end")
+    slam.add_argument("--localize-only", action="store_true", help="leave the map as it is")
+    out = p.add_argument_group("output")
+    out.add_argument("--output", metavar="DIR", help="default: runs/NAME-MODE")
+    out.add_argument("--overwrite", action="store_true", help="write over another run's folder")
+    out.add_argument("--quiet", action="store_true", help="no progress, no table")
+    p.set_defaults(command=_run)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("kys-slam", description=_DESCRIPTION,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--version", action="version", version=f"KYS-SLAM {kys_slam.__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _add_run(commands)
+
+    p = commands.add_parser("evaluate", help="errors of a run, or of a trajectory, in figures")
+    p.add_argument("estimate", metavar="RUN|FILE", help="folder of a run, or a TUM file")
+    p.add_argument("--reference", metavar="FILE",
+                   help="TUM file of the same camera (default: the run's ground_truth.tum)")
+    p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
+    p.add_argument("--json", action="store_true")
+    p.set_defaults(command=_evaluate)
+
+    p = commands.add_parser("plot", help="paths of one or several runs, with their ground truth")
+    p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or TUM files")
+    p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
+    p.set_defaults(command=_plot)
+
+    p = commands.add_parser("calibrate", help="what a calibration file says, rectified")
+    p.add_argument("files", nargs="+", metavar="FILE")
+    p.add_argument("--calibration-unit", type=float, default=1, metavar="M")
+    p.add_argument("--size", metavar="WxH", help="of the images, for files that do not say")
+    p.set_defaults(command=_calibrate)
+
+    p = commands.add_parser("priors", help="what prior files hold")
+    p.add_argument("files", nargs="+", metavar="FILE|DIR")
+    p.set_defaults(command=_priors)
+
+    p = commands.add_parser("settings", help="every setting with its default")
+    p.add_argument("--kind", choices=("driving", "indoor"), default="driving")
+    p.set_defaults(command=_settings)
+
+    p = commands.add_parser("demo", help="track a small simulated corridor: does it work here?")
+    p.add_argument("--frames", type=int, default=40)
+    p.set_defaults(command=_demo)
+    return parser
+
+
+# run
+
+def _read_rig(args):
+    if not args.calibration:
+        raise InputError("which camera is it? --calibration FILE (Kalibr camchain, OpenCV stereo "
+                         "calibration, own YAML, or two camera_info files)")
+    return kys_slam.read_stereo_rig(args.calibration, args.calibration_unit)
+
+
+def _open(args):
+    """The recording that the command line names."""
+    from kys_slam import recordings
+    paths = [Path(p) for p in args.input]
+    part = {"start": args.start, "frames": args.frames}
+    if args.start < 0 or (args.frames is not None and args.frames < 1):
+        raise InputError("--start must not be negative, --frames at least 1")
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
+    suffixes = {p.suffix.lower() for p in paths}
+    if len(paths) > 2:
+        raise InputError("give one recording, or LEFT and RIGHT")
+    if len(paths) == 2:
+        if all(p.is_dir() for p in paths):
+            tolerance = {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
+            return kys_slam.open_image_pair(*paths, _read_rig(args), rate=args.rate,
+                                            times=args.times, **part, **tolerance)
+        if suffixes <= recordings.VIDEO_SUFFIXES:
+            return recordings.open_videos(*paths, _read_rig(args), rate=args.rate, **part)
+        raise InputError(f"{paths[0]}, {paths[1]}: neither two folders of images nor two videos")
+    path = paths[0]
+    if suffixes <= recordings.VIDEO_SUFFIXES:
+        return recordings.open_videos(path, None, _read_rig(args), rate=args.rate, **part)
+    if path.suffix == ".kysp" or (path.is_dir() and any(path.glob("*.kysp"))):
+        raise InputError(f"{path}: prior files; give the recording, and these to --priors")
+    if path.is_dir() and (path / "summary.json").exists():
+        raise InputError(f"{path}: the results of a run; kys-slam evaluate or kys-slam plot")
+    is_ros2 = path.is_dir() and (path / "metadata.yaml").exists()
+    if suffixes <= recordings.BAG_SUFFIXES and path.is_file() or is_ros2:
+        rig = _read_rig(args) if args.calibration else None
+        return recordings.open_bag(path, rig, topics=args.topics,
+                                   tolerance=args.tolerance or 0.01, **part)
+    if path.is_dir():
+        inside = _pair_inside(path)
+        if inside:
+            return kys_slam.open_image_pair(*inside, _read_rig(args), rate=args.rate,
+                                            times=args.times, **part)
+    tolerance = {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
+    if args.calibration:
+        raise InputError(f"{path}: sequences of known layouts bring their calibration; without "
+                         "--calibration, or give LEFT and RIGHT")
+    return kys_slam.open_sequence(path, **part, **tolerance)
+
+
+def _pair_inside(path: Path):
+    """The folders left and right of a folder that has them."""
+    for names in (("left", "right"), ("image_left", "image_right")):
+        pair = tuple(path / name for name in names)
+        if all(p.is_dir() for p in pair):
+            return pair
+    return None
+
+
+def _make_settings(args, layout: str) -> kys_slam.Settings:
+    indoor = args.kind == "indoor" or (args.kind is None and layout in INDOOR_LAYOUTS)
+    settings = kys_slam.Settings.indoor() if indoor else kys_slam.Settings()
+    if args.config:
+        settings.load(args.config)
+    for assignment in args.settings:
+        key, equals, value = assignment.partition("=")
+        if not equals:
+            raise InputError(f"'{assignment}' sets nothing: KEY=VALUE expected")
+        settings[key] = value
+    if args.mode:
+        settings["kys.mode"] = args.mode
+    elif args.priors and settings.get("kys.mode") == "stock":
+        settings["kys.mode"] = "kys"
+    settings.check()
+    mode = settings.get("kys.mode")
+    if not args.priors and kys_slam.mode_needs_priors(mode):
+        raise InputError(f"mode {mode} needs priors: give --priors DIR, or --mode stock")
+    return settings
+
+
+def _output_folder(args, name: str, mode: str) -> Path:
+    if args.output:
+        folder = Path(args.output)
+        if not args.overwrite and any((folder / f).exists() for f in RUN_FILES):
+            raise InputError(f"{folder}: holds another run; --overwrite, or another --output")
+    else:
+        folder = Path("runs") / f"{name}-{mode}"
+        number = 2
+        while not args.overwrite and folder.exists() and any(folder.iterdir()):
+            folder = Path("runs") / f"{name}-{mode}-{number}"
+            number += 1
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write {folder}: {error.strerror}") from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"cannot write {folder}")
+    return folder
+
+
+class _Progress:
+    """A bar on a terminal, a line now and then elsewhere."""
+
+    def __init__(self, total: int, quiet: bool) -> None:
+        self.total, self.quiet, self.bar = total, quiet, sys.stderr.isatty()
+        self.last = self.start = time.monotonic()
+
+    def update(self, done: int) -> None:
+        now = time.monotonic()
+        if self.quiet or now - self.last < (0.2 if self.bar else 10):
+            return
+        self.last = now
+        of = f" of {self.total}" if self.total else ""
+        rate = done / max(1e-6, now - self.start)
+        text = f"tracking: frame {done}{of}, {rate:.1f} per second"
+        print("\r\x1b[K" + text if self.bar else text, end="" if self.bar else "\n",
+              file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if self.bar and not self.quiet:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _check_pair(frame) -> None:
+    check = kys_slam.check_stereo_pair(frame.left, frame.right)
+    if check.problem:
+        raise InputError(f"frame {frame.name}: {check.problem} (--no-check to go on)")
+
+
+def _run(args) -> int:
+    began = time.monotonic()
+    recording = _open(args)
+    settings = _make_settings(args, recording.layout)
+    if args.localize_only and not args.load_map:
+        raise InputError("--localize-only needs --load-map")
+    if isinstance(recording, kys_slam.Sequence):
+        recording.check_octaves(settings)
+    mode = settings.get("kys.mode")
+    masks = None
+    if args.masks:
+        from kys_slam.masks import MaskFolder
+        masks = MaskFolder(args.masks)
+    output = _output_folder(args, recording.name, mode)
+    slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
+                           strict_priors=args.strict_priors)
+    if args.load_map:
+        slam.load_map(args.load_map, args.localize_only)
+    progress = _Progress(len(recording), args.quiet)
+    end_reason, done = "", 0
+    start_up_s = time.monotonic() - began
+    wall, cpu = time.monotonic(), time.process_time()
+    try:
+        for frame in recording:
+            if done == 0 and not args.no_check and frame.left is not None:
+                _check_pair(frame)
+            if args.schedule == "realtime":
+                if done == 0:
+                    first = frame.timestamp - (time.monotonic() - wall)
+                time.sleep(max(0, frame.timestamp - first - (time.monotonic() - wall)))
+            mask = masks(frame.name) if masks else None
+            if isinstance(frame, kys_slam.StereoFrame):
+                slam.feed_frame(frame, masks=mask)
+            else:
+                slam.feed(frame.left, frame.right, frame.timestamp, masks=mask, name=frame.name)
+            done += 1
+            progress.update(done)
+    except KeyboardInterrupt:
+        end_reason = "interrupted"
+        slam.interrupt()
+    except InputError as error:
+        if done == 0:
+            raise
+        end_reason = str(error)
+    progress.end()
+    slam.finish()
+    result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
+                            wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
+                            end_reason=end_reason)
+    if args.save_map:
+        slam.save_map(args.save_map)
+    if not args.quiet:
+        print(result["table"], end="")
+        for what, count in _counts(recording, masks).items():
+            print(f"  {what:<28} {count}")
+        print(f"\nresults in {output}")
+    if end_reason and end_reason != "interrupted":
+        print(f"kys-slam: {end_reason}", file=sys.stderr)
+        return BAD_INPUT
+    if 2 * result["tracked"] < result["frames"] or not result["frames"]:
+        print(f"kys-slam: tracking failed: {result['tracked']} of {result['frames']} frames tracked",
+              file=sys.stderr)
+        return TRACKING_FAILED
+    return 0
+
+
+def _counts(recording, masks) -> dict:
+    counts = dict(getattr(recording, "counts", {}))
+    if getattr(recording, "dropped", 0):
+        counts["images without a partner"] = recording.dropped
+    if masks and masks.missing:
+        counts["frames without a mask"] = masks.missing
+    return {what: count for what, count in counts.items() if count}
+
+
+# evaluate, plot, calibrate, priors, settings
+
+def _trajectory_of(path: str):
+    path = Path(path)
+    return kys_slam.read_tum(path / "trajectory.tum" if path.is_dir() else path)
+
+
+def _evaluate(args) -> int:
+    reference = args.reference
+    if reference is None:
+        reference = Path(args.estimate) / "ground_truth.tum"
+        if not reference.exists():
+            raise InputError(f"{args.estimate}: has no ground truth; give --reference FILE")
+    figures = kys_slam.evaluate(*kys_slam.read_tum(reference), *_trajectory_of(args.estimate),
+                                alignment=args.align)
+    if figures["pairs"] < 2:
+        raise InputError("the two trajectories have no times in common")
+    if args.json:
+        print(json.dumps(figures, indent=2))
+        return 0
+    ate, rpe = figures["ate_m"], figures["rpe_translation_m"]
+    print(f"  poses compared    {figures['pairs']}")
+    print(f"  path length       {figures['reference_length_m']:.2f} m")
+    print(f"  ATE, rmse         {ate['rmse']:.4f} m (median {ate['median']:.4f}, "
+          f"max {ate['max']:.4f})")
+    print(f"  RPE, rmse         {rpe['rmse']:.4f} m, {figures['rpe_rotation_deg']['rmse']:.4f} deg")
+    if figures["kitti_segments"]:
+        print(f"  KITTI             {figures['kitti_translation_percent']:.3f} %, "
+              f"{figures['kitti_rotation_deg_per_100m']:.4f} deg per 100 m")
+    return 0
+
+
+def _plot(args) -> int:
+    try:
+        import matplotlib
+        matplotlib.use("Agg")
+        from matplotlib import pyplot as plt
+    except ImportError:
+        raise InputError("plots need matplotlib: pip install matplotlib") from None
+    figure, axes = plt.subplots(figsize=(7, 7))
+    truth_drawn = False
+    for run in args.runs:
+        _, poses = _trajectory_of(run)
+        axes.plot(poses[:, 0, 3], poses[:, 2, 3], label=Path(run).name, linewidth=1.2)
+        truth = Path(run) / "ground_truth.tum"
+        if truth.exists() and not truth_drawn:
+            times, poses = _trajectory_of(run)
+            aligned = _aligned_truth(kys_slam.read_tum(truth), (times, poses))
+            axes.plot(aligned[:, 0], aligned[:, 2], "k--", label="ground truth", linewidth=0.9)
+            truth_drawn = True
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("z, m")
+    axes.set_aspect("equal", "datalim")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    figure.savefig(args.output, dpi=150, bbox_inches="tight")
+    print(f"wrote {args.output}")
+    return 0
+
+
+def _aligned_truth(truth, estimate) -> np.ndarray:
+    """Positions of the ground truth in the estimate's frame (least squares, SE(3))."""
+    times, poses = truth
+    nearest = np.clip(np.searchsorted(times, estimate[0]), 0, len(times) - 1)
+    a, b = poses[nearest][:, :3, 3], estimate[1][:, :3, 3]
+    u, _, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+    r = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return (poses[:, :3, 3] - a.mean(0)) @ r.T + b.mean(0)
+
+
+def _calibrate(args) -> int:
+    rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
+    width, height = rig.size
+    if args.size:
+        try:
+            width, height = (int(v) for v in args.size.lower().split("x"))
+        except ValueError:
+            raise InputError(f"'{args.size}' is no size: WxH") from None
+    if width == 0:
+        raise InputError(f"{rig.name}: does not say the size of the images; give --size WxH")
+    rig.settle_size(width, height)
+    camera = rig.rectified()
+    print(f"  raw images   {width}x{height} px, cameras {rig.baseline:.5f} m apart"
+          + (", rectified already" if camera else ""))
+    camera = camera or kys_slam.StereoRectifier(rig).camera
+    print(f"  rectified    fx {camera.fx:.3f} px, cx {camera.cx:.3f} px, cy {camera.cy:.3f} px, "
+          f"baseline {camera.baseline:.5f} m")
+    return 0
+
+
+def _priors(args) -> int:
+    from kys_slam.kysp import DYNAMIC
+    files: List[Path] = []
+    for name in args.files:
+        path = Path(name)
+        found = sorted(path.glob("*.kysp")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: has no prior files (*.kysp)")
+        files += found
+    for path in files:
+        frame = kys_slam.read_prior(path)
+        cameras = []
+        for camera in frame.cameras:
+            moving = int(np.count_nonzero(camera.segments["flags"] & DYNAMIC))
+            covered = 100 * np.count_nonzero(camera.segment_map) / camera.segment_map.size
+            cameras.append(f"{len(camera.segments)} segments ({moving} moving), "
+                           f"{covered:.1f} % covered")
+        height, width = frame.cameras[0].segment_map.shape
+        print(f"{path}: {width}x{height}, {frame.label_space}; " + "; ".join(cameras))
+    return 0
+
+
+def _settings(args) -> int:
+    settings = kys_slam.Settings.indoor() if args.kind == "indoor" else kys_slam.Settings()
+    print(settings.to_yaml(), end="")
+    return 0
+
+
+def _demo(args) -> int:
+    from kys_slam.demo import run_demo
+    return run_demo(args.frames)
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    try:
+        return args.command(args)
+    except InputError as error:
+        print(f"kys-slam: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"kys-slam: {error.filename or ''}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    except BrokenPipeError:
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,150 @@
+"""The SLAM system."""
+
+import os
+from typing import Callable, NamedTuple, Optional, Tuple, Union
+
+import numpy as np
+
+from . import _core
+from .priors import PriorFrame, encode_prior
+
+PathLike = Union[str, os.PathLike]
+
+
+class Trajectory(NamedTuple):
+    """One entry per frame fed."""
+
+    timestamps: np.ndarray  #: (N,) float64, s
+    poses: np.ndarray  #: (N, 4, 4) float64, left camera to world, m
+    connected: np.ndarray  #: (N,) bool: in the frame of the sub-map with most frames; False: lost
+    submaps: np.ndarray  #: (N,) int64: number of the frame's sub-map, -1: lost
+
+
+class Observation(NamedTuple):
+    """What the system saw in one frame; arrays have one entry per keypoint of the left image."""
+
+    report: _core.FrameReport
+    keypoints: np.ndarray  #: (N, 2) float32, px
+    octaves: np.ndarray  #: (N,) uint8, pyramid level
+    depths: np.ndarray  #: (N,) float32, m; negative: no stereo match
+    landmarks: np.ndarray  #: (N,) int64, id of the landmark seen; -1: none
+    labels: Optional[np.ndarray]  #: (N,) uint16, 65535 none; None: no priors for this frame
+    instances: Optional[np.ndarray]  #: (N,) int32
+    motions: Optional[np.ndarray]  #: (N,) float32, 0..100
+
+
+class MapSnapshot(NamedTuple):
+    """The map at one moment. Positions are in the frame of the sub-map they belong to."""
+
+    frames: int  #: fed so far
+    main_submap: int  #: the one the trajectory is expressed in
+    keyframe_ids: np.ndarray  #: (K,) uint32
+    keyframe_submaps: np.ndarray  #: (K,) uint32
+    keyframe_times: np.ndarray  #: (K,) float64, s
+    keyframe_poses: np.ndarray  #: (K, 4, 4) float64, left camera to world, m
+    landmark_ids: np.ndarray  #: (L,) uint32
+    landmark_submaps: np.ndarray  #: (L,) uint32
+    landmark_labels: np.ndarray  #: (L,) uint16, index in the label space; 65535: none
+    landmark_instances: np.ndarray  #: (L,) int32, -1: none
+    landmark_observations: np.ndarray  #: (L,) uint32, keyframes that see it
+    landmark_points: np.ndarray  #: (L, 3) float64, m
+    edges: np.ndarray  #: (E, 2) uint32, keyframe ids, the later one first
+    edge_shared: np.ndarray  #: (E,) int32, landmarks both see
+    edge_tree: np.ndarray  #: (E,) bool, edge of the spanning tree
+    edge_loop: np.ndarray  #: (E,) bool, closed loop
+
+
+class System(_core.System):
+    """The SLAM system: feed rectified stereo frames in order, get poses.
+
+    camera: the rectified pair.
+    settings: Settings, or a dict of them; None: the defaults (driving).
+    schedule: "pipelined" (mapping beside tracking), "sequential": both reproducible; "realtime".
+    priors: folder of prior files, found by the name given with a frame; None: none.
+    strict_priors: a missing prior file raises InputError.
+    observer: called with an Observation after every frame, in the thread that feeds.
+
+    Poses, trajectory, map and snapshot may be asked for from any thread at any time.
+    """
+
+    def __init__(self, camera: _core.StereoCamera,
+                 settings: Union[_core.Settings, dict, None] = None, schedule: str = "pipelined",
+                 priors: Optional[PathLike] = None, *, strict_priors: bool = False,
+                 observer: Optional[Callable[[Observation], None]] = None) -> None:
+        if settings is None or isinstance(settings, dict):
+            settings = _core.Settings(settings or {})
+        super().__init__(camera, settings, schedule, priors, strict_priors)
+        if observer is not None:
+            self.set_observer(observer)
+
+    def feed(self, left: np.ndarray, right: np.ndarray, timestamp: float,
+             segments: Union[PriorFrame, bytes, None] = None,
+             masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None, *,
+             name: str = "", bgr: bool = False) -> _core.FrameReport:
+        """Tracks the next frame.
+
+        left, right: (H, W) uint8, (H, W) uint16 (the high byte counts) or (H, W, 3) uint8; any
+            strides. Rectified, of the camera's size.
+        timestamp: s, strictly increasing.
+        segments: the priors of this frame (or the bytes of a prior file), in place of the folder's.
+        masks: (left, right), (H, W) uint8 each or None: 0 use, anything else not.
+        name: of the frame, by which its prior file is found.
+        bgr: colour images are in OpenCV's order.
+        """
+        return self._feed(left, right, timestamp, name, _as_bytes(segments), _as_pair(masks), bgr)
+
+    def feed_frame(self, frame: _core.StereoFrame,
+                   segments: Union[PriorFrame, bytes, None] = None,
+                   masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None
+                   ) -> _core.FrameReport:
+        """The same with a frame of a Sequence."""
+        return self._feed_frame(frame, _as_bytes(segments), _as_pair(masks))
+
+    def set_observer(self, observer: Optional[Callable[[Observation], None]]) -> None:
+        """Calls `observer` after every frame that is fed from now on; None: nobody."""
+        if observer is None:
+            self._set_observer(None)
+        else:
+            self._set_observer(lambda seen: observer(Observation(**seen)))
+
+    def trajectory(self) -> Trajectory:
+        """Poses of all frames fed, as the map is now; final after finish()."""
+        times, poses, connected, submaps = self._trajectory()
+        return Trajectory(times, poses, connected.astype(bool), submaps)
+
+    def keyframes(self) -> Tuple[np.ndarray, np.ndarray]:
+        """Times (K,) s and poses (K, 4, 4) of the keyframes of the trajectory's sub-map."""
+        return self._keyframes()
+
+    def snapshot(self) -> MapSnapshot:
+        """The whole map as it is now."""
+        d = self._snapshot()
+        for key in ("edge_tree", "edge_loop"):
+            d[key] = d[key].astype(bool)
+        return MapSnapshot(**d)
+
+    def write_run(self, folder: PathLike, sequence: str = "sequence",
+                  ground_truth: Optional[Tuple[np.ndarray, np.ndarray]] = None, *,
+                  start_up_s: float = 0, wall_s: float = 0, cpu_s: float = 0,
+                  end_reason: str = "") -> dict:
+        """After finish(): the folder a command line run leaves (trajectory.tum, summary.json, ...).
+
+        ground_truth: times (N,) s and poses (N, 4, 4) of the left camera.
+        end_reason: why the run is not complete; "": it is.
+        Returns a dict: frames, tracked, loops, table (text).
+        """
+        return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
+                               end_reason)
+
+
+def _as_bytes(segments: Union[PriorFrame, bytes, None]) -> Optional[bytes]:
+    if segments is None or isinstance(segments, bytes):
+        return segments
+    return encode_prior(segments)
+
+
+def _as_pair(masks) -> Tuple[Optional[np.ndarray], Optional[np.ndarray]]:
+    if masks is None:
+        return (None, None)
+    left, right = masks
+    return (left, right)

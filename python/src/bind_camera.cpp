@@ -1,0 +1,167 @@
+#include <kys_slam/calibration_hash.h>
+#include <kys_slam/check_pair.h>
+#include <kys_slam/stereo_rig.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include "arrays.h"
+#include "bind.h"
+
+namespace kys_slam {
+
+using namespace nb::literals;
+
+namespace {
+
+nb::ndarray<nb::numpy, std::uint8_t> rectify(const StereoRectifier& rectifier, const AnyArray& raw,
+                                             bool bgr, bool left) {
+  const ImageView view = view_of(raw, "image", bgr);
+  GrayImage result;
+  {
+    const nb::gil_scoped_release released;
+    const GrayImage gray = to_gray(view);
+    result = left ? rectifier.rectify_left(gray) : rectifier.rectify_right(gray);
+  }
+  return image_to_numpy(std::move(result));
+}
+
+std::string describe(const StereoCamera& c) {
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "StereoCamera(width=%d, height=%d, fx=%.10g, fy=%.10g, cx=%.10g, cy=%.10g, "
+                "baseline=%.10g)",
+                c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.baseline);
+  return text;
+}
+
+}  // namespace
+
+void bind_camera(nb::module_& m) {
+  nb::class_<StereoCamera>(
+      m, "StereoCamera",
+      "A rectified stereo pair: two pinhole cameras with equal intrinsics, the "
+      "right one `baseline` metres to the right of the left one.")
+      .def(
+          "__init__",
+          [](StereoCamera* self, int width, int height, double fx, double fy, double cx, double cy,
+             double baseline) {
+            const StereoCamera camera{width, height, fx, fy, cx, cy, baseline};
+            if (!camera.is_valid()) throw InputError("the camera's calibration makes no sense");
+            new (self) StereoCamera(camera);
+          },
+          "width"_a, "height"_a, "fx"_a, "fy"_a, "cx"_a, "cy"_a, "baseline"_a,
+          "width, height, fx, fy, cx, cy in px (integer coordinates are pixel centres), baseline "
+          "in "
+          "m.")
+      .def_ro("width", &StereoCamera::width, "px")
+      .def_ro("height", &StereoCamera::height, "px")
+      .def_ro("fx", &StereoCamera::fx, "px")
+      .def_ro("fy", &StereoCamera::fy, "px")
+      .def_ro("cx", &StereoCamera::cx, "px")
+      .def_ro("cy", &StereoCamera::cy, "px")
+      .def_ro("baseline", &StereoCamera::baseline, "m")
+      .def("calibration_hash", &calibration_hash,
+           "Identifies the calibration in prior files; never 0.")
+      .def(
+          "__eq__", [](const StereoCamera& a, const StereoCamera& b) { return a == b; },
+          nb::is_operator())
+      .def("__repr__", &describe);
+
+  nb::class_<StereoRig>(m, "StereoRig", "Two raw cameras and where they are to each other.")
+      .def_ro("name", &StereoRig::name, "the calibration file")
+      .def_prop_ro("baseline", &StereoRig::baseline, "m")
+      .def_prop_ro(
+          "size", [](const StereoRig& r) { return nb::make_tuple(r.left.width, r.left.height); },
+          "(width, height) of the raw images, px; (0, 0): the file does not say")
+      .def("settle_size", &StereoRig::settle_size, "width"_a, "height"_a,
+           "Raises InputError when the calibration was made for another image size, or when the "
+           "baseline is not between 5 mm and 5 m.")
+      .def("rectified", &StereoRig::rectified,
+           "The StereoCamera when the images need no rectification, else None.");
+
+  m.def(
+      "read_stereo_rig",
+      [](const std::vector<std::filesystem::path>& files, double unit) {
+        return read_stereo_rig(files, unit);
+      },
+      "files"_a, "unit"_a = 1.0,
+      "Reads a stereo calibration: Kalibr camchain, OpenCV stereoCalibrate, own YAML (one file), "
+      "or "
+      "ROS camera_info of both cameras (two files: left, right). `unit`: m per unit of length in "
+      "the file (0.001 for mm).");
+  m.def(
+      "rig_from_camera_info",
+      [](const std::vector<nb::dict>& infos, const std::string& name) {
+        if (infos.size() != 2) throw InputError(name + ": camera_info of two cameras is needed");
+        CameraInfo parsed[2];
+        for (std::size_t i = 0; i < 2; ++i) {
+          const nb::dict& d = infos[i];
+          parsed[i].width = nb::cast<int>(d["width"]);
+          parsed[i].height = nb::cast<int>(d["height"]);
+          parsed[i].distortion_model = nb::cast<std::string>(d["distortion_model"]);
+          parsed[i].D = nb::cast<std::vector<double>>(d["D"]);
+          parsed[i].K = nb::cast<std::array<double, 9>>(d["K"]);
+          parsed[i].R = nb::cast<std::array<double, 9>>(d["R"]);
+          parsed[i].P = nb::cast<std::array<double, 12>>(d["P"]);
+        }
+        return rig_from_camera_info(parsed[0], parsed[1], name);
+      },
+      "infos"_a, "name"_a,
+      "A rig from two dicts with the fields of ROS's CameraInfo: width, height, distortion_model, "
+      "D, "
+      "K, R, P. Left first.");
+
+  nb::class_<StereoRectifier>(m, "StereoRectifier",
+                              "Turns raw images of two cameras into a rectified pair.")
+      .def(
+          "__init__",
+          [](StereoRectifier* self, const StereoRig& rig) {
+            new (self) StereoRectifier(rig.left, rig.right, rig.name);
+          },
+          "rig"_a)
+      .def_prop_ro("camera", &StereoRectifier::camera, "the rectified pair")
+      .def(
+          "rectify_left",
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
+            return rectify(r, image, bgr, true);
+          },
+          "image"_a, nb::kw_only(), "bgr"_a = false,
+          "(H, W) or (H, W, 3) uint8, or (H, W) uint16, to (H, W) uint8.")
+      .def(
+          "rectify_right",
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
+            return rectify(r, image, bgr, false);
+          },
+          "image"_a, nb::kw_only(), "bgr"_a = false, "As rectify_left.");
+
+  nb::class_<PairCheck>(m, "PairCheck", "What matches say about a stereo pair.")
+      .def_ro("matches", &PairCheck::matches, "features found in both images")
+      .def_ro("row_offset", &PairCheck::row_offset, "px, median of right row - left row")
+      .def_ro("row_spread", &PairCheck::row_spread, "px")
+      .def_ro("backward_share", &PairCheck::backward_share, "of matches with disparity < -2 px")
+      .def_ro("median_disparity", &PairCheck::median_disparity, "px")
+      .def_ro("problem", &PairCheck::problem, "one sentence, or \"\"");
+  m.def(
+      "check_stereo_pair",
+      [](const AnyArray& left, const AnyArray& right, bool bgr) {
+        const ImageView l = view_of(left, "left image", bgr);
+        const ImageView r = view_of(right, "right image", bgr);
+        const nb::gil_scoped_release released;
+        return check_stereo_pair(to_gray(l), to_gray(r));
+      },
+      "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
+      "Says whether two images that should be a rectified pair are swapped or not rectified.");
+  m.def(
+      "to_gray",
+      [](const AnyArray& image, bool bgr) {
+        const ImageView view = view_of(image, "image", bgr);
+        return image_to_numpy(to_gray(view));
+      },
+      "image"_a, nb::kw_only(), "bgr"_a = false,
+      "(H, W) or (H, W, 3) uint8, or (H, W) uint16 (its high byte), as (H, W) uint8 grey.");
+}
+
+}  // namespace kys_slam

@@ -1,0 +1,254 @@
+#include <kys_slam/frame_input.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/image_pair.h>
+#include <kys_slam/prior_writer.h>
+#include <kys_slam/read_ahead.h>
+#include <kys_slam/settings.h>
+#include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+#include <fstream>
+#include <memory>
+
+#include "arrays.h"
+#include "bind.h"
+
+namespace kys_slam {
+
+using namespace nb::literals;
+
+namespace {
+
+/// A frame input with its frames read ahead.
+struct Input {
+  explicit Input(FrameInput given) : input(std::move(given)) {}
+
+  std::optional<StereoFrame> next() {
+    const nb::gil_scoped_release released;
+    if (!ahead) ahead = std::make_unique<ReadAhead>(*input.frames);
+    return ahead->next();
+  }
+
+  FrameInput input;
+  std::unique_ptr<ReadAhead> ahead;  // joins before `input` goes
+};
+
+SequenceOptions part(std::int64_t start, std::optional<std::int64_t> frames, double tolerance) {
+  SequenceOptions options;
+  options.start = start;
+  options.frames = frames;
+  options.pairing_tolerance = tolerance;
+  return options;
+}
+
+nb::object image_of(nb::handle frame, const GrayImage& image) {
+  if (image.empty()) return nb::none();
+  return nb::cast(nb::ndarray<nb::numpy, const std::uint8_t>(
+      image.data(),
+      {static_cast<std::size_t>(image.height()), static_cast<std::size_t>(image.width())}, frame));
+}
+
+/// One camera of a prior file as Python gives it.
+CameraPriors camera_priors(const nb::dict& camera) {
+  using Map = nb::ndarray<const std::uint16_t, nb::ndim<2>, nb::device::cpu, nb::c_contig>;
+  using Motion = nb::ndarray<const float, nb::ndim<2>, nb::device::cpu, nb::c_contig>;
+  CameraPriors priors;
+  const auto map = nb::cast<Map>(camera["segment_map"]);
+  if (map.shape(0) < 1 || map.shape(1) < 1 || map.shape(0) > 16384 || map.shape(1) > 16384) {
+    throw InputError("segment_map: sides must be 1 to 16384 px");
+  }
+  const int width = static_cast<int>(map.shape(1)), height = static_cast<int>(map.shape(0));
+  priors.segment_map = ImageOf<std::uint16_t>(width, height);
+  std::memcpy(priors.segment_map.data(), map.data(), map.nbytes());
+  if (!camera["motion"].is_none()) {
+    const auto motion = nb::cast<Motion>(camera["motion"]);
+    if (motion.shape(0) != map.shape(0) || motion.shape(1) != map.shape(1)) {
+      throw InputError("motion and segment_map differ in size");
+    }
+    priors.motion = ImageOf<float>(width, height);
+    std::memcpy(priors.motion.data(), motion.data(), motion.nbytes());
+  }
+  for (const nb::handle row : camera["segments"]) {
+    PriorSegment segment;
+    segment.label = nb::cast<std::uint16_t>(row[0]);
+    segment.flags = nb::cast<std::uint16_t>(row[1]);
+    segment.instance = nb::cast<std::int32_t>(row[2]);
+    segment.scale = nb::cast<float>(row[3]);
+    segment.score = nb::cast<float>(row[4]);
+    priors.segments.push_back(segment);
+  }
+  return priors;
+}
+
+nb::bytes encode(const std::string& label_space, const std::vector<nb::dict>& cameras,
+                 std::uint64_t calibration_hash, std::uint64_t content_key, bool has_motion) {
+  FramePriors frame;
+  frame.label_space = label_space;
+  frame.calibration_hash = calibration_hash;
+  frame.content_key = content_key;
+  frame.has_motion = has_motion;
+  for (const nb::dict& camera : cameras) frame.cameras.push_back(camera_priors(camera));
+  std::vector<std::uint8_t> bytes;
+  {
+    const nb::gil_scoped_release released;
+    bytes = encode_priors(frame, "priors");
+  }
+  return nb::bytes(bytes.data(), bytes.size());
+}
+
+nb::dict decode(const nb::bytes& data, const std::string& name) {
+  const auto* begin = static_cast<const std::uint8_t*>(data.data());
+  const PriorFile file = PriorFile::parse({begin, begin + data.size()}, name);
+  FramePriors frame = decode_priors(file);
+  nb::list cameras;
+  const auto w = static_cast<std::size_t>(file.width()),
+             h = static_cast<std::size_t>(file.height());
+  for (CameraPriors& camera : frame.cameras) {
+    nb::list rows;
+    for (const PriorSegment& s : camera.segments) {
+      rows.append(nb::make_tuple(s.label, s.flags, s.instance, s.scale, s.score, s.area));
+    }
+    const auto* map = camera.segment_map.data();
+    nb::dict d;
+    d["segments"] = rows;
+    d["segment_map"] = to_numpy(std::vector<std::uint16_t>(map, map + w * h), {h, w});
+    std::vector<float> motion(w * h, 0.0F);
+    if (!camera.motion.empty()) motion.assign(camera.motion.data(), camera.motion.data() + w * h);
+    d["motion"] = to_numpy(std::move(motion), {h, w});
+    cameras.append(d);
+  }
+  nb::dict result;
+  result["label_space"] = frame.label_space;
+  result["calibration_hash"] = frame.calibration_hash;
+  result["content_key"] = frame.content_key;
+  result["has_motion"] = frame.has_motion;
+  result["cameras"] = cameras;
+  return result;
+}
+
+Input wrap(std::unique_ptr<Sequence> sequence) {
+  FrameInput input;
+  input.name = sequence->name();
+  input.layout = sequence->layout();
+  input.ground_truth = sequence->ground_truth();
+  input.frames = std::move(sequence);
+  return Input(std::move(input));
+}
+
+}  // namespace
+
+void bind_sequence(nb::module_& m) {
+  nb::class_<StereoFrame>(m, "StereoFrame", "A rectified stereo pair, or features in its place.")
+      .def_ro("index", &StereoFrame::index, "position in the sequence, from 0")
+      .def_ro("name", &StereoFrame::name, "stem of the left image's file name; \"\": none")
+      .def_ro("timestamp", &StereoFrame::timestamp, "s")
+      .def_prop_ro(
+          "left",
+          [](nb::handle_t<StereoFrame> self) {
+            return image_of(self, nb::cast<const StereoFrame&>(self).left);
+          },
+          "(H, W) uint8; None when the frame has features")
+      .def_prop_ro(
+          "right",
+          [](nb::handle_t<StereoFrame> self) {
+            return image_of(self, nb::cast<const StereoFrame&>(self).right);
+          },
+          "(H, W) uint8; None when the frame has features");
+
+  nb::class_<Input>(m, "Sequence", "Recorded stereo frames, in order: iterate over it once.")
+      .def_prop_ro("name", [](const Input& s) { return s.input.name; })
+      .def_prop_ro(
+          "layout", [](const Input& s) { return s.input.layout; },
+          "\"KITTI odometry\", \"KITTI Tracking\", \"Virtual KITTI 2\", \"EuRoC\", \"image pair\", "
+          "\"features\"")
+      .def_prop_ro("camera", [](const Input& s) { return s.input.frames->camera(); })
+      .def_prop_ro("has_images", [](const Input& s) { return s.input.has_images; })
+      .def_prop_ro(
+          "ground_truth",
+          [](const Input& s) -> nb::object {
+            const auto& truth = s.input.ground_truth;
+            if (truth.empty()) return nb::none();
+            return nb::make_tuple(
+                column<double>(truth, [](const TimedPose& p) { return p.timestamp; }),
+                poses_to_numpy(truth, [](const TimedPose& p) { return p.T_w_c; }));
+          },
+          "Times (N,) s and poses (N, 4, 4) of the left camera; None: the sequence has none.")
+      .def_prop_ro(
+          "dropped",
+          [](const Input& s) {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            return sequence == nullptr ? 0 : sequence->dropped();
+          },
+          "Images without a partner in the other camera.")
+      .def("__len__", [](const Input& s) { return s.input.frames->size().value_or(0); })
+      .def(
+          "read",
+          [](const Input& s, std::int64_t position) {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            if (sequence == nullptr)
+              throw InputError("frames of a feature file come in order only");
+            if (position < 0 || position >= sequence->frame_count()) {
+              throw nb::index_error("no such frame");
+            }
+            const nb::gil_scoped_release released;
+            return sequence->read(position);
+          },
+          "position"_a, "The frame at a position, 0 to len - 1; from any thread.")
+      .def(
+          "check_octaves",
+          [](const Input& s, const Settings& settings) {
+            check_octaves(s.input, settings, s.input.name);
+          },
+          "settings"_a, "Raises InputError when features have other octaves than the settings say.")
+      .def("__iter__", [](nb::handle self) { return nb::borrow(self); })
+      .def("__next__", [](Input& s) {
+        std::optional<StereoFrame> frame = s.next();
+        if (!frame) throw nb::stop_iteration();
+        return std::move(*frame);
+      });
+
+  m.def(
+      "open_sequence",
+      [](const std::filesystem::path& path, std::int64_t start, std::optional<std::int64_t> frames,
+         double pairing_tolerance) {
+        return Input(open_frame_input(path, part(start, frames, pairing_tolerance)));
+      },
+      "path"_a, "start"_a = 0, "frames"_a = nb::none(), "pairing_tolerance"_a = 0.003,
+      "Opens a sequence folder of any known layout, or a feature file.");
+  m.def(
+      "open_image_pair",
+      [](const std::filesystem::path& left, const std::filesystem::path& right,
+         const StereoRig& rig, std::int64_t start, std::optional<std::int64_t> frames,
+         double pairing_tolerance, std::optional<double> rate, const std::filesystem::path& times) {
+        ImagePairOptions options;
+        options.part = part(start, frames, pairing_tolerance);
+        options.rate = rate;
+        options.times = times;
+        return wrap(open_image_pair(left, right, rig, options));
+      },
+      "left"_a, "right"_a, "rig"_a, "start"_a = 0, "frames"_a = nb::none(),
+      "pairing_tolerance"_a = 0.003, "rate"_a = nb::none(), "times"_a = "",
+      "Opens the images of two folders. `rate`: frames per second, for names that are no time "
+      "stamps; `times`: a file with one stamp (s) per image.");
+
+  m.def(
+      "decode_gray",
+      [](const nb::bytes& data, const std::string& name) {
+        const std::span<const std::uint8_t> bytes(static_cast<const std::uint8_t*>(data.data()),
+                                                  data.size());
+        return image_to_numpy(decode_gray(bytes, name));
+      },
+      "data"_a, "name"_a, "PNG or JPEG bytes as (H, W) uint8 grey. `name` starts messages.");
+  m.def(
+      "read_indexed",
+      [](const std::filesystem::path& path) { return image_to_numpy(read_indexed(path)); },
+      "path"_a, "The values of an indexed or 8-bit grey PNG, (H, W) uint8.");
+  m.def("_encode_priors", &encode, "label_space"_a, "cameras"_a, "calibration_hash"_a,
+        "content_key"_a, "has_motion"_a);
+  m.def("_decode_priors", &decode, "data"_a, "name"_a);
+}
+
+}  // namespace kys_slam

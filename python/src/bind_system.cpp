@@ -1,0 +1,392 @@
+#include <kys_slam/prior_folder.h>
+#include <kys_slam/run_writer.h>
+#include <kys_slam/system.h>
+#include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/string_view.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <mutex>
+#include <tuple>
+
+#include "arrays.h"
+#include "bind.h"
+
+namespace kys_slam {
+
+using namespace nb::literals;
+
+namespace {
+
+/// Priors of a frame as they were given with it, else those of a folder.
+class Priors final : public PriorProvider {
+ public:
+  bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
+               std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
+               std::vector<kys::Prior>& right_priors) override {
+    if (given) {
+      left_priors.resize(left.size());
+      right_priors.resize(right.size());
+      given->lookup(CameraSide::kLeft, left, left_priors);
+      given->lookup(CameraSide::kRight, right, right_priors);
+      return true;
+    }
+    return folder && folder->look_up(frame, left, right, left_priors, right_priors);
+  }
+
+  std::unique_ptr<PriorFolder> folder;
+  std::optional<PriorFile> given;
+};
+
+void warn(const std::string& message) {
+  const nb::gil_scoped_acquire acquired;
+  nb::module_::import_("warnings").attr("warn")(message);
+}
+
+using MaybeArray = std::optional<AnyArray>;
+
+GrayImage mask_of(const MaybeArray& array, const char* what) {
+  return array ? to_gray(view_of(*array, what, false)) : GrayImage();
+}
+
+/// The system with what Python gives it.
+class Slam {
+ public:
+  Slam(const StereoCamera& camera, const Settings& settings, const std::string& schedule,
+       const std::optional<std::filesystem::path>& priors, bool strict_priors)
+      : settings_(settings), schedule_(parse_schedule(schedule)) {
+    auto provider = std::make_unique<Priors>();
+    expected_ = expected_priors(camera, settings.get("control.label_space"));
+    if (priors) {
+      provider->folder = std::make_unique<PriorFolder>(*priors, expected_, strict_priors, warn);
+    }
+    priors_ = provider.get();
+    const nb::gil_scoped_release released;
+    system_ = std::make_unique<System>(camera, settings, schedule_, std::move(provider));
+  }
+  ~Slam() {
+    const nb::gil_scoped_release released;  // the back end's thread is joined
+    system_.reset();
+  }
+
+  FrameReport feed(const AnyArray& left, const AnyArray& right, double timestamp,
+                   const std::string& name, const std::optional<nb::bytes>& segments,
+                   const std::tuple<MaybeArray, MaybeArray>& masks, bool bgr) {
+    const ImageView l = view_of(left, "left image", bgr), r = view_of(right, "right image", bgr);
+    StereoFrame frame;
+    frame.name = name;
+    frame.timestamp = timestamp;
+    std::optional<PriorFile> given = parse(segments);
+    const nb::gil_scoped_release released;
+    frame.left = to_gray(l);
+    frame.right = to_gray(r);
+    return feed_released(std::move(frame), std::move(given), masks);
+  }
+
+  FrameReport feed_frame(const StereoFrame& frame, const std::optional<nb::bytes>& segments,
+                         const std::tuple<MaybeArray, MaybeArray>& masks) {
+    std::optional<PriorFile> given = parse(segments);
+    const nb::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    priors_->given = std::move(given);
+    ++fed_;
+    return system_->feed(frame, {mask_of(std::get<0>(masks), "left mask"),
+                                 mask_of(std::get<1>(masks), "right mask")});
+  }
+
+  void set_observer(nb::object callback) {
+    if (callback.is_none()) {
+      system_->set_observer({});
+      return;
+    }
+    // Shared, so that copies of the observer need no GIL.
+    auto kept = std::shared_ptr<nb::object>(new nb::object(std::move(callback)), [](nb::object* o) {
+      const nb::gil_scoped_acquire acquired;
+      delete o;
+    });
+    system_->set_observer([kept](const FrameObservation& seen) {
+      const nb::gil_scoped_acquire acquired;
+      (*kept)(observation(seen));
+    });
+  }
+
+  nb::dict write_run(const std::filesystem::path& folder, RunInfo info) {
+    if (priors_->folder) {
+      info.missing_priors = static_cast<std::int64_t>(priors_->folder->missing());
+    }
+    info.mode = settings_.get("kys.mode");
+    RunOutcome outcome;
+    std::string text;
+    {
+      const nb::gil_scoped_release released;
+      outcome = judge_run(*system_, info);
+      kys_slam::write_run(folder, *system_, settings_, schedule_, info, outcome);
+      text = describe_run(*system_, info, outcome);
+    }
+    nb::dict d;
+    d["frames"] = outcome.trajectory.size();
+    d["tracked"] = outcome.tracked;
+    d["loops"] = outcome.loops;
+    d["table"] = text;
+    return d;
+  }
+
+  System& system() { return *system_; }
+  const Settings& settings() const { return settings_; }
+
+ private:
+  std::optional<PriorFile> parse(const std::optional<nb::bytes>& segments) const {
+    if (!segments) return std::nullopt;
+    const auto* begin = static_cast<const std::uint8_t*>(segments->data());
+    return PriorFile::parse({begin, begin + segments->size()}, "segments", expected_);
+  }
+
+  FrameReport feed_released(StereoFrame frame, std::optional<PriorFile> given,
+                            const std::tuple<MaybeArray, MaybeArray>& masks) {
+    const std::lock_guard lock(mutex_);
+    frame.index = fed_;
+    priors_->given = std::move(given);
+    FrameReport report = system_->feed(frame, {mask_of(std::get<0>(masks), "left mask"),
+                                               mask_of(std::get<1>(masks), "right mask")});
+    ++fed_;
+    return report;
+  }
+
+  static nb::dict observation(const FrameObservation& seen) {
+    const auto& keypoints = seen.keypoints;
+    const std::size_t n = keypoints.size();
+    std::vector<float> pixels;
+    for (const Keypoint& k : keypoints) pixels.insert(pixels.end(), {k.x, k.y});
+    nb::dict d;
+    d["report"] = nb::cast(*seen.report);
+    d["keypoints"] = to_numpy(std::move(pixels), {n, 2});
+    d["octaves"] = column<std::uint8_t>(keypoints, [](const Keypoint& k) { return k.octave; });
+    d["depths"] = column<float>(seen.depths, [](float z) { return z; });
+    d["landmarks"] = column<std::int64_t>(seen.landmarks, [](std::int64_t id) { return id; });
+    if (seen.priors.empty()) {
+      d["labels"] = nb::none();
+      d["instances"] = nb::none();
+      d["motions"] = nb::none();
+    } else {
+      d["labels"] = column<std::uint16_t>(seen.priors, [](const kys::Prior& p) { return p.label; });
+      d["instances"] =
+          column<std::int32_t>(seen.priors, [](const kys::Prior& p) { return p.instance; });
+      d["motions"] = column<float>(seen.priors, [](const kys::Prior& p) { return p.motion; });
+    }
+    return d;
+  }
+
+  Settings settings_;
+  Schedule schedule_;
+  ExpectedPriors expected_;
+  Priors* priors_ = nullptr;  // the system's
+  std::mutex mutex_;          // of feeding
+  std::int64_t fed_ = 0;
+  std::unique_ptr<System> system_;
+};
+
+nb::dict to_dict(const StageTimes& t) {
+  nb::dict d;
+  d["total"] = t.total;
+  d["extract"] = t.extract;
+  d["priors"] = t.priors;
+  d["stereo"] = t.stereo;
+  d["track"] = t.track;
+  d["local_mapping"] = t.local_mapping;
+  d["loop"] = t.loop;
+  return d;
+}
+
+nb::dict to_dict(const MapSnapshot& s) {
+  nb::dict d;
+  using K = MapSnapshot::KeyFrame;
+  using L = MapSnapshot::Landmark;
+  using E = MapSnapshot::Edge;
+  d["frames"] = s.frames;
+  d["main_submap"] = s.main_submap;
+  d["keyframe_ids"] = column<std::uint32_t>(s.keyframes, [](const K& k) { return k.id; });
+  d["keyframe_submaps"] = column<std::uint32_t>(s.keyframes, [](const K& k) { return k.submap; });
+  d["keyframe_times"] = column<double>(s.keyframes, [](const K& k) { return k.timestamp; });
+  d["keyframe_poses"] = poses_to_numpy(s.keyframes, [](const K& k) { return k.T_w_c; });
+  std::vector<double> points;
+  for (const L& l : s.landmarks) points.insert(points.end(), {l.p_w.x(), l.p_w.y(), l.p_w.z()});
+  d["landmark_ids"] = column<std::uint32_t>(s.landmarks, [](const L& l) { return l.id; });
+  d["landmark_submaps"] = column<std::uint32_t>(s.landmarks, [](const L& l) { return l.submap; });
+  d["landmark_labels"] = column<std::uint16_t>(s.landmarks, [](const L& l) { return l.label; });
+  d["landmark_instances"] =
+      column<std::int32_t>(s.landmarks, [](const L& l) { return l.instance; });
+  d["landmark_observations"] =
+      column<std::uint32_t>(s.landmarks, [](const L& l) { return l.observations; });
+  d["landmark_points"] = to_numpy(std::move(points), {s.landmarks.size(), 3});
+  std::vector<std::uint32_t> edges;
+  for (const E& e : s.edges) edges.insert(edges.end(), {e.keyframe, e.other});
+  d["edges"] = to_numpy(std::move(edges), {s.edges.size(), 2});
+  d["edge_shared"] = column<std::int32_t>(s.edges, [](const E& e) { return e.shared_landmarks; });
+  d["edge_tree"] = column<std::uint8_t>(s.edges, [](const E& e) { return e.spanning_tree; });
+  d["edge_loop"] = column<std::uint8_t>(s.edges, [](const E& e) { return e.loop; });
+  return d;
+}
+
+/// A C++ call without the GIL.
+template <typename F>
+auto without_gil(F&& f) {
+  const nb::gil_scoped_release released;
+  return f();
+}
+
+/// "true", "1200", "kys": the text of a value.
+std::string setting_text(nb::handle value) {
+  if (nb::isinstance<nb::bool_>(value)) return nb::cast<bool>(value) ? "true" : "false";
+  return nb::cast<std::string>(nb::str(value));
+}
+
+void bind_settings(nb::module_& m) {
+  nb::class_<Settings>(m, "Settings", "Every setting by dotted name; each has a default.")
+      .def(nb::init<>())
+      .def(
+          "__init__",
+          [](Settings* self, const nb::dict& values) {
+            Settings settings;
+            for (const auto [key, value] : values) {
+              settings.set(nb::cast<std::string>(key), setting_text(value));
+            }
+            new (self) Settings(std::move(settings));
+          },
+          "values"_a, "From a dict, e.g. {\"orb.features\": 1200, \"kys.mode\": \"kys\"}.")
+      .def(
+          "__setitem__",
+          [](Settings& s, const std::string& key, nb::handle value) {
+            s.set(key, setting_text(value));
+          },
+          "key"_a, "value"_a,
+          "Raises InputError naming the unknown key, or the value that is not of its type.")
+      .def(
+          "__getitem__", [](const Settings& s, const std::string& key) { return s.get(key); },
+          "key"_a, "The present value as text.")
+      .def("__copy__", [](const Settings& s) { return Settings(s); })
+      .def_static("indoor", &Settings::indoor, "Defaults for a drone or hand-held camera indoors.")
+      .def("load", &Settings::load, "file"_a, "Reads a YAML file over the present values.")
+      .def("get", &Settings::get, "key"_a, "The present value as text.")
+      .def("check", &Settings::check, "Raises InputError naming the first that makes no sense.")
+      .def("to_yaml", &Settings::to_yaml, "All as annotated YAML that load() reads back.")
+      .def(
+          "describe",
+          [](const Settings& s) {
+            nb::list rows;
+            for (const auto& d : s.describe()) {
+              rows.append(nb::make_tuple(d.key, d.value, d.unit, d.meaning));
+            }
+            return rows;
+          },
+          "List of (key, value, unit, meaning).");
+}
+
+void bind_report(nb::module_& m) {
+  nb::class_<FrameReport>(m, "FrameReport", "What came of one frame.")
+      .def_ro("index", &FrameReport::index)
+      .def_ro("name", &FrameReport::name)
+      .def_ro("timestamp", &FrameReport::timestamp, "s")
+      .def_prop_ro(
+          "status", [](const FrameReport& r) { return std::string(to_string(r.status)); },
+          "\"started\", \"tracked\" or \"lost\"")
+      .def_prop_ro("lost", [](const FrameReport& r) { return r.status == FrameStatus::kLost; })
+      .def_ro("reason", &FrameReport::reason, "why it is lost, or how its pose was predicted")
+      .def_ro("relocalised", &FrameReport::relocalised)
+      .def_prop_ro(
+          "pose", [](const FrameReport& r) { return pose_to_numpy(r.T_w_c); }, nb::rv_policy::move,
+          "(4, 4) left camera to world, m, as estimated at this frame; meaningless when lost")
+      .def_ro("keypoints", &FrameReport::keypoints)
+      .def_ro("stereo_matches", &FrameReport::stereo_matches)
+      .def_ro("matches", &FrameReport::matches)
+      .def_ro("inliers", &FrameReport::inliers)
+      .def_ro("keyframe", &FrameReport::keyframe)
+      .def_ro("masked", &FrameReport::masked)
+      .def_ro("prior_coverage", &FrameReport::prior_coverage)
+      .def_prop_ro("times_ms", [](const FrameReport& r) { return to_dict(r.times); })
+      .def_prop_ro("loop", [](const FrameReport& r) { return std::string(to_string(r.loop)); });
+}
+
+}  // namespace
+
+void bind_system(nb::module_& m) {
+  bind_settings(m);
+  bind_report(m);
+  nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::dynamic_attr())
+      .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
+                    const std::optional<std::filesystem::path>&, bool>(),
+           "camera"_a, "settings"_a, "schedule"_a, "priors"_a.none(), "strict_priors"_a)
+      .def("_feed", &Slam::feed)
+      .def("_feed_frame", &Slam::feed_frame)
+      .def("_set_observer", &Slam::set_observer, "callback"_a.none())
+      .def(
+          "finish", [](Slam& s) { without_gil([&] { s.system().finish(); }); },
+          "Waits for the back end; what follows is final. No frame can be fed afterwards.")
+      .def(
+          "interrupt", [](Slam& s) { s.system().interrupt(); },
+          "Asks optimisation under way to stop early. From any thread.")
+      .def(
+          "load_map",
+          [](Slam& s, const std::filesystem::path& file, bool localize_only) {
+            without_gil([&] { s.system().load_map(file, localize_only); });
+          },
+          "file"_a, "localize_only"_a = false,
+          "Before the first frame: goes on with a map saved earlier.")
+      .def(
+          "save_map",
+          [](Slam& s, const std::filesystem::path& file) {
+            without_gil([&] { s.system().save_map(file); });
+          },
+          "file"_a, "After finish(): the whole map.")
+      .def("_trajectory",
+           [](Slam& s) {
+             const auto list = without_gil([&] { return s.system().trajectory(); });
+             using E = FrameEstimate;
+             return nb::make_tuple(
+                 column<double>(list, [](const E& e) { return e.timestamp; }),
+                 poses_to_numpy(list, [](const E& e) { return e.T_w_c; }),
+                 column<std::uint8_t>(list, [](const E& e) { return e.connected; }),
+                 column<std::int64_t>(list, [](const E& e) { return e.submap; }));
+           })
+      .def("_keyframes",
+           [](Slam& s) {
+             const auto list = without_gil([&] { return s.system().keyframes(); });
+             return nb::make_tuple(
+                 column<double>(list, [](const TimedPose& p) { return p.timestamp; }),
+                 poses_to_numpy(list, [](const TimedPose& p) { return p.T_w_c; }));
+           })
+      .def(
+          "landmarks",
+          [](Slam& s) {
+            const auto points = without_gil([&] { return s.system().landmarks(); });
+            std::vector<double> values;
+            for (const Eigen::Vector3d& p : points)
+              values.insert(values.end(), {p.x(), p.y(), p.z()});
+            return to_numpy(std::move(values), {points.size(), 3});
+          },
+          "(N, 3) float64, m: landmarks of the sub-map the trajectory is expressed in.")
+      .def("_snapshot",
+           [](Slam& s) { return to_dict(without_gil([&] { return s.system().snapshot(); })); })
+      .def_prop_ro(
+          "submaps", [](Slam& s) { return without_gil([&] { return s.system().submaps(); }); },
+          "number of sub-maps that were never connected")
+      .def_prop_ro("settings", [](Slam& s) { return Settings(s.settings()); })
+      .def("_write_run",
+           [](Slam& s, const std::filesystem::path& folder, const std::string& sequence,
+              const std::optional<std::tuple<Times, Poses>>& truth, double start_up_s,
+              double wall_s, double cpu_s, const std::string& end_reason) {
+             RunInfo info;
+             info.sequence = sequence;
+             info.start_up_s = start_up_s;
+             info.wall_s = wall_s;
+             info.cpu_s = cpu_s;
+             info.complete = end_reason.empty();
+             info.end_reason = end_reason;
+             if (truth) info.ground_truth = to_poses(std::get<0>(*truth), std::get<1>(*truth));
+             return s.write_run(folder, std::move(info));
+           });
+}
+
+}  // namespace kys_slam

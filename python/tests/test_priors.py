@@ -1,0 +1,131 @@
+"""Prior files, priors from memory, the distance model."""
+
+import numpy as np
+import pytest
+
+import kys_slam
+from kys_slam import kysp
+
+
+def example(camera=None):
+    rng = np.random.default_rng(7)
+    cameras = []
+    for side in range(2):
+        segments = np.zeros(3, kysp.SEGMENT)
+        segments["label"] = [2, 100, 130]
+        segments["flags"] = [kysp.THING | kysp.DYNAMIC, 0, 0]
+        segments["instance"] = np.arange(3) + side * kysp.RIGHT_INSTANCES
+        segments["scale"] = [1e5, 0, 3e6]
+        map_ = np.zeros((240, 320), np.uint16)
+        map_[:120], map_[120:], map_[90:150, 200:260] = 3, 2, 1
+        motion = kysp.MOTION[rng.integers(0, 256, (240, 320))]
+        cameras.append(kys_slam.PriorCamera(segments, map_, motion))
+    return kys_slam.PriorFrame("coco_panoptic_133", cameras,
+                               camera.calibration_hash() if camera else 0, 5, True)
+
+
+def test_files_are_those_of_the_numpy_module(tmp_path):
+    path = tmp_path / "000001.kysp"
+    kys_slam.write_prior(path, example())
+    theirs, ours = kysp.read(path), kys_slam.read_prior(path)
+    for a, b, given in zip(theirs.cameras, ours.cameras, example().cameras):
+        assert np.array_equal(a.segments, b.segments)
+        assert np.array_equal(a.segment_map, given.segment_map)
+        assert np.array_equal(b.segment_map, given.segment_map)
+        assert np.array_equal(a.motion, b.motion)
+    assert ours.content_key == 5 and ours.has_motion
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(kys_slam.InputError, match="000001.kysp"):
+        kys_slam.read_prior(path)
+    with pytest.raises(kys_slam.InputError, match="none.kysp"):
+        kys_slam.read_prior(tmp_path / "none.kysp")
+
+
+def test_priors_from_memory_equal_those_from_files(corridor, corridor_camera, tmp_path):
+    frame = example(corridor_camera)
+    for i in range(len(corridor)):
+        kys_slam.write_prior(tmp_path / f"{i:06d}.kysp", frame)
+    poses = []
+    for folder in (None, tmp_path):
+        slam = kys_slam.System(corridor_camera, {"orb.features": 600, "kys.mode": "kys"},
+                               priors=folder)
+        for i, (left, right, timestamp, _) in enumerate(corridor):
+            report = slam.feed(left, right, timestamp, segments=None if folder else frame,
+                               name=f"{i:06d}")
+            assert report.prior_coverage == 1
+        slam.finish()
+        poses.append(slam.trajectory().poses)
+    assert np.array_equal(*poses)
+
+
+def test_masks_of_the_movers_equal_mode_mask(corridor, corridor_camera):
+    frame = example(corridor_camera)
+    masks = tuple((c.segment_map == 1).astype(np.uint8) for c in frame.cameras)
+    results = []
+    for options, given in (({"kys.mode": "mask"}, {"segments": frame}), ({}, {"masks": masks})):
+        slam = kys_slam.System(corridor_camera, {"orb.features": 600, **options})
+        masked = [slam.feed(left, right, t, **given).masked for left, right, t, _ in corridor]
+        slam.finish()
+        results.append((masked, slam.trajectory().poses))
+    assert min(results[0][0]) > 0
+    assert results[0][0] == results[1][0]
+    assert np.array_equal(results[0][1], results[1][1])
+
+
+def test_wrong_priors_raise(corridor, corridor_camera, tmp_path):
+    left, right, *_ = corridor[0]
+    slam = kys_slam.System(corridor_camera, {"kys.mode": "kys"})
+    other = example()
+    other.calibration_hash = 12345
+    with pytest.raises(kys_slam.InputError, match="calibration"):
+        slam.feed(left, right, 0.0, segments=other)
+    other = example()
+    other.cameras[0].segment_map[0, 0] = 9
+    with pytest.raises(kys_slam.InputError):
+        slam.feed(left, right, 0.0, segments=other)
+    with pytest.raises(kys_slam.InputError, match="no prior files"):
+        kys_slam.System(corridor_camera, priors=tmp_path)
+
+
+def test_priors_from_class_maps():
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+    person = space.ids[space.index_of("person")]
+    classes = np.full((4, 6), 99999)
+    classes[1:3, 1:5] = person
+    instances = np.zeros((4, 6), int)
+    instances[1:3, 1:3], instances[1:3, 3:5] = 11, 12
+    frame = kys_slam.priors_from_labels(space, classes, classes, instances, instances, (12,))
+    left, right = frame.cameras
+    assert left.segment_map[0, 0] == 0 and len(left.segments) == 2
+    assert set(left.segments["label"]) == {space.index_of("person")}
+    assert list(left.segments["flags"] & kysp.DYNAMIC != 0) == [False, True]
+    assert (right.segments["instance"] >= kysp.RIGHT_INSTANCES).all()
+    kys_slam.priors.encode_prior(frame)
+
+
+def test_distance_model():
+    rng = np.random.default_rng(3)
+    a, b = (rng.integers(0, 256, (n, 32), np.uint8) for n in (5, 7))
+    hamming = np.unpackbits(a[:, None] ^ b[None], axis=2).sum(2)
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+
+    def priors(labels):
+        n = len(labels)
+        return kys_slam.Priors(np.array(labels, np.uint16), np.arange(n, dtype=np.int32),
+                               np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, bool))
+
+    labels_a, labels_b = [0, 1, 2, 100, 65535], [0, 1, 2, 3, 100, 101, 65535]
+    pa, pb = priors(labels_a), priors(labels_b)
+    stock, tiers = kys_slam.DistanceModel("stock").distances(a, pa, b, pb)
+    assert np.array_equal(stock, hamming) and (tiers == 3).all()
+    semantic, _ = kys_slam.DistanceModel("semantic").distances(a, pa, b, pb)
+    for i, la in enumerate(labels_a):  # Eq. 2
+        for j, lb in enumerate(labels_b):
+            d = hamming[i, j]
+            s = 0 if 65535 in (la, lb) else space.table[la, lb]
+            expected = d if 65535 in (la, lb) else 0.7 * d + 0.3 * s
+            assert semantic[i, j] == pytest.approx(expected, rel=1e-5)
+    with pytest.raises(kys_slam.InputError):
+        kys_slam.DistanceModel("nonsense")
+    with pytest.raises(kys_slam.InputError, match="one prior"):
+        kys_slam.DistanceModel("stock").distances(a, pb, b, pb)

@@ -1,0 +1,321 @@
+"""Folders, videos and bags give what the sequence they were made of gives."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import kys_slam
+from kys_slam import cli, recordings
+
+FRAMES = 30
+
+
+def read_rows(path):
+    rows = [line.split(",") for line in path.read_text().splitlines() if line[0] != "#"]
+    return [(int(stamp), name.strip()) for stamp, name in rows][:FRAMES]
+
+
+@pytest.fixture(scope="session")
+def shots(euroc):
+    """[(stamp ns, left path, right path)] of the EuRoC excerpt."""
+    cams = [euroc / "mav0" / cam for cam in ("cam0", "cam1")]
+    left, right = (read_rows(cam / "data.csv") for cam in cams)
+    assert [s for s, _ in left] == [s for s, _ in right]
+    return [(stamp, cams[0] / "data" / a, cams[1] / "data" / b)
+            for (stamp, a), (_, b) in zip(left, right)]
+
+
+def sensor(euroc, cam):
+    """Calibration of one camera: (K 4, distortion 4, T_BS)."""
+    yaml = pytest.importorskip("yaml")
+    d = yaml.safe_load((euroc / "mav0" / cam / "sensor.yaml").read_text().replace("%YAML:1.0", ""))
+    return (d["intrinsics"], d["distortion_coefficients"],
+            np.array(d["T_BS"]["data"]).reshape(4, 4))
+
+
+@pytest.fixture(scope="session")
+def camchain(euroc, tmp_path_factory):
+    """The excerpt's calibration as Kalibr writes it."""
+    text = ""
+    cameras = [sensor(euroc, cam) for cam in ("cam0", "cam1")]
+    for i, (k, d, _) in enumerate(cameras):
+        text += (f"cam{i}:\n  camera_model: pinhole\n  distortion_model: radtan\n"
+                 f"  intrinsics: {k}\n  distortion_coeffs: {d}\n  resolution: [752, 480]\n")
+    T_cam_imu = np.linalg.inv(cameras[0][2])
+    T = np.linalg.inv(cameras[1][2]) @ cameras[0][2]
+    text += "  T_cn_cnm1: " + str(T.tolist()) + "\n"
+    text = text.replace("cam0:\n", "cam0:\n  T_cam_imu: " + str(T_cam_imu.tolist()) + "\n")
+    path = tmp_path_factory.mktemp("calibration") / "camchain.yaml"
+    path.write_text(text)
+    return path
+
+
+def run(tmp_path, *arguments):
+    """kys-slam run; trajectory.tum."""
+    out = tmp_path / "run"
+    assert cli.main(["run", *map(str, arguments), "--output", str(out), "--quiet",
+                     "--overwrite"]) == 0
+    return np.loadtxt(out / "trajectory.tum"), (out / "trajectory.tum").read_bytes()
+
+
+def assert_same(ours, theirs, tolerance):
+    ours, theirs = ours[0], np.array([l.split() for l in theirs.decode().splitlines()
+                                      if l[0] != "#"], float)
+    assert ours.shape == theirs.shape
+    assert np.array_equal(ours[:, 0], theirs[:, 0])
+    assert np.abs(ours[:, 1:4] - theirs[:, 1:4]).max() <= tolerance
+
+
+def test_sequence_folder(euroc, euroc_tum, tmp_path):
+    assert run(tmp_path, euroc, "--frames", FRAMES)[1] == euroc_tum
+
+
+def test_two_folders(shots, camchain, euroc_tum, tmp_path):
+    for side, at in (("left", 1), ("right", 2)):
+        (tmp_path / side).mkdir()
+        for shot in shots:
+            (tmp_path / side / f"{shot[0]}.png").symlink_to(shot[at])
+    args = (tmp_path / "left", tmp_path / "right", "--calibration", camchain)
+    # The chain of matrix inverses differs from the sequence's own in the last bits.
+    assert_same(run(tmp_path, *args), euroc_tum, 1e-3)
+    assert run(tmp_path, tmp_path, "--calibration", camchain)[1] == run(tmp_path, *args)[1]
+
+
+def test_tum_vi_layout(shots, camchain, euroc_tum, tmp_path):
+    for cam, at in (("cam0", 1), ("cam1", 2)):
+        data = tmp_path / "room1" / "mav0" / cam / "data"
+        data.mkdir(parents=True)
+        for shot in shots:
+            (data / f"{shot[0]}.png").symlink_to(shot[at])
+        (data.parent / "data.csv").write_text(
+            "#timestamp [ns],filename\n" + "".join(f"{s},{s}.png\n" for s, *_ in shots))
+    (tmp_path / "room1" / "dso").mkdir()
+    shutil.copy(camchain, tmp_path / "room1" / "dso" / "camchain.yaml")
+    assert kys_slam.open_sequence(tmp_path / "room1").layout == "TUM-VI"
+    assert_same(run(tmp_path, tmp_path / "room1"), euroc_tum, 1e-3)
+
+
+def ros_image(typestore, image, stamp, encoding, ros1):
+    t = typestore.types
+    extra = {"seq": 0} if ros1 else {}
+    header = t["std_msgs/msg/Header"](
+        stamp=t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
+        frame_id="cam", **extra)
+    if encoding == "png":
+        data = np.frombuffer(image.read_bytes(), np.uint8)
+        return t["sensor_msgs/msg/CompressedImage"](header=header, format="png", data=data)
+    pixels = kys_slam._core.decode_gray(image.read_bytes(), str(image))
+    if encoding == "bgr8":
+        pixels = np.repeat(pixels[:, :, None], 3, 2)
+    return t["sensor_msgs/msg/Image"](
+        header=header, height=480, width=752, encoding=encoding, is_bigendian=0,
+        step=752 * (3 if encoding == "bgr8" else 1), data=pixels.ravel())
+
+
+def write_bag(path, kind, shots, encoding, drop=lambda i, side: False, jitter=lambda i: 0):
+    """The excerpt as a bag."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+    ros1 = kind == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if ros1:
+        writer = Writer1(path)
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+    kind_name = "CompressedImage" if encoding == "png" else "Image"
+    type_name = f"sensor_msgs/msg/{kind_name}"
+    end = "/image_raw/compressed" if encoding == "png" else "/image_raw"
+    with writer:
+        connections = [writer.add_connection(f"/cam{c}{end}", type_name, typestore=store)
+                       for c in range(2)]
+        for i, (stamp, left, right) in enumerate(shots):
+            for side, image in enumerate((left, right)):
+                if drop(i, side):
+                    continue
+                at = stamp + (jitter(i) if side else 0)
+                message = ros_image(store, image, at, encoding, ros1)
+                data = (store.serialize_ros1 if ros1 else store.serialize_cdr)(message, type_name)
+                writer.write(connections[side], at, data)
+
+
+@pytest.mark.parametrize("kind, encoding", [("ros1", "mono8"), ("ros2", "png"), ("mcap", "mono8"),
+                                            ("ros2", "bgr8")])
+def test_bags(shots, camchain, euroc_tum, tmp_path, kind, encoding):
+    bag = tmp_path / ("drone.bag" if kind == "ros1" else "drone")
+    write_bag(bag, kind, shots, encoding)
+    assert_same(run(tmp_path, bag, "--calibration", camchain), euroc_tum, 1e-3)
+
+
+def test_bag_with_jitter_and_loss(shots, camchain, tmp_path):
+    rng = np.random.default_rng(11)
+    jitter = rng.integers(0, 8_000_000, FRAMES)
+    lost = rng.random((FRAMES, 2)) < 0.1
+    bag = tmp_path / "lossy.bag"
+    write_bag(bag, "ros1", shots, "mono8", lambda i, side: lost[i, side], lambda i: jitter[i])
+    rig = kys_slam.read_stereo_rig([camchain])
+    recording = recordings.open_bag(bag, rig)
+    names = [frame.name for frame in recording]
+    expected = [str(shots[i][0]) for i in range(FRAMES) if not lost[i].any()]
+    assert names == expected
+    assert recording.counts["unmatched left"] == np.count_nonzero(~lost[:, 0] & lost[:, 1])
+    assert recording.counts["unmatched right"] == np.count_nonzero(lost[:, 0] & ~lost[:, 1])
+
+
+def test_bag_camera_info(tmp_path, corridor):
+    """camera_info topics are found; a corridor that is rectified already stays as it is."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+    store = get_typestore(Stores.ROS1_NOETIC)
+    t = store.types
+    with Writer(tmp_path / "c.bag") as writer:
+        images = [writer.add_connection(f"/stereo/{s}/image_rect", "sensor_msgs/msg/Image",
+                                        typestore=store) for s in ("left", "right")]
+        infos = [writer.add_connection(f"/stereo/{s}/camera_info", "sensor_msgs/msg/CameraInfo",
+                                       typestore=store) for s in ("left", "right")]
+        for i, (left, right, time, _) in enumerate(corridor):
+            ns = int(round(time * 1e9)) + 10**18
+            header = t["std_msgs/msg/Header"](
+                seq=i, stamp=t["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9),
+                frame_id="")
+            for side, image in enumerate((left, right)):
+                P = np.array([250.0, 0, 159.5, -250 * 0.2 * side, 0, 250, 119.5, 0, 0, 0, 1, 0])
+                info = t["sensor_msgs/msg/CameraInfo"](
+                    header=header, height=240, width=320, distortion_model="plumb_bob",
+                    D=np.zeros(5), K=P.reshape(3, 4)[:, :3].ravel().copy(), R=np.eye(3).ravel(),
+                    P=P, binning_x=0, binning_y=0,
+                    roi=t["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False))
+                message = t["sensor_msgs/msg/Image"](header, 240, 320, "mono8", 0, 320,
+                                                     image.ravel())
+                writer.write(infos[side], ns, store.serialize_ros1(info, info.__msgtype__))
+                writer.write(images[side], ns, store.serialize_ros1(message, message.__msgtype__))
+    recording = recordings.open_bag(tmp_path / "c.bag")
+    assert recording.camera.baseline == pytest.approx(0.2) and recording.camera.fx == 250
+    for frame, (left, right, *_) in zip(recording, corridor):
+        assert np.array_equal(frame.left, left) and np.array_equal(frame.right, right)
+    with pytest.raises(kys_slam.InputError, match="/stereo/left/image_rect"):
+        recordings.open_bag(tmp_path / "c.bag", topics=("/a", "/b"))
+
+
+def test_pairs_by_time():
+    ms = 1_000_000
+    stream = [(0, 0, "l0"), (1, 2 * ms, "r0"), (0, 50 * ms, "l1"), (1, 58 * ms, "r1"),
+              (1, 101 * ms, "r2"), (0, 150 * ms, "l3"), (1, 153 * ms, "r3"), (0, 140 * ms, "late")]
+    counts = {}
+    pairs = list(recordings.pair_by_time(iter(stream), 0.01, counts))
+    assert pairs == [(0, "l0", "r0"), (50 * ms, "l1", "r1"), (150 * ms, "l3", "r3")]
+    assert counts == {"unmatched left": 0, "unmatched right": 1, "out of order": 1}
+
+
+def write_video(path, images):
+    cv2 = pytest.importorskip("cv2")
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 10, (width, height))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no lossless video")
+    for image in images:
+        writer.write(np.repeat(image[:, :, None], 3, 2))
+    writer.release()
+
+
+OWN = """left: {width: 320, height: 240, fx: 250, fy: 250, cx: 159.5, cy: 119.5}
+right: {width: 320, height: 240, fx: 250, fy: 250, cx: 159.5, cy: 119.5}
+T_left_right: [1, 0, 0, 0.2,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1]
+"""
+
+
+def test_videos(corridor, tmp_path):
+    (tmp_path / "camera.yaml").write_text(OWN)
+    write_video(tmp_path / "left.avi", [c[0] for c in corridor])
+    write_video(tmp_path / "right.avi", [c[1] for c in corridor])
+    write_video(tmp_path / "both.avi", [np.hstack(c[:2]) for c in corridor])
+    calibration = ("--calibration", tmp_path / "camera.yaml", "--set", "orb.features=600")
+    two, two_bytes = run(tmp_path, tmp_path / "left.avi", tmp_path / "right.avi", *calibration)
+    one, one_bytes = run(tmp_path, tmp_path / "both.avi", *calibration)
+    assert one_bytes == two_bytes
+    assert len(two) == len(corridor)
+    truth = np.array([c[3] for c in corridor])
+    assert np.abs(two[:, 1:4] - truth).max() < 0.03
+
+
+def test_mask_folder(corridor, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    (tmp_path / "camera.yaml").write_text(OWN)
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        (tmp_path / "masks" / side).mkdir(parents=True)
+        for i, shot in enumerate(corridor):
+            cv2.imwrite(str(tmp_path / side / f"{i:06d}.png"), shot[side == "right"])
+            mask = np.zeros((240, 320), np.uint8)
+            mask[:100] = 3
+            cv2.imwrite(str(tmp_path / "masks" / side / f"{i:06d}.png"), mask)
+    run(tmp_path, tmp_path, "--calibration", tmp_path / "camera.yaml", "--rate", 10, "--masks",
+        tmp_path / "masks", "--set", "orb.features=600")
+    rows = (tmp_path / "run" / "frames.csv").read_text().splitlines()
+    masked = rows[0].split(",").index("masked")
+    import csv
+    assert all(int(row[masked]) > 0 for row in csv.reader(rows[1:]))
+
+
+def test_wrong_turns(tmp_path, corridor, capsys):
+    def says(text, *arguments):
+        assert cli.main(["run", *map(str, arguments)]) == 2
+        error = capsys.readouterr().err
+        assert text in error and error.count("\n") == 1, error
+
+    cv2 = pytest.importorskip("cv2")
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for i, shot in enumerate(corridor[:2]):
+            cv2.imwrite(str(tmp_path / side / f"{i}.png"), shot[side == "right"])
+    (tmp_path / "camera.yaml").write_text(OWN)
+    pair = (tmp_path / "left", tmp_path / "right")
+    calibration = ("--calibration", tmp_path / "camera.yaml")
+    says("no such file", tmp_path / "none")
+    says("--calibration", *pair)
+    says("--rate or --times", *pair, *calibration)
+    says("swapped", *pair[::-1], *calibration, "--rate", 10, "--output", tmp_path / "o")
+    says("neither two folders", pair[0], tmp_path / "camera.yaml", *calibration)
+    (tmp_path / "priors").mkdir()
+    (tmp_path / "priors" / "1.kysp").touch()
+    says("--priors", tmp_path / "priors")
+    says("give it to --priors", *pair, *calibration, "--rate", 10, "--masks", tmp_path / "priors")
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "summary.json").touch()
+    says("--overwrite", *pair, *calibration, "--rate", 10, "--output", tmp_path / "old")
+    says("results of a run", tmp_path / "old")
+    says("needs priors", *pair, *calibration, "--rate", 10, "--mode", "kys")
+    says("unknown setting", *pair, *calibration, "--rate", 10, "--set", "orb.featurs=3")
+    video = tmp_path / "broken.mp4"
+    video.write_bytes(b"not a video")
+    says("not a video", video, *calibration)
+    bag = tmp_path / "broken.bag"
+    bag.write_bytes(b"not a bag")
+    says("not a bag", bag)
+    shutil.rmtree(tmp_path / "right")
+    says("no such", *pair, *calibration)
+
+
+def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
+    pytest.importorskip("matplotlib")
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    poses = np.tile(np.eye(4), (len(corridor), 1, 1))
+    for i, (left, right, timestamp, position) in enumerate(corridor):
+        slam.feed(left, right, timestamp)
+        poses[i, :3, 3] = position
+    slam.finish()
+    slam.write_run(tmp_path / "run", "corridor", (np.array([c[2] for c in corridor]), poses))
+    assert cli.main(["evaluate", str(tmp_path / "run")]) == 0
+    assert "ATE, rmse" in capsys.readouterr().out
+    assert cli.main(["plot", str(tmp_path / "run"), "--output", str(tmp_path / "p.png")]) == 0
+    assert (tmp_path / "p.png").stat().st_size > 5000
+    assert cli.main(["demo", "--frames", "5"]) == 0
+    times, read = kys_slam.read_tum(tmp_path / "run" / "trajectory.tum")
+    kys_slam.write_tum(tmp_path / "again.tum", times, read)
+    assert (tmp_path / "again.tum").read_bytes() == (tmp_path / "run" /
+                                                     "trajectory.tum").read_bytes()

@@ -1,0 +1,194 @@
+"""The system fed with NumPy arrays: the same poses as the command line, errors, threads."""
+
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+import kys_slam
+
+
+def run_kitti(kitti, folder, change=lambda image: image, **options):
+    """Feeds the excerpt as arrays made by `change`; returns trajectory.tum."""
+    sequence = kys_slam.open_sequence(kitti)
+    slam = kys_slam.System(sequence.camera)
+    for frame in sequence:
+        slam.feed(change(frame.left), change(frame.right), frame.timestamp, name=frame.name,
+                  **options)
+    slam.finish()
+    slam.write_run(folder, sequence.name, sequence.ground_truth)
+    return (folder / "trajectory.tum").read_bytes()
+
+
+def strided(image):
+    """The same pixels as every second one of every third row of something larger, upside down."""
+    height, width = image.shape
+    large = np.full((3 * height, 2 * width), 77, np.uint8)
+    large[::-3, ::2] = image
+    view = large[::-3, ::2]
+    assert view.strides[0] < 0 and not view.flags.c_contiguous
+    return view
+
+
+def coloured(image):
+    """Grey as blue, green, red, channels first in memory."""
+    return np.moveaxis(np.stack([image] * 3), 0, 2)
+
+
+@pytest.mark.parametrize("change", [lambda i: i, strided, coloured,
+                                    lambda i: i.astype(np.uint16) << 8 | 0x55])
+def test_arrays_give_the_command_lines_trajectory(kitti, kitti_tum, tmp_path, change):
+    assert run_kitti(kitti, tmp_path, change) == kitti_tum
+
+
+def test_fed_from_a_thread(kitti, kitti_tum, tmp_path):
+    result = []
+    thread = threading.Thread(target=lambda: result.append(run_kitti(kitti, tmp_path)))
+    thread.start()
+    thread.join()
+    assert result == [kitti_tum]
+
+
+def test_looking_on_changes_nothing(kitti, kitti_tum, tmp_path):
+    sequence = kys_slam.open_sequence(kitti)
+    seen = []
+    slam = kys_slam.System(sequence.camera, observer=seen.append)
+    stop, counts, errors = threading.Event(), [], []
+
+    def look():
+        while not stop.is_set():
+            try:
+                snapshot = slam.snapshot()
+                counts.append(len(snapshot.landmark_points))
+                assert len(slam.trajectory().poses) >= snapshot.frames
+                slam.landmarks(), slam.keyframes(), slam.submaps
+            except Exception as error:  # noqa: BLE001 - shown below
+                errors.append(error)
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    for frame in sequence:
+        slam.feed_frame(frame)
+    stop.set()
+    thread.join()
+    slam.finish()
+    slam.write_run(tmp_path, "06")
+    assert not errors
+    assert counts and max(counts) > 1000
+    assert (tmp_path / "trajectory.tum").read_bytes() == kitti_tum
+    assert [s.report.index for s in seen] == list(range(51))
+    last = seen[-1]
+    assert last.keypoints.shape == (last.report.keypoints, 2)
+    assert np.count_nonzero(last.landmarks >= 0) >= last.report.inliers > 100
+    assert np.count_nonzero(last.depths > 0) == last.report.stereo_matches
+    assert last.labels is None
+
+
+def test_other_threads_run_while_a_frame_is_fed(kitti):
+    sequence = kys_slam.open_sequence(kitti, frames=3)
+    slam = kys_slam.System(sequence.camera)
+    frames = [(f.left, f.right, f.timestamp) for f in sequence]
+    ticks, stop = [0], threading.Event()
+
+    def tick():
+        while not stop.is_set():
+            ticks[0] += 1
+
+    interval = sys.getswitchinterval()
+    thread = threading.Thread(target=tick)
+    thread.start()
+    try:
+        sys.setswitchinterval(1000)  # from here on the GIL changes hands only where it is released
+        before = ticks[0]
+        for frame in frames:
+            slam.feed(*frame)
+        during = ticks[0] - before
+    finally:
+        stop.set()
+        sys.setswitchinterval(interval)
+        thread.join()
+    assert during > 0
+
+
+def test_snapshot_and_trajectory_agree(corridor, corridor_camera):
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    for left, right, timestamp, _ in corridor:
+        assert not slam.feed(left, right, timestamp).lost
+    slam.finish()
+    trajectory, snapshot = slam.trajectory(), slam.snapshot()
+    truth = np.array([position for *_, position in corridor])
+    assert trajectory.connected.all()
+    assert np.abs(trajectory.poses[:, :3, 3] - truth).max() < 0.03
+    assert snapshot.frames == len(corridor)
+    own = snapshot.landmark_submaps == snapshot.main_submap
+    assert np.array_equal(snapshot.landmark_points[own], slam.landmarks())
+    assert (snapshot.landmark_observations >= 1).all()
+    times, poses = slam.keyframes()
+    assert np.array_equal(times, snapshot.keyframe_times)
+    assert np.array_equal(poses, snapshot.keyframe_poses)
+    assert set(snapshot.edges.ravel()) <= set(snapshot.keyframe_ids)
+
+
+def test_wrong_input_raises(corridor, corridor_camera):
+    slam = kys_slam.System(corridor_camera)
+    left, right, *_ = corridor[0]
+    with pytest.raises(kys_slam.InputError, match="320x240"):
+        slam.feed(left[:, :-1], right, 0.0)
+    with pytest.raises(kys_slam.InputError, match="shape"):
+        slam.feed(left.ravel(), right, 0.0)
+    with pytest.raises(kys_slam.InputError, match="channels"):
+        slam.feed(np.dstack([left] * 2), right, 0.0)
+    with pytest.raises(TypeError, match="uint8"):
+        slam.feed(left.astype(np.float32), right, 0.0)
+    with pytest.raises(TypeError):
+        slam.feed("left.png", right, 0.0)
+    with pytest.raises(kys_slam.InputError, match="finite"):
+        slam.feed(left, right, float("nan"))
+    with pytest.raises(kys_slam.InputError, match="1 to 16384"):
+        slam.feed(left[:0], right, 0.0)
+    slam.feed(left, right, 1.0)
+    with pytest.raises(kys_slam.InputError, match="time stamp"):
+        slam.feed(left, right, 1.0)
+    slam.finish()
+    with pytest.raises(kys_slam.LogicError, match="finish"):
+        slam.feed(left, right, 2.0)
+    with pytest.raises(RuntimeError):
+        slam.load_map("some.map")
+    assert issubclass(kys_slam.InputError, ValueError)
+
+
+def test_settings():
+    settings = kys_slam.Settings({"orb.features": 600, "stereo.refine": False})
+    assert settings["orb.features"] == "600" and settings["stereo.refine"] == "false"
+    with pytest.raises(kys_slam.InputError, match="orb.features"):
+        settings["orb.featurs"] = 1
+    with pytest.raises(kys_slam.InputError):
+        kys_slam.System(kys_slam.StereoCamera(320, 240, 250, 250, 160, 120, 0.2),
+                        {"orb.levels": 0})
+    with pytest.raises(kys_slam.InputError):
+        kys_slam.StereoCamera(320, 240, 250, 250, 160, 120, -0.2)
+
+
+def test_masked_pixels_give_no_keypoints(corridor, corridor_camera):
+    mask = np.zeros((240, 320), np.uint8)
+    mask[:, :160] = 1
+    seen = []
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600}, observer=seen.append)
+    left, right, *_ = corridor[0]
+    report = slam.feed(left, right, 0.0, masks=(mask, None))
+    assert report.masked > 100
+    assert seen[0].keypoints[:, 0].min() >= 159.5
+    with pytest.raises(kys_slam.InputError, match="left mask|a mask"):
+        slam.feed(left, right, 1.0, masks=(mask[:, 1:], None))
+
+
+def test_observer_that_raises_is_told(corridor, corridor_camera):
+    def fail(_):
+        raise KeyError("mine")
+
+    slam = kys_slam.System(corridor_camera, observer=fail)
+    with pytest.raises(KeyError):
+        slam.feed(*corridor[0][:3])
+    slam.set_observer(None)
+    slam.feed(*corridor[1][:3])
