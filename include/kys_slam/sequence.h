@@ -35,7 +35,7 @@ class Sequence : public FrameSource {
   /// Everything about a sequence but its pixels; filled in by the readers of each layout.
   struct Content {
     std::string name;
-    std::string layout;  ///< "KITTI odometry", "KITTI Tracking", "Virtual KITTI 2", "EuRoC"
+    std::string layout;  ///< "KITTI odometry", "KITTI Tracking", "Virtual KITTI 2", "EuRoC", ...
     StereoCamera camera;
     std::vector<Frame> frames;
     std::vector<TimedPose> ground_truth;               ///< left camera frame
@@ -90,7 +90,8 @@ class Sequence : public FrameSource {
 std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
-/// Opens an EuRoC sequence in ASL layout (the folder that holds mav0/, or mav0/ itself). Images are
+/// Opens an EuRoC or TUM-VI sequence (the folder that holds mav0/, or mav0/ itself; the latter has
+/// dso/camchain.yaml in place of sensor.yaml files). Images are
 /// rectified; the cameras are paired by time stamp, images without partner are left out and
 /// counted. Ground truth is moved from the body to the rectified left camera.
 /// \throws InputError naming the file and what is wrong with it.

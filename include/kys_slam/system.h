@@ -1,6 +1,10 @@
 #pragma once
 
+#include <kys_slam/frame_observation.h>
 #include <kys_slam/frame_source.h>
+#include <kys_slam/image_view.h>
+#include <kys_slam/map_snapshot.h>
+#include <kys_slam/masks.h>
 #include <kys_slam/prior_provider.h>
 #include <kys_slam/report.h>
 #include <kys_slam/settings.h>
@@ -47,25 +51,40 @@ class System {
   /// After `finish`: the whole map, for `load_map`. \throws InputError when it cannot be written.
   void save_map(const std::filesystem::path& file) const;
 
-  /// Tracks the next frame. Images have to be of the camera's size.
-  /// \throws InputError when they are not, or when time stamps do not increase.
-  FrameReport feed(const StereoFrame& frame);
+  /// Tracks the next frame. Images, and masks where there are any, have to be of the camera's size.
+  /// \throws InputError when they are not, or when time stamps do not increase
+  /// \throws LogicError after `finish`
+  FrameReport feed(const StereoFrame& frame, const StereoMasks& masks = {});
+  /// The same from a camera's own memory, which is copied once into 8-bit grey. Frames are numbered
+  /// as they come. \param timestamp s
+  FrameReport feed(double timestamp, const ImageView& left, const ImageView& right,
+                   const StereoMasks& masks = {});
+  /// Called after every frame that is fed from now on; empty: nobody.
+  void set_observer(FrameObserver observer);
 
   /// Waits for the back end; what follows is final. No frame can be fed afterwards.
   void finish();
   /// Asks optimisation under way to stop early; `finish` then returns soon. From any thread.
   void interrupt();
 
+  // The functions from here to `submaps` may be called at any time and from any thread: they wait
+  // for the frame being fed and for the keyframes in the back end's hands, and change nothing.
+
   /// One entry per frame fed.
   [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
-  /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is told in.
+  /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is expressed
+  /// in.
   [[nodiscard]] std::vector<TimedPose> keyframes() const;
-  /// Reports of all frames, those of the back end filled in.
-  [[nodiscard]] const std::vector<FrameReport>& reports() const;
-  /// p_w (m) of the landmarks of the sub-map the trajectory is told in, in its frame.
+  /// p_w (m) of the landmarks of the sub-map the trajectory is expressed in, in its frame.
   [[nodiscard]] std::vector<Eigen::Vector3d> landmarks() const;
+  /// The whole map as it is now.
+  [[nodiscard]] MapSnapshot snapshot() const;
   /// Sub-maps that were never connected, each with a frame of its own.
   [[nodiscard]] std::size_t submaps() const;
+
+  /// Reports of all frames, those of the back end filled in. In the feeding thread only, until the
+  /// next frame.
+  [[nodiscard]] const std::vector<FrameReport>& reports() const;
   /// The map itself (src/map/map.h); valid after `finish`.
   [[nodiscard]] const Map& map() const;
 

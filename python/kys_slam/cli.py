@@ -256,7 +256,7 @@ def _run(args) -> int:
     if args.localize_only and not args.load_map:
         raise InputError("--localize-only needs --load-map")
     if isinstance(recording, kys_slam.Sequence):
-        recording.check_octaves(settings)
+        recording.check_features(settings)
     mode = settings.get("kys.mode")
     masks = None
     if args.masks:

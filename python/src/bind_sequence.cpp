@@ -198,11 +198,13 @@ void bind_sequence(nb::module_& m) {
           },
           "position"_a, "The frame at a position, 0 to len - 1; from any thread.")
       .def(
-          "check_octaves",
+          "check_features",
           [](const Input& s, const Settings& settings) {
-            check_octaves(s.input, settings, s.input.name);
+            check_features(s.input, settings, s.input.name);
           },
-          "settings"_a, "Raises InputError when features have other octaves than the settings say.")
+          "settings"_a,
+          "Raises InputError when features have other octaves, or priors of another label space, "
+          "than the settings say.")
       .def("__iter__", [](nb::handle self) { return nb::borrow(self); })
       .def("__next__", [](Input& s) {
         std::optional<StereoFrame> frame = s.next();

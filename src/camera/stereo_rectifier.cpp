@@ -5,6 +5,7 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <utility>
 
 namespace kys_slam {
@@ -71,9 +72,66 @@ void check(const RawCamera& camera, const std::string& name) {
       camera.fy <= 0 || camera.width < 2 || camera.height < 2) {
     throw InputError(name + ": calibration with non-finite or non-positive numbers");
   }
-  if (d.size() != 4 && d.size() != 5) {
-    throw InputError(name + ": radial-tangential distortion needs 4 or 5 coefficients");
+  if (camera.lens == LensModel::kEquidistant) {
+    if (d.size() != 4) throw InputError(name + ": equidistant distortion needs 4 coefficients");
+  } else if (!d.empty() && d.size() != 4 && d.size() != 5 && d.size() != 8) {
+    throw InputError(name + ": radial-tangential distortion needs 4, 5 or 8 coefficients");
   }
+}
+
+/// Raw pixel of a ray in an equidistant camera, or nothing where the model does not reach.
+std::optional<Eigen::Vector2d> project_equidistant(const RawCamera& c, const Eigen::Vector3d& ray) {
+  const double r = ray.head<2>().norm();
+  const double theta = std::atan2(r, ray.z());
+  double bent = theta, slope = 1, power = 1;
+  for (std::size_t i = 0; i < 4; ++i) {
+    power *= theta * theta;
+    bent += c.distortion[i] * power * theta;
+    slope += static_cast<double>(2 * i + 3) * c.distortion[i] * power;
+  }
+  if (!(slope > 0)) return std::nullopt;  // the image folds back onto itself
+  const double k = r > 1e-12 ? bent / r : 1 / ray.z();
+  return Eigen::Vector2d{c.fx * k * ray.x() + c.cx, c.fy * k * ray.y() + c.cy};
+}
+
+/// One equidistant camera as it is seen from the rectified frame.
+struct RectifiedView {
+  const RawCamera* raw;
+  Eigen::Matrix3d R_raw_rectified;
+
+  [[nodiscard]] std::optional<Eigen::Vector2d> source(double u, double v, double f) const {
+    const Eigen::Vector3d ray((u - 0.5 * (raw->width - 1)) / f, (v - 0.5 * (raw->height - 1)) / f,
+                              1);
+    return project_equidistant(*raw, R_raw_rectified * ray);
+  }
+  /// Whether the rectified image of this focal length has its whole border inside the raw image.
+  [[nodiscard]] bool covers(double f) const {
+    const auto inside = [&](double u, double v) {
+      const auto p = source(u, v, f);
+      return p && p->x() >= 0 && p->y() >= 0 && p->x() <= raw->width - 1 &&
+             p->y() <= raw->height - 1;
+    };
+    for (int u = 0; u < raw->width; ++u) {
+      if (!inside(u, 0) || !inside(u, raw->height - 1)) return false;
+    }
+    for (int v = 0; v < raw->height; ++v) {
+      if (!inside(0, v) || !inside(raw->width - 1, v)) return false;
+    }
+    return true;
+  }
+};
+
+/// The smallest focal length (px) that both views cover, to 1e-6.
+double common_focal_length(const RectifiedView& left, const RectifiedView& right,
+                           const std::string& name) {
+  double low = 0.05 * left.raw->fx, high = 20 * left.raw->fx;
+  const auto good = [&](double f) { return left.covers(f) && right.covers(f); };
+  if (!good(high)) throw InputError(name + ": the cameras do not look the same way");
+  for (int i = 0; i < 60 && high - low > 1e-6; ++i) {
+    const double middle = 0.5 * (low + high);
+    (good(middle) ? high : low) = middle;
+  }
+  return high;
 }
 
 cv::Mat camera_matrix(const RawCamera& c) {
@@ -104,6 +162,11 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
   check(right, name);
   if (left.width != right.width || left.height != right.height) {
     throw InputError(name + ": the two cameras have different resolutions");
+  }
+  if (left.lens != right.lens) throw InputError(name + ": the two cameras have different lenses");
+  if (left.lens == LensModel::kEquidistant) {
+    rectify_equidistant(left, right, name);
+    return;
   }
   const cv::Size size(left.width, left.height);
   const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
@@ -136,6 +199,46 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
   }
   T_b_c_ =
       left.T_b_s * Rigid3(Eigen::Matrix3d(to_eigen(R[0]).transpose()), Eigen::Vector3d::Zero());
+}
+
+void StereoRectifier::rectify_equidistant(const RawCamera& left, const RawCamera& right,
+                                          const std::string& name) {
+  const cv::Size size(left.width, left.height);
+  const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
+  const cv::Mat t = (cv::Mat_<double>(3, 1) << T_r_l.t().x(), T_r_l.t().y(), T_r_l.t().z());
+  cv::Mat R[2], P[2], Q;
+  try {  // the rotations depend on the rig alone
+    cv::stereoRectify(camera_matrix(left), cv::Mat(), camera_matrix(right), cv::Mat(), size,
+                      to_cv(T_r_l.R()), t, R[0], R[1], P[0], P[1], Q, cv::CALIB_ZERO_DISPARITY);
+  } catch (const cv::Exception&) {
+    throw InputError(name + ": the cameras cannot be rectified");
+  }
+  const Eigen::Vector3d shift = to_eigen(R[1]) * T_r_l.t();
+  const RectifiedView views[2] = {{&left, to_eigen(R[0]).transpose()},
+                                  {&right, to_eigen(R[1]).transpose()}};
+  camera_.width = left.width;
+  camera_.height = left.height;
+  camera_.fx = camera_.fy = common_focal_length(views[0], views[1], name);
+  camera_.cx = 0.5 * (left.width - 1);
+  camera_.cy = 0.5 * (left.height - 1);
+  camera_.baseline = -shift.x();
+  if (!camera_.is_valid() || std::abs(shift.y()) > 1e-9 * shift.norm()) {
+    throw InputError(name + ": the cameras cannot be rectified (is the right camera to the right " +
+                     "of the left one?)");
+  }
+  for (std::size_t i = 0; i < 2; ++i) {
+    cv::Mat x(size, CV_32FC1), y(size, CV_32FC1);
+    for (int v = 0; v < size.height; ++v) {
+      for (int u = 0; u < size.width; ++u) {
+        const auto p = views[i].source(u, v, camera_.fx);
+        if (!p) throw InputError(name + ": absurd distortion");
+        x.at<float>(v, u) = static_cast<float>(p->x());
+        y.at<float>(v, u) = static_cast<float>(p->y());
+      }
+    }
+    maps_[i] = std::make_unique<Maps>(x, y);
+  }
+  T_b_c_ = left.T_b_s * Rigid3(views[0].R_raw_rectified, Eigen::Vector3d::Zero());
 }
 
 StereoRectifier::StereoRectifier(StereoRectifier&&) noexcept = default;

@@ -1,8 +1,10 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rectifier.h>
+#include <kys_slam/stereo_rig.h>
 #include <kys_slam/trajectory_file.h>
 
+#include <array>
 #include <cmath>
 
 #include "io/sensor_yaml.h"
@@ -71,14 +73,34 @@ fs::path find_mav(const fs::path& folder) {
   const bool inside = folder.filename() == "mav0" && !is_folder(folder / "mav0");
   fs::path mav = inside ? folder : folder / "mav0";
   if (!is_folder(mav / "cam0") || !is_folder(mav / "cam1")) {
-    throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)");
+    const bool kitti = is_folder(folder / "image_0") || is_folder(folder / "image_2");
+    throw InputError(folder.string() + ": not an EuRoC sequence (no mav0/cam0 and mav0/cam1)" +
+                     (kitti ? "; it is KITTI's: run_stereo_kitti reads it" : ""));
   }
   return mav;
+}
+
+/// TUM-VI has Kalibr's file beside mav0/ in place of a sensor.yaml per camera.
+fs::path camchain_of(const fs::path& mav) {
+  return mav.parent_path() / "dso" / "camchain.yaml";
+}
+
+bool is_tum_vi(const fs::path& mav) {
+  return !path_exists(mav / "cam0" / "sensor.yaml") && path_exists(camchain_of(mav));
 }
 
 /// \param first the first image of the left camera, "" without: the calibration has to be of its
 ///   size before tables of that size are made
 StereoRectifier read_rectifier(const fs::path& mav, const fs::path& first) {
+  if (is_tum_vi(mav)) {
+    const std::array<fs::path, 1> camchain{camchain_of(mav)};
+    StereoRig rig = read_stereo_rig(camchain);
+    if (!first.empty()) {
+      const ImageInfo image = read_image_info(first);
+      rig.settle_size(image.width, image.height);
+    }
+    return {rig.left, rig.right, rig.name};
+  }
   const fs::path file = mav / "cam0" / "sensor.yaml";
   const RawCamera left = read_sensor_yaml(file);
   const RawCamera right = read_sensor_yaml(mav / "cam1" / "sensor.yaml");
@@ -105,7 +127,7 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
   const fs::path mav = find_mav(folder);
   Sequence::Content content;
   content.name = mav.parent_path().filename().string();
-  content.layout = "EuRoC";
+  content.layout = is_tum_vi(mav) ? "TUM-VI" : "EuRoC";
   pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), options.pairing_tolerance,
                content);
   if (content.frames.empty()) {
@@ -117,7 +139,8 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
   content.camera = rectifier->camera();
   content.T_b_c = rectifier->T_b_c();
   content.rectifier = rectifier;
-  const fs::path truth = mav / "state_groundtruth_estimate0" / "data.csv";
+  const fs::path truth =
+      mav / (is_tum_vi(mav) ? "mocap0" : "state_groundtruth_estimate0") / "data.csv";
   if (path_exists(truth)) {
     content.ground_truth = read_euroc_poses(truth);
     for (TimedPose& pose : content.ground_truth) pose.T_w_c = pose.T_w_c * *content.T_b_c;

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "io/jpeg_codec.h"
+#include "io/luma.h"
 #include "io/png_decoder.h"
 #include "io/png_encoder.h"
 #include "io/read_bytes.h"
@@ -28,11 +29,6 @@ void require_image(Bytes file, const std::string& name) {
   }
 }
 
-/// ITU-R BT.601 luma in 14-bit fixed point.
-std::uint8_t luma(const RgbPixel& p) {
-  return static_cast<std::uint8_t>((p[0] * 4899 + p[1] * 9617 + p[2] * 1868 + 8192) >> 14);
-}
-
 GrayImage decode_png_gray(const PngDecoder& png) {
   const ImageInfo& info = png.info();
   GrayImage gray(info.width, info.height);
@@ -42,7 +38,10 @@ GrayImage decode_png_gray(const PngDecoder& png) {
   }
   RgbImage rgb(info.width, info.height);
   png.decode_rgb8(rgb.data());
-  for (std::size_t i = 0; i < gray.size(); ++i) gray.data()[i] = luma(rgb.data()[i]);
+  for (std::size_t i = 0; i < gray.size(); ++i) {
+    const RgbPixel& p = rgb.data()[i];
+    gray.data()[i] = luma(p[0], p[1], p[2]);
+  }
   return gray;
 }
 

@@ -78,6 +78,10 @@ std::unique_ptr<Sequence> open_kitti_sequence(const fs::path& given,
     return open_virtual_kitti(folder, options);
   }
   if (folder.parent_path().filename() == "image_02") return open_kitti_tracking(folder, options);
+  if (is_euroc_folder(folder)) {
+    throw InputError(folder.string() +
+                     ": not a KITTI sequence; it is EuRoC's: run_stereo_euroc reads it");
+  }
   throw InputError(folder.string() +
                    ": not a KITTI sequence (neither image_0/ nor image_2/ nor "
                    "frames/rgb/Camera_0/ in it, and not below image_02/)");

@@ -134,6 +134,12 @@ std::vector<BackEndStep> BackEndRunner::drain() {
   return steps;
 }
 
+void BackEndRunner::wait_idle() {
+  if (schedule_ == Schedule::kSequential) return;  // every step ends before `submit` does
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return done_.size() == submitted_.size() || failure_; });
+}
+
 void BackEndRunner::run() {
   std::unique_lock lock(mutex_);
   while (true) {

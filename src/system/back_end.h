@@ -94,6 +94,9 @@ class BackEndRunner {
   std::vector<BackEndStep> drain();
   /// Messages submitted and not yet collected.
   [[nodiscard]] int waiting() const { return waiting_; }
+  /// Waits until every message submitted is processed; what came of them stays to be collected.
+  /// The map then stays as it is until the next `submit`.
+  void wait_idle();
   /// After `drain`: the map's last correction.
   ChangeSet finish() { return back_end_.finish(); }
   /// After `drain`.
@@ -106,7 +109,8 @@ class BackEndRunner {
     stop_ = true;
     back_end_.interrupt();
   }
-  /// After `drain`. When a step has failed, the map is as that step left it, half changed.
+  /// After `drain` or `wait_idle`. When a step has failed, the map is as that step left it, half
+  /// changed.
   [[nodiscard]] const Map& map() const { return back_end_.map(); }
   /// After `drain`.
   [[nodiscard]] bool failed() const { return failure_ != nullptr; }

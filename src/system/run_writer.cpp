@@ -114,25 +114,14 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
 
 /// Keyframes that see the same landmarks, the spanning tree, and loops; keyframes by time stamp,
 /// the later one first.
-std::string graph_csv(const Map& map) {
+std::string graph_csv(const MapSnapshot& map) {
+  std::map<std::uint32_t, double> timestamps;
+  for (const MapSnapshot::KeyFrame& k : map.keyframes) timestamps[k.id] = k.timestamp;
   std::string text = "timestamp,other,shared_landmarks,spanning_tree,loop\n";
-  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
-    const std::vector<KeyFrameId>& loops = keyframe.loop_edges;
-    std::map<KeyFrameId, int> shared;
-    for (const Covisible& c : keyframe.covisible) shared[c.keyframe] = c.weight;
-    if (keyframe.parent.valid()) shared.try_emplace(keyframe.parent, 0);
-    for (const KeyFrameId child : keyframe.children) shared.try_emplace(child, 0);
-    for (const KeyFrameId other : loops) shared.try_emplace(other, 0);
-    for (const auto& [other, weight] : shared) {
-      if (!(other < id)) continue;
-      const KeyFrame& earlier = map.keyframe(other);
-      const bool tree = keyframe.parent == other || earlier.parent == id;
-      const bool loop = std::binary_search(loops.begin(), loops.end(), other);
-      if (weight < Map::kCovisibilityMin && !tree && !loop) continue;
-      text += fmt::format("{:.9f},{:.9f},{},{:d},{:d}\n", keyframe.timestamp, earlier.timestamp,
-                          weight, tree, loop);
-    }
-  });
+  for (const MapSnapshot::Edge& e : map.edges) {
+    text += fmt::format("{:.9f},{:.9f},{},{:d},{:d}\n", timestamps[e.keyframe], timestamps[e.other],
+                        e.shared_landmarks, e.spanning_tree, e.loop);
+  }
   return text;
 }
 
@@ -264,7 +253,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   }
   files.write(
       [&] { write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory)); });
-  files.write([&] { write_file_atomic(folder / "graph.csv", graph_csv(system.map())); });
+  files.write([&] { write_file_atomic(folder / "graph.csv", graph_csv(system.snapshot())); });
   files.write([&] { write_file_atomic(folder / "config.yaml", settings.to_yaml()); });
   files.write([&] { write_file_atomic(folder / "map.ply", map_ply(system.landmarks())); });
   files.write([&] {

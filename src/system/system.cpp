@@ -1,11 +1,13 @@
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
+#include <kys_slam/logic_error.h>
 #include <kys_slam/system.h>
 
 #include <array>
 #include <chrono>
 #include <map>
+#include <mutex>
 #include <stdexcept>
 #include <utility>
 
@@ -14,6 +16,7 @@
 #include "system/back_end.h"
 #include "system/frame_links.h"
 #include "system/settings_data.h"
+#include "system/take_snapshot.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
 #include "util/interrupt.h"
@@ -121,7 +124,11 @@ struct System::Impl {
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay) {}
 
-  void check_input(const StereoFrame& frame) const;
+  void check_input(const StereoFrame& frame, const StereoMasks& masks) const;
+  FrameReport feed(const StereoFrame& frame, const StereoMasks& masks);
+  void observe(const FrameReport& report, const FrameFeatures& features);
+  /// The map while no frame is fed and the back end rests; `lock` holds it there.
+  const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(const std::vector<BackEndStep>& steps);
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   struct Place {
@@ -131,6 +138,15 @@ struct System::Impl {
   [[nodiscard]] std::optional<Place> place(std::size_t frame) const;
   [[nodiscard]] KeyFrameId main_submap() const;
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
+
+  std::mutex mutex;  // held while a frame is fed and while the map is read
+  bool finished = false;
+  FrameObserver observer;
+  // Of the frame fed last, for the observer.
+  FrameReport seen_report;
+  std::shared_ptr<const FrameFeatures> seen_features;
+  std::vector<float> seen_depths;
+  std::vector<std::int64_t> seen_landmarks;
 
   StereoCamera camera;
   SettingsData options;
@@ -162,7 +178,7 @@ System::~System() = default;
 
 void System::load_map(const std::filesystem::path& file, bool localize_only) {
   Impl& s = *impl_;
-  if (s.count > 0) throw std::logic_error("a map can be loaded before the first frame only");
+  if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
   Map map = kys_slam::load_map(file, s.options.control.label_space);
   if (!(map.camera() == s.camera)) {
     throw InputError(file.string() + ": the map was made with another camera");
@@ -189,7 +205,7 @@ void System::save_map(const std::filesystem::path& file) const {
   kys_slam::save_map(map(), file, impl_->options.control.label_space);
 }
 
-void System::Impl::check_input(const StereoFrame& frame) const {
+void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {
   const std::string name = frame.name.empty() ? std::to_string(frame.index) : frame.name;
   if (!std::isfinite(frame.timestamp)) throw InputError("frame " + name + ": time is not finite");
   if (!reports.empty() && !(frame.timestamp > reports.back().timestamp)) {
@@ -198,14 +214,17 @@ void System::Impl::check_input(const StereoFrame& frame) const {
   if (frame.left_features.has_value() != frame.right_features.has_value()) {
     throw InputError("frame " + name + ": features of one image only");
   }
-  if (frame.left_features) return;
-  for (const GrayImage* image : {&frame.left, &frame.right}) {
-    if (image->width() != camera.width || image->height() != camera.height) {
-      throw InputError("frame " + name + ": an image of " + std::to_string(image->width()) + "x" +
-                       std::to_string(image->height()) + " px where the calibration says " +
-                       std::to_string(camera.width) + "x" + std::to_string(camera.height));
-    }
+  const auto check_size = [&](const GrayImage& image, const char* what) {
+    if (image.width() == camera.width && image.height() == camera.height) return;
+    throw InputError("frame " + name + ": " + what + " of " + std::to_string(image.width()) + "x" +
+                     std::to_string(image.height()) + " px where the calibration says " +
+                     std::to_string(camera.width) + "x" + std::to_string(camera.height));
+  };
+  for (const GrayImage* mask : {&masks.left, &masks.right}) {
+    if (!mask->empty()) check_size(*mask, "a mask");
   }
+  if (frame.left_features) return;
+  for (const GrayImage* image : {&frame.left, &frame.right}) check_size(*image, "an image");
 }
 
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
@@ -288,15 +307,63 @@ TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult
   return started;
 }
 
-FrameReport System::feed(const StereoFrame& frame) {
+FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
   Impl& s = *impl_;
-  s.check_input(frame);
+  FrameReport report;
+  FrameObserver observer;
+  {
+    const std::lock_guard lock(s.mutex);
+    report = s.feed(frame, masks);
+    observer = s.observer;
+  }
+  // Without the lock, so that the observer may ask for the map.
+  if (observer) {
+    observer({&s.seen_report, s.seen_features->keypoints(), s.seen_depths,
+              s.seen_features->priors(), s.seen_landmarks});
+  }
+  return report;
+}
+
+FrameReport System::feed(double timestamp, const ImageView& left, const ImageView& right,
+                         const StereoMasks& masks) {
+  StereoFrame frame;
+  frame.index = impl_->count;
+  frame.timestamp = timestamp;
+  frame.left = to_gray(left);
+  frame.right = to_gray(right);
+  return feed(frame, masks);
+}
+
+void System::set_observer(FrameObserver observer) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->observer = std::move(observer);
+}
+
+/// Keeps what the observer is told.
+void System::Impl::observe(const FrameReport& report, const FrameFeatures& features) {
+  seen_report = report;
+  seen_depths.resize(features.size());
+  seen_landmarks.assign(features.size(), -1);
+  const std::span<const LandmarkId> landmarks = tracker.last_landmarks();
+  const bool tracked = report.status != FrameStatus::kLost && landmarks.size() == features.size();
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    seen_depths[i] = features.depth(i);
+    if (tracked && landmarks[i].valid()) {
+      seen_landmarks[i] = static_cast<std::int64_t>(landmarks[i].value);
+    }
+  }
+}
+
+FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& masks) {
+  Impl& s = *this;
+  if (finished) throw LogicError("a frame was fed after finish()");
+  s.check_input(frame, masks);
   Stopwatch watch;
   if (s.options.control.stall_ms > 0) {
     s.stall.wait_for(std::chrono::milliseconds(s.options.control.stall_ms));
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
-  FrontEndResult seen = s.front_end.process(frame);
+  FrontEndResult seen = s.front_end.process(frame, masks);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   TrackResult tracked =
@@ -315,6 +382,10 @@ FrameReport System::feed(const StereoFrame& frame) {
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
   s.reports.push_back(report);
+  if (s.observer) {
+    s.seen_features = seen.features;
+    s.observe(report, *seen.features);
+  }
   s.links.add(tracked.pose);
   if (tracked.keyframe && s.options.control.blend_poses) {
     s.links.close(tracked.keyframe->id, s.tracker);
@@ -325,6 +396,9 @@ FrameReport System::feed(const StereoFrame& frame) {
 }
 
 void System::finish() {
+  const std::lock_guard lock(impl_->mutex);
+  if (impl_->finished) return;
+  impl_->finished = true;
   impl_->apply(impl_->runner.drain());
   impl_->tracker.apply(impl_->runner.finish());
 }
@@ -348,7 +422,13 @@ std::optional<System::Impl::Place> System::Impl::place(std::size_t frame) const 
   return Place{submap, tracker.current_pose(pose).inverse()};
 }
 
-/// The sub-map with most frames; of equals the oldest. The trajectory is told in its frame.
+const Map& System::Impl::quiet_map(const std::unique_lock<std::mutex>& lock) {
+  if (!lock.owns_lock()) throw LogicError("the map was read without its lock");
+  runner.wait_idle();
+  return runner.map();
+}
+
+/// The sub-map with most frames; of equals the oldest. The trajectory is expressed in its frame.
 KeyFrameId System::Impl::main_submap() const {
   std::map<KeyFrameId, int> frames;
   for (std::size_t k = 0; k < links.size(); ++k) {
@@ -366,6 +446,8 @@ KeyFrameId System::Impl::main_submap() const {
 }
 
 std::vector<FrameEstimate> System::trajectory() const {
+  const std::unique_lock lock(impl_->mutex);
+  impl_->quiet_map(lock);
   const KeyFrameId main = impl_->main_submap();
   std::vector<FrameEstimate> estimates;
   for (std::size_t k = 0; k < impl_->reports.size(); ++k) {
@@ -384,9 +466,11 @@ std::vector<FrameEstimate> System::trajectory() const {
 }
 
 std::vector<TimedPose> System::keyframes() const {
+  const std::unique_lock lock(impl_->mutex);
+  const Map& map = impl_->quiet_map(lock);
   const KeyFrameId main = impl_->main_submap();
   std::vector<TimedPose> poses;
-  map().keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
     if (keyframe.submap != main || id < impl_->first_keyframe) return;
     poses.push_back({keyframe.timestamp, keyframe.T_c_w.inverse()});
   });
@@ -394,19 +478,32 @@ std::vector<TimedPose> System::keyframes() const {
 }
 
 std::vector<Eigen::Vector3d> System::landmarks() const {
+  const std::unique_lock lock(impl_->mutex);
+  const Map& map = impl_->quiet_map(lock);
   const KeyFrameId main = impl_->main_submap();
   std::vector<Eigen::Vector3d> points;
-  map().landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
-    if (map().submap(landmark.reference) == main) points.push_back(landmark.p_w);
+  map.landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
+    if (map.submap(landmark.reference) == main) points.push_back(landmark.p_w);
   });
   return points;
 }
 
 std::size_t System::submaps() const {
+  const std::unique_lock lock(impl_->mutex);
+  const Map& map = impl_->quiet_map(lock);
   std::size_t roots = 0;
-  map().keyframes().for_each(
+  map.keyframes().for_each(
       [&](KeyFrameId, const KeyFrame& k) { roots += k.parent.valid() ? 0 : 1; });
   return roots;
+}
+
+MapSnapshot System::snapshot() const {
+  const std::unique_lock lock(impl_->mutex);
+  MapSnapshot snapshot = take_snapshot(impl_->quiet_map(lock));
+  snapshot.frames = impl_->count;
+  const KeyFrameId main = impl_->main_submap();
+  if (main.valid()) snapshot.main_submap = main.value;
+  return snapshot;
 }
 
 const std::vector<FrameReport>& System::reports() const {

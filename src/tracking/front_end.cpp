@@ -13,21 +13,22 @@ namespace kys_slam {
 
 namespace {
 
-/// Removes the features whose prior the mode does not keep; returns how many.
-int drop_masked(FeatureSet& features, std::vector<kys::Prior>& priors,
-                const kys::DistanceModel& model) {
+/// Removes the features for which keep(index) is false; returns how many. `priors`: one per feature
+/// or none.
+template <typename Keep>
+int drop_features(FeatureSet& features, std::vector<kys::Prior>& priors, Keep&& keep) {
   std::size_t n = 0;
   for (std::size_t i = 0; i < features.size(); ++i) {
-    if (!model.keeps_keypoint(priors[i])) continue;
+    if (!keep(i)) continue;
     features.keypoints[n] = features.keypoints[i];
     features.descriptors[n] = features.descriptors[i];
-    priors[n] = priors[i];
+    if (!priors.empty()) priors[n] = priors[i];
     ++n;
   }
   const auto dropped = static_cast<int>(features.size() - n);
   features.keypoints.resize(n);
   features.descriptors.resize(n);
-  priors.resize(n);
+  if (!priors.empty()) priors.resize(n);
   return dropped;
 }
 
@@ -41,6 +42,13 @@ void raise(std::vector<kys::Prior>& priors, std::int32_t by, std::span<const std
     }
     prior.instance += by;
   }
+}
+
+/// Whether the keypoint's nearest pixel (as prior files are read) is masked.
+bool is_masked(const GrayImage& mask, const Keypoint& keypoint) {
+  const auto x = static_cast<int>(std::floor(keypoint.x + 0.5F));
+  const auto y = static_cast<int>(std::floor(keypoint.y + 0.5F));
+  return mask.contains(x, y) && mask.at(x, y) != 0;
 }
 
 }  // namespace
@@ -73,7 +81,10 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
     raise(priors_[1], instances_raised_by_, is_thing_);
   }
   for (std::size_t side = 0; side < 2; ++side) {
-    result.masked += drop_masked(features_[side], priors_[side], *model_);
+    const std::vector<kys::Prior>& priors = priors_[side];
+    result.masked += drop_features(features_[side], priors_[side], [&](std::size_t i) {
+      return model_->keeps_keypoint(priors[i]);
+    });
   }
   std::size_t labelled = 0;
   for (const kys::Prior& prior : priors_[0]) labelled += prior.label != kys::kVoidLabel ? 1 : 0;
@@ -83,7 +94,7 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   return true;
 }
 
-FrontEndResult FrontEnd::process(const StereoFrame& frame) {
+FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks) {
   FrontEndResult result;
   Stopwatch watch;
   const bool from_images = !frame.left_features;
@@ -96,6 +107,13 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame) {
 
   const bool with_priors = attach_priors(frame, result);
   if (!with_priors) priors_ = {};
+  for (std::size_t side = 0; side < 2; ++side) {
+    const GrayImage& mask = side == 0 ? masks.left : masks.right;
+    if (mask.empty()) continue;
+    const std::vector<Keypoint>& keypoints = features_[side].keypoints;
+    result.masked += drop_features(features_[side], priors_[side],
+                                   [&](std::size_t i) { return !is_masked(mask, keypoints[i]); });
+  }
   result.times.priors = watch.lap_ms();
 
   const auto view = [&](std::size_t side) {

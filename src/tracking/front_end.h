@@ -2,6 +2,7 @@
 
 #include <kys/distance_model.h>
 #include <kys_slam/frame_source.h>
+#include <kys_slam/masks.h>
 #include <kys_slam/prior_provider.h>
 
 #include <array>
@@ -30,7 +31,7 @@ struct FrontEndResult {
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
   double prior_coverage = 0;  ///< share of keypoints with a valid label
-  int masked = 0;             ///< keypoints dropped because their segment moves (mode `mask`)
+  int masked = 0;             ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 
 /// A stereo frame becomes features with disparities and priors: extraction of both images side by
@@ -41,7 +42,7 @@ class FrontEnd {
   FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
            const kys::DistanceModel& model, PriorProvider* priors);
 
-  FrontEndResult process(const StereoFrame& frame);
+  FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
   /// Things of the frames to come get their instance number raised by this, those of a loaded map
   /// having used the ones below.
   /// \param is_thing by label

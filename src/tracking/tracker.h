@@ -8,6 +8,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -111,6 +112,10 @@ class Tracker {
   void apply(const ChangeSet& changes) { replica_.apply(changes); }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
+  /// Landmarks of the last frame with a pose, per feature; invalid: none.
+  [[nodiscard]] std::span<const LandmarkId> last_landmarks() const {
+    return last_ ? std::span<const LandmarkId>(last_->landmarks) : std::span<const LandmarkId>();
+  }
   /// T_c_w of a frame tracked earlier, as the replica has its keyframe now.
   [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const;
   /// Sub-map of a keyframe as the replica knows it.

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "frame_input.h"
+#include <kys_slam/frame_input.h>
 
 namespace kys_slam {
 

@@ -1,4 +1,4 @@
-#include "frame_input.h"
+#include <kys_slam/frame_input.h>
 
 #include <fmt/format.h>
 #include <kys_slam/error.h>
@@ -22,6 +22,7 @@ FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOp
   FrameInput input;
   input.name = path.stem().string();
   input.ground_truth = features->ground_truth();
+  input.layout = "features";
   input.has_images = false;
   input.scale_factor = features->info().scale_factor;
   input.levels = features->info().levels;
@@ -44,6 +45,7 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
   std::unique_ptr<Sequence> sequence = open_folder(path, options);
   FrameInput input;
   input.name = sequence->name();
+  input.layout = sequence->layout();
   input.ground_truth = sequence->ground_truth();
   input.frames = std::move(sequence);
   return input;

@@ -20,7 +20,8 @@ using OpenSequence =
 
 /// What a run is fed with: the images of a folder or the features of a file.
 struct FrameInput {
-  std::string name;  ///< for the output folder
+  std::string name;    ///< for the output folder
+  std::string layout;  ///< "KITTI odometry", "EuRoC", .., "features"
   std::unique_ptr<FrameSource> frames;
   std::vector<TimedPose> ground_truth;  ///< left camera; empty: none
   bool has_images = true;               ///< false: features, whose octaves are the file's
@@ -29,11 +30,11 @@ struct FrameInput {
   std::string label_space;              ///< of the priors in a feature file; "": it has none
 };
 
-/// Opens a sequence folder with `open_folder`, or a feature file (io/feature_sequence.h), which is
-/// known by its first bytes, whatever its name.
+/// Opens a sequence folder with `open_folder` (`open_sequence`: any layout), or a feature file
+/// (tools/simulator/README.md), which is known by its first bytes, whatever its name.
 /// \throws InputError naming the path: neither, unreadable, damaged, nothing in the part asked for.
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
-                            const OpenSequence& open_folder);
+                            const OpenSequence& open_folder = open_sequence);
 
 /// \throws InputError when a feature file has other octaves, or priors of another label space, than
 /// `settings` say.

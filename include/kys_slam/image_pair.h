@@ -1,0 +1,28 @@
+#pragma once
+
+#include <kys_slam/sequence.h>
+#include <kys_slam/stereo_rig.h>
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+namespace kys_slam {
+
+/// How the images of two folders belong together and when they were taken.
+struct ImagePairOptions {
+  SequenceOptions part;
+  /// Frames per second of images that say nothing about time. Not needed where the file names are
+  /// stamps in nanoseconds (13 digits or more) or there is a file of times.
+  std::optional<double> rate;
+  std::filesystem::path times;  ///< text, one time stamp (s) per left image; "": none
+};
+
+/// Opens the PNG or JPEG images of two folders, grey or colour, 8 or 16 bits. Names that are stamps
+/// are paired by time (part.pairing_tolerance), others by the numbers they end in. Images are
+/// rectified unless the rig says they are. \throws InputError naming the file and what is wrong.
+std::unique_ptr<Sequence> open_image_pair(const std::filesystem::path& left,
+                                          const std::filesystem::path& right, StereoRig rig,
+                                          const ImagePairOptions& options = {});
+
+}  // namespace kys_slam

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <kys_slam/image.h>
+
+#include <cstddef>
+#include <cstdint>
+
+namespace kys_slam {
+
+/// How the pixels of a view are stored.
+enum class PixelFormat : std::uint8_t {
+  kGray8,   ///< 8 bits
+  kGray16,  ///< 16 bits, host byte order; the high byte counts
+  kRgb8,    ///< three channels of 8 bits
+  kBgr8,    ///< the same in OpenCV's order
+};
+
+/// Pixels of somebody else's memory: a camera driver's buffer, a cv::Mat, a NumPy array. Steps may
+/// be of any size and sign, so that crops, flips and views of every second pixel need no copy.
+struct ImageView {
+  const void* data = nullptr;  ///< pixel (0, 0), first channel
+  int width = 0;               ///< px
+  int height = 0;              ///< px
+  PixelFormat format = PixelFormat::kGray8;
+  std::ptrdiff_t row_step = 0;      ///< bytes from one row to the next; 0: rows without gaps
+  std::ptrdiff_t pixel_step = 0;    ///< bytes from one pixel to the next; 0: pixels without gaps
+  std::ptrdiff_t channel_step = 1;  ///< bytes from one channel to the next
+};
+
+/// The view as 8-bit grey: 16 bits by their high byte, colour by ITU-R BT.601 weights, exactly as
+/// image files are read (read_gray).
+/// \throws InputError for a view without pixels or with a side above 16384 px.
+GrayImage to_gray(const ImageView& view);
+
+}  // namespace kys_slam

@@ -1,0 +1,15 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace kys_slam {
+
+/// A call at the wrong time, a mistake of the calling program: a frame fed after `finish`, a map
+/// loaded after the first frame.
+class LogicError : public std::logic_error {
+ public:
+  explicit LogicError(const std::string& message) : std::logic_error(message) {}
+};
+
+}  // namespace kys_slam

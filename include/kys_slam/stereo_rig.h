@@ -1,0 +1,56 @@
+#pragma once
+
+#include <kys_slam/stereo_rectifier.h>
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace kys_slam {
+
+/// Two raw cameras and where they are to each other, as a calibration tool wrote them down.
+struct StereoRig {
+  RawCamera left;
+  RawCamera right;
+  std::string name;  ///< the file, for messages
+
+  /// m, distance of the two cameras' centres.
+  [[nodiscard]] double baseline() const;
+  /// The rectified pair when the cameras are one already: no distortion, parallel, equal
+  /// intrinsics, shifted along x. Otherwise a StereoRectifier makes one.
+  [[nodiscard]] std::optional<StereoCamera> rectified() const;
+  /// \throws InputError when the calibration was made for another image size (unless it has none:
+  ///   then it takes this one), or when the baseline is not between 5 mm and 5 m.
+  void settle_size(int width, int height);
+};
+
+/// ROS's sensor_msgs/CameraInfo.
+struct CameraInfo {
+  int width = 0, height = 0;     ///< px
+  std::string distortion_model;  ///< plumb_bob, rational_polynomial, equidistant, or ""
+  std::vector<double> D;         ///< distortion
+  std::array<double, 9> K{};     ///< of the raw image, row-major
+  std::array<double, 9> R{};     ///< raw to rectified, row-major
+  std::array<double, 12> P{};    ///< of the rectified image; P[3] = -fx baseline in the right one
+};
+/// \throws InputError when the two are no stereo pair (the right P[3] must be negative).
+StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
+                               const std::string& name);
+
+/// Reads a calibration. One file: Kalibr's camchain (cam0 left, cam1 right), OpenCV's output of
+/// stereoCalibrate (M1 D1 M2 D2 R T, or K1 .. with `image_size`), or our own:
+///
+///     left:  {width: 752, height: 480, fx: 458.7, fy: 457.3, cx: 367.2, cy: 248.4,   # px
+///             model: radtan, distortion: [-0.28, 0.07, 0.0002, 0.00002]}  # or equidistant
+///     right: {...}
+///     T_left_right: [1, 0, 0, 0.11,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1]  # right to left, m
+///
+/// Two files: ROS camera_info of the left and the right camera, or OpenCV's intrinsics and
+/// extrinsics. \param unit  m per unit of the file's lengths (0.001 for mm)
+/// \throws InputError naming the file and what is missing or wrong, or that it is none of these.
+StereoRig read_stereo_rig(std::span<const std::filesystem::path> files, double unit = 1);
+
+}  // namespace kys_slam

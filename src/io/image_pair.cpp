@@ -1,0 +1,117 @@
+#include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
+#include <kys_slam/image_pair.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "io/sequence_parts.h"
+#include "io/text_table.h"
+#include "util/parse_number.h"
+#include "util/paths.h"
+
+namespace kys_slam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// ns, when every name is a stamp and they increase.
+std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& images) {
+  std::vector<std::int64_t> stamps;
+  for (const fs::path& image : images) {
+    const std::string stem = image.stem().string();
+    const auto value = parse_int(stem);
+    if (stem.size() < 13 || !value || *value < 0) return std::nullopt;
+    if (!stamps.empty() && *value <= stamps.back()) return std::nullopt;
+    stamps.push_back(*value);
+  }
+  return stamps;
+}
+
+void pair_stamps(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
+                 const std::vector<std::int64_t>& left_ns,
+                 const std::vector<std::int64_t>& right_ns, double tolerance,
+                 Sequence::Content& content) {
+  const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
+  for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
+    const std::int64_t difference = right_ns[r] - left_ns[l];
+    if (difference < -limit) {
+      ++r;
+    } else if (difference > limit) {
+      ++l;
+    } else {
+      content.frames.push_back(
+          {left[l].stem().string(), static_cast<double>(left_ns[l]) * 1e-9, left[l], right[r]});
+      ++l, ++r;
+    }
+  }
+  content.dropped =
+      static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());
+}
+
+void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
+  const TextTable table(file);
+  if (table.rows().size() != frames.size()) {
+    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
+                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].timestamp = table.number(table.rows()[i], 0);
+    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
+      table.fail(table.rows()[i], "time stamps do not increase");
+    }
+  }
+}
+
+void set_times(const fs::path& left, const ImagePairOptions& options,
+               std::vector<Sequence::Frame>& frames) {
+  if (!options.times.empty()) return read_times(options.times, frames);
+  const fs::path beside = left.parent_path() / "times.txt";
+  if (!options.rate && path_exists(beside)) return read_times(beside, frames);
+  if (!options.rate) {
+    throw InputError(left.string() +
+                     ": the names of the images are no time stamps; give --rate or --times");
+  }
+  if (!(*options.rate > 0) || !std::isfinite(*options.rate)) {
+    throw InputError("the frame rate is not positive");
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].timestamp = static_cast<double>(i) / *options.rate;
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::path& right_given,
+                                          StereoRig rig, const ImagePairOptions& options) {
+  const fs::path left = sequence_folder(left_given), right = sequence_folder(right_given);
+  Sequence::Content content;
+  content.name = left.parent_path().filename().string();
+  content.layout = "image pair";
+  const std::vector<fs::path> left_images = list_images(left), right_images = list_images(right);
+  const auto left_ns = stamps_of(left_images), right_ns = stamps_of(right_images);
+  if (left_ns && right_ns && options.times.empty() && !options.rate) {
+    pair_stamps(left_images, right_images, *left_ns, *right_ns, options.part.pairing_tolerance,
+                content);
+    if (content.frames.empty()) {
+      throw InputError(right.string() + ": no image has the time stamp of a left one");
+    }
+  } else {
+    content.frames = pair_by_name(left, right);
+    set_times(left, options, content.frames);
+  }
+  const ImageInfo info = read_image_info(content.frames.front().left);
+  rig.settle_size(info.width, info.height);
+  if (const auto camera = rig.rectified()) {
+    content.camera = *camera;
+  } else {
+    const auto rectifier = std::make_shared<StereoRectifier>(rig.left, rig.right, rig.name);
+    content.camera = rectifier->camera();
+    content.T_b_c = rectifier->T_b_c();
+    content.rectifier = rectifier;
+  }
+  return make_sequence(std::move(content), options.part, left);
+}
+
+}  // namespace kys_slam
