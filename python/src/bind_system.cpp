@@ -21,7 +21,7 @@ using namespace nb::literals;
 
 namespace {
 
-/// Priors of a frame as they were given with it, else those of a folder.
+/// Priors of a frame as they were given with it, else those of its features, else of a folder.
 class Priors final : public PriorProvider {
  public:
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
@@ -32,6 +32,12 @@ class Priors final : public PriorProvider {
       right_priors.resize(right.size());
       given->lookup(CameraSide::kLeft, left, left_priors);
       given->lookup(CameraSide::kRight, right, right_priors);
+      return true;
+    }
+    if (frame.has_priors && frame.left_priors.size() == left.size() &&
+        frame.right_priors.size() == right.size()) {
+      left_priors = frame.left_priors;
+      right_priors = frame.right_priors;
       return true;
     }
     return folder && folder->look_up(frame, left, right, left_priors, right_priors);
