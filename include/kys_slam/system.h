@@ -5,6 +5,7 @@
 #include <kys_slam/image_view.h>
 #include <kys_slam/map_snapshot.h>
 #include <kys_slam/masks.h>
+#include <kys_slam/object.h>
 #include <kys_slam/prior_provider.h>
 #include <kys_slam/report.h>
 #include <kys_slam/settings.h>
@@ -72,6 +73,10 @@ class System {
 
   /// One entry per frame fed.
   [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
+  /// Moving things in the frames fed, by frame, then instance, in the frame of the trajectory; told
+  /// of in mode `verified` only, which judges what moves. Frames that the trajectory does not connect
+  /// have none.
+  [[nodiscard]] std::vector<ObjectEstimate> objects() const;
   /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is expressed
   /// in.
   [[nodiscard]] std::vector<TimedPose> keyframes() const;

@@ -16,9 +16,9 @@ namespace kys_slam {
 
 namespace {
 
-constexpr double kMinDisparity = 1;       // px, below this depth means nothing
-constexpr double kTurnTolerance = 1e-5;   // rad: far below what the matches can tell
-constexpr double kShiftTolerance = 1e-4;  // m
+constexpr double kMinDisparity = 1;        // px, below this depth means nothing
+constexpr double kTurnTolerance = 1e-5;    // rad: far below what the matches can tell
+constexpr double kShiftTolerance = 1e-4;   // m
 constexpr double kObservedRotation = 0.5;  // of the range: the matches have halved what was unknown
 
 /// A match as the fits need it: where a still point would be now, and its error there.
@@ -134,6 +134,25 @@ class Fit {
     return sums;
   }
 
+  /// Middle of where the points that are not cut off would be standing still; of all, without any.
+  [[nodiscard]] Eigen::Vector3d inlier_centre(const Vector6d& xi) const {
+    const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
+    Eigen::Vector3d total = Eigen::Vector3d::Zero();
+    int count = 0;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Point& point = points_[i];
+      const Eigen::Vector3d x = R * (point.q - centre_) + centre_ + xi.tail<3>();
+      if (x.z() < kMinDepth) continue;
+      const Eigen::Vector3d e =
+          reprojection_error(camera_, x, point.observed.x(), point.observed.y(),
+                             point.observed.x() - point.observed.z());
+      if (e.dot(information_[i] * e) > options_.max_chi2) continue;
+      total += point.q;
+      ++count;
+    }
+    return count > 0 ? Eigen::Vector3d(total / count) : centre_;
+  }
+
  private:
   /// Inverse covariances of the errors, linearised at `xi`.
   void weigh(const Vector6d& xi) {
@@ -150,8 +169,7 @@ class Fit {
   /// One step; false at the minimum.
   [[nodiscard]] bool advance(Vector6d& xi, const Matrix6d& information, bool soft) const {
     const Sums sums = sum(xi, soft);
-    const Vector6d step =
-        (sums.A + information).ldlt().solve(-(sums.b + information * xi));
+    const Vector6d step = (sums.A + information).ldlt().solve(-(sums.b + information * xi));
     if (!step.allFinite()) return false;
     // The rotation moves on the left; the prior is flat enough for the difference.
     xi << so3_log(so3_exp(step.head<3>()) * so3_exp(xi.head<3>())), xi.tail<3>() + step.tail<3>();
@@ -174,13 +192,11 @@ struct Fitted {
   double deviance = 0;
 };
 
-Fitted fitted(Fit& fit, const Vector6d& start, const Matrix6d& P,
-              const Matrix6d& information) {
+Fitted fitted(Fit& fit, const Vector6d& start, const Matrix6d& P, const Matrix6d& information) {
   Fitted result;
   result.xi = fit.minimise(start, information);
   result.sums = fit.sum(result.xi, false);
-  const double occam =
-      std::log(std::abs((Matrix6d::Identity() + P * result.sums.A).determinant()));
+  const double occam = std::log(std::abs((Matrix6d::Identity() + P * result.sums.A).determinant()));
   result.deviance = result.sums.cost + result.xi.dot(information * result.xi) + occam;
   return result;
 }
@@ -272,13 +288,17 @@ InstanceMotion estimate_instance_motion(const StereoCamera& camera,
 
   result.log_ratio = 0.5 * (moves.deviance - still.deviance);
   result.inliers = moves.sums.inliers;
+  // Told about the middle of those that fit: others may be on what stands before the instance.
+  const Eigen::Matrix3d R = so3_exp(moves.xi.head<3>()).toRotationMatrix();
+  const Eigen::Vector3d arm = fit.inlier_centre(moves.xi) - centre;
   result.motion = moves.xi;
+  result.motion.tail<3>() += R * arm - arm;
   const Matrix6d posterior = inverse(moves.sums.A + information);
-  result.covariance = posterior + P_still;
+  result.covariance = about(posterior + P_still, arm);
   result.rotation_observed =
       posterior.diagonal().head<3>().maxCoeff() < std::pow(kObservedRotation * range.rotation, 2);
-  result.centre = centre + moves.xi.tail<3>();
-  result.centre_covariance = posterior.bottomRightCorner<3, 3>();
+  result.centre = centre + arm + result.motion.tail<3>();
+  result.centre_covariance = about(posterior, arm).bottomRightCorner<3, 3>();
   return result;
 }
 

@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/evaluation.h>
 #include <kys_slam/run_main.h>
@@ -121,6 +122,24 @@ std::string graph_csv(const MapSnapshot& map) {
   for (const MapSnapshot::Edge& e : map.edges) {
     text += fmt::format("{:.9f},{:.9f},{},{:d},{:d}\n", timestamps[e.keyframe], timestamps[e.other],
                         e.shared_landmarks, e.spanning_tree, e.loop);
+  }
+  return text;
+}
+
+/// Moving things, a row per frame and thing.
+std::string objects_csv(const System& system, const std::string& label_space) {
+  std::string text =
+      "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n";
+  const std::vector<ObjectEstimate> objects = system.objects();
+  if (objects.empty()) return text;
+  const kys::LabelSpace labels = kys::load_label_space(label_space);
+  for (const ObjectEstimate& o : objects) {
+    const FrameReport& report = system.reports().at(static_cast<std::size_t>(o.frame));
+    text += fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, report.name, report.timestamp,
+                        o.instance, labels.at(o.label).name, o.p_moving, o.keypoints);
+    text += fmt::format(",{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f}\n", o.position.x(),
+                        o.position.y(), o.position.z(), o.velocity.x(), o.velocity.y(),
+                        o.velocity.z(), std::sqrt(o.velocity_covariance.trace()));
   }
   return text;
 }
@@ -253,6 +272,10 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   }
   files.write(
       [&] { write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory)); });
+  files.write([&] {
+    write_file_atomic(folder / "objects.csv",
+                      objects_csv(system, settings.get("control.label_space")));
+  });
   files.write([&] { write_file_atomic(folder / "graph.csv", graph_csv(system.snapshot())); });
   files.write([&] { write_file_atomic(folder / "config.yaml", settings.to_yaml()); });
   files.write([&] { write_file_atomic(folder / "map.ply", map_ply(system.landmarks())); });

@@ -160,6 +160,7 @@ void Settings::check() const {
   data_->orb.check();
   data_->stereo.check();
   data_->tracking.check();
+  data_->objects.check();
   if (data_->mapping.bundle.max_keyframes < 1) {
     throw InputError("mapping.bundle_keyframes must be at least 1");
   }

@@ -11,6 +11,7 @@
 #include "loop_closing/relocalization.h"
 #include "mapping/local_mapper.h"
 #include "matching/stereo_matcher.h"
+#include "system/object_log.h"
 #include "tracking/tracker.h"
 
 namespace kys_slam {
@@ -34,6 +35,7 @@ struct SettingsData {
   PlaceVerificationOptions place;  ///< of loops and relocalisation alike
   kys::ModeOptions kys;
   kys::BeliefOptions belief;
+  ObjectOptions objects;
   ControlOptions control;
 };
 
@@ -219,6 +221,22 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("belief.mobile", s.belief.mobile, "nats", "of people, animals, vehicles");
   visit("belief.flagged", s.belief.flagged, "nats", "added when the file calls it moving");
   visit("belief.unflagged", s.belief.unflagged, "nats", "added when it does not");
+
+  auto& o = s.objects;
+  visit("objects.min_probability", o.min_probability, "", "of moving, to be told of");
+  visit("objects.min_keypoints", o.min_keypoints, "", "stereo keypoints of a thing told of");
+  visit("objects.acceleration_density", o.tracks.acceleration_density, "m^2/s^3",
+        "of the white acceleration of the motion model");
+  visit("objects.start_speed", o.tracks.start_speed, "m/s", "standard deviation before it is seen");
+  visit("objects.surface_sigma", o.tracks.surface_sigma, "m",
+        "by which the middle of what is seen of a thing wanders");
+  visit("objects.speed_sigma", o.tracks.speed_sigma, "m/s", "added to every velocity seen");
+  visit("objects.gate", o.tracks.gate, "m", "between a thing and where it was expected, at most");
+  visit("objects.gate_growth", o.tracks.gate_growth, "m/s", "of the gate while it is not seen");
+  visit("objects.restart_gate", o.tracks.restart_gate, "m",
+        "the same for a thing of the same name that jumped");
+  visit("objects.max_gap", o.tracks.max_gap, "s", "without being seen after which it is let go");
+  visit("objects.min_observations", o.tracks.min_observations, "", "shorter tracks are dropped");
 
   visit("control.pipeline_delay", s.control.pipeline_delay, "frames",
         "after which the tracker sees what the back end did (pipelined)");

@@ -15,6 +15,7 @@
 #include "map_file/map_file.h"
 #include "system/back_end.h"
 #include "system/frame_links.h"
+#include "system/object_log.h"
 #include "system/settings_data.h"
 #include "system/take_snapshot.h"
 #include "tracking/front_end.h"
@@ -122,7 +123,8 @@ struct System::Impl {
         front_end(camera, options.orb, options.stereo, model, priors.get()),
         tracker(camera, scales, options.tracking, model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
-               options.control.pipeline_delay) {}
+               options.control.pipeline_delay),
+        objects(options.objects) {}
 
   void check_input(const StereoFrame& frame, const StereoMasks& masks) const;
   FrameReport feed(const StereoFrame& frame, const StereoMasks& masks);
@@ -156,6 +158,7 @@ struct System::Impl {
   FrontEnd front_end;
   Tracker tracker;
   BackEndRunner runner;
+  ObjectLog objects;
   std::vector<FrameReport> reports;
   FrameLinks links;              // of every frame fed
   std::int64_t count = 0;        // frames fed: the index everything inside goes by
@@ -387,6 +390,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     s.observe(report, *seen.features);
   }
   s.links.add(tracked.pose);
+  s.objects.add(frame.timestamp, tracked.instances);
   if (tracked.keyframe && s.options.control.blend_poses) {
     s.links.close(tracked.keyframe->id, s.tracker);
   }
@@ -463,6 +467,12 @@ std::vector<FrameEstimate> System::trajectory() const {
     estimates.push_back(estimate);
   }
   return estimates;
+}
+
+std::vector<ObjectEstimate> System::objects() const {
+  const std::vector<FrameEstimate> estimates = trajectory();
+  const std::unique_lock lock(impl_->mutex);
+  return impl_->objects.objects(estimates);
 }
 
 std::vector<TimedPose> System::keyframes() const {

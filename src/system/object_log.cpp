@@ -1,0 +1,63 @@
+#include "system/object_log.h"
+
+#include <kys_slam/error.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace kys_slam {
+
+namespace {
+
+/// \param step  s between two frames. Velocities over longer spans share keypoints with those of
+/// the
+///   frames before: their covariance grows so that together they say no more than they know.
+ObjectObservation observe(const InstanceState& state, double step) {
+  ObjectObservation seen;
+  seen.instance = state.instance;
+  seen.label = state.label;
+  seen.p_moving = 1 - state.p_static;
+  seen.keypoints = state.keypoints;
+  if (state.span <= 0) return seen;
+  seen.place = {state.motion.centre, state.motion.centre_covariance};
+  if (2 * state.motion.inliers <= state.matches) return seen;  // nothing that most agree on
+  ObservedVelocity velocity;
+  velocity.span = state.span;
+  velocity.velocity_c = state.motion.motion.tail<3>() / state.span;
+  const double shared = step > 0 ? std::max(1.0, state.span / step) : 1.0;
+  velocity.covariance =
+      state.motion.covariance.bottomRightCorner<3, 3>() * shared / (state.span * state.span);
+  seen.velocity = velocity;
+  return seen;
+}
+
+}  // namespace
+
+void ObjectOptions::check() const {
+  if (!(min_probability > 0 && min_probability <= 1)) {
+    throw InputError("objects.min_probability is out of range");
+  }
+  tracks.check();
+}
+
+void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) {
+  const double step = frames_.empty() ? 0.0 : timestamp - frames_.back().timestamp;
+  ObjectFrame& frame = frames_.emplace_back();
+  frame.timestamp = timestamp;
+  for (const InstanceState& state : instances) {
+    if (1 - state.p_static < options_.min_probability || state.keypoints < options_.min_keypoints) {
+      continue;
+    }
+    frame.observations.push_back(observe(state, step));
+  }
+}
+
+std::vector<ObjectEstimate> ObjectLog::objects(std::span<const FrameEstimate> trajectory) const {
+  std::vector<ObjectFrame> frames = frames_;
+  for (std::size_t k = 0; k < frames.size(); ++k) {
+    if (k < trajectory.size() && trajectory[k].connected) frames[k].T_w_c = trajectory[k].T_w_c;
+  }
+  return track_objects(frames, options_.tracks);
+}
+
+}  // namespace kys_slam

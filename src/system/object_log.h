@@ -1,0 +1,39 @@
+#pragma once
+
+#include <kys_slam/object.h>
+#include <kys_slam/report.h>
+
+#include <span>
+#include <vector>
+
+#include "motion/instance_tracker.h"
+#include "motion/object_tracks.h"
+
+namespace kys_slam {
+
+struct ObjectOptions {
+  double min_probability = 0.5;  ///< of moving; things below are not told of
+  int min_keypoints = 8;         ///< stereo keypoints; things with fewer are not told of
+  ObjectTrackOptions tracks;
+
+  /// \throws InputError naming the setting that makes no sense.
+  void check() const;
+};
+
+/// What the frames showed of things that move, kept until the poses are final.
+class ObjectLog {
+ public:
+  explicit ObjectLog(const ObjectOptions& options) : options_(options) {}
+
+  /// The next frame. \param instances  its things; none when it has no pose
+  void add(double timestamp, std::span<const InstanceState> instances);
+  /// Objects over all frames. \param trajectory  one estimate per frame added
+  [[nodiscard]] std::vector<ObjectEstimate> objects(
+      std::span<const FrameEstimate> trajectory) const;
+
+ private:
+  ObjectOptions options_;
+  std::vector<ObjectFrame> frames_;
+};
+
+}  // namespace kys_slam
