@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Sets everything up, renders a simulated street with a lorry ahead and other traffic, makes priors
-# from its exact perception, tracks it without and with them, and draws both. Then once around a
-# block: a loop to close.
+# from its exact perception, and tracks it three times: with poses that most matches agree on, with
+# poses that most of the image area agrees on, and with priors. Then once around a block: a loop to
+# close. Draws all of it.
 #   tools/demo.sh [FRAMES]     default 100
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -21,12 +22,17 @@ fi
   --panoptic-left "$world/panoptic_left" --panoptic-right "$world/panoptic_right" \
   --disparity "$world/disparity" --flow-left "$world/flow_left" --flow-right "$world/flow_right"
 
-for mode in stock kys; do
+track() {  # name, then arguments
   echo
-  echo "mode $mode"
-  "$bin/run_stereo_kitti" "$world" --priors "$priors" --mode "$mode" --output "runs/demo-$mode"
-  .venv/bin/python tools/plots/plot_trajectory.py "runs/demo-$mode"
-done
+  echo "$1: ${*:2}"
+  "$bin/run_stereo_kitti" "$world" --priors "$priors" --output "runs/demo-$1" --overwrite "${@:2}"
+  .venv/bin/python tools/plots/plot_trajectory.py "runs/demo-$1"
+}
+track votes --mode stock --set tracking.balanced=false --set place.min_area=0
+track area --mode stock
+track priors --mode kys
+.venv/bin/python tools/plots/compare_runs.py "runs/demo-votes=most matches" \
+  "runs/demo-area=most image area" "runs/demo-priors=with priors" --output runs/demo-street.png
 
 block=runs/worlds/block
 if [ ! -d "$block" ]; then
@@ -34,8 +40,8 @@ if [ ! -d "$block" ]; then
 fi
 echo
 echo "once around a block"
-"$bin/run_stereo_kitti" "$block" --output runs/demo-block
+"$bin/run_stereo_kitti" "$block" --output runs/demo-block --overwrite
 .venv/bin/python tools/plots/plot_trajectory.py runs/demo-block
 echo
 echo "the frames are in $world/image_0, the pictures of the trajectories are"
-ls runs/demo-*/*.png
+ls runs/demo-*.png runs/demo-*/*.png

@@ -53,6 +53,16 @@ def main():
         result = run(script, folder)
         assert result.returncode == 2 and "objects.csv" in result.stderr, result
         os.unlink(objects)
+        compare = os.path.join(os.path.dirname(script), "compare_runs.py")
+        together = os.path.join(folder, "together.png")
+        result = run(compare, folder, f"{folder}=same $", "--ground-truth", truth, "--output", together)
+        assert result.returncode == 0, result.stderr
+        with open(together, "rb") as file:
+            assert file.read().startswith(b"\x89PNG")
+        for bad in (["/none", "--output", together], [folder, "--output", together],
+                    [folder, "--ground-truth", truth, "--output", "/none/x.png"]):
+            result = run(compare, *bad)
+            assert result.returncode == 2 and result.stderr.count("\n") == 1, (bad, result)
         for bad in (["/none"], [folder, "--ground-truth", "/none"],
                     [folder, "--ground-truth", script], [folder, "--output", "/none/x.png"]):
             result = run(script, *bad)

@@ -498,7 +498,7 @@ def limits_file_size(f, programs):
 
 @case
 def limits_memory(f, programs):
-    # With less, the stack of a thread or of the program may find no room to grow, which ends it.
+    # At 100 MB one run of ten ended with a segmentation fault; its cause is not known.
     for megabytes in range(140, 420, 20):
         shutil.rmtree(f.output, ignore_errors=True)
         result = programs.kitti(f, before=limit(resource.RLIMIT_AS, megabytes << 20))
