@@ -176,7 +176,8 @@ TEST(InstanceTracker, StuffIsNotDoubted) {
   Street street;
   for (int i = 0; i < 4; ++i) {
     for (const kys::Prior& prior : street.frame()) {
-      if (prior.instance != kDriving && prior.instance != kParked) EXPECT_EQ(prior.motion, 0);
+      if (prior.instance == kDriving || prior.instance == kParked) continue;
+      EXPECT_EQ(prior.motion, 0);
     }
   }
   EXPECT_EQ(street.tracker().p_static(3), 1.0);
