@@ -111,10 +111,11 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
   using Changes = std::vector<std::string>;
   EXPECT_EQ(changes_of("kys_default.yaml"), Changes{});
   EXPECT_EQ(changes_of("kys_paper.yaml"),
-            (Changes{"tracking.balanced=false", "kys.normalize=false"}));
-  EXPECT_EQ(changes_of("baseline.yaml"),
-            (Changes{"orb.subpixel=false", "tracking.balanced=false", "keyframes.max_frames=10",
-                     "calibration.enabled=false", "control.blend_poses=false"}));
+            (Changes{"tracking.balanced=false", "place.min_area=0", "kys.normalize=false"}));
+  EXPECT_EQ(
+      changes_of("baseline.yaml"),
+      (Changes{"orb.subpixel=false", "tracking.balanced=false", "keyframes.max_frames=10",
+               "calibration.enabled=false", "place.min_area=0", "control.blend_poses=false"}));
 }
 
 TEST(System, FramesFollowTheKeyframeBeforeThemAloneWhenPosesAreNotBlended) {
