@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -94,6 +95,7 @@ def test_other_threads_run_while_a_frame_is_fed(kitti):
     def tick():
         while not stop.is_set():
             ticks[0] += 1
+            time.sleep(0.0005)  # gives the GIL back, which nothing else makes it do below
 
     interval = sys.getswitchinterval()
     thread = threading.Thread(target=tick)

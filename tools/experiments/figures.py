@@ -83,7 +83,8 @@ def sweep(rows, values, baseline, published, title, path):
     for axis in axes[0]:
         axis.set_xticks(range(len(values)), values, rotation=30, ha="right", fontsize=7)
         axis.set_ylabel("ATE, m", fontsize=8)
-        axis.set_yscale("log")
+        if any(np.nanmax(line.get_ydata(), initial=0) > 0 for line in axis.lines):
+            axis.set_yscale("log")
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7)
     figure.suptitle(title, fontsize=10)
