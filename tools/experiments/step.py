@@ -19,7 +19,8 @@ from loop_recall import recall_of
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, perception_arguments, read_json,
                   remove, shares, tier_counts, write_text)
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "priors"))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
+                                "kys_slam"))
 import kysp  # noqa: E402
 
 VKITTI_FRAMES = (("panoptic-left", "instanceSegmentation/Camera_0"),
