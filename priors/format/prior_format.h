@@ -1,3 +1,0 @@
-#pragma once
-
-#include <kys_slam/prior_format.h>  // moved; this file goes soon

@@ -1,3 +1,0 @@
-#pragma once
-
-#include <kys_slam/sequence.h>  // moved; this file goes soon
