@@ -2,12 +2,12 @@
 #include <kys_slam/error.h>
 #include <kys_slam/settings.h>
 
+#include <optional>
 #include <sstream>
 #include <type_traits>
 
 #include "io/yaml_file.h"
 #include "kys/error.h"
-#include "system/setting_ranges.h"
 #include "system/settings_data.h"
 #include "util/nearest_name.h"
 #include "util/parse_number.h"
@@ -33,9 +33,32 @@ std::string range_text(const SettingRange& range) {
   return to_text(range.least) + " to " + to_text(range.most);
 }
 
-/// Throws InputError when `text` is not a value of the type.
 template <typename T>
-void from_text(std::string_view key, std::string_view text, T& value) {
+constexpr bool kIsNumber = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
+
+/// Calls visit(key, reference to the value, range or nothing, unit, meaning) for every setting but
+/// those of kys. A number without a range does not compile.
+template <typename Visit>
+struct WithRanges {
+  Visit visit;
+
+  template <typename T>
+  void operator()(const char* key, T& value, SettingRange range, const char* unit,
+                  const char* meaning) const {
+    static_assert(kIsNumber<std::remove_const_t<T>>, "only numbers have ranges");
+    visit(key, value, std::optional(range), unit, meaning);
+  }
+  template <typename T>
+  void operator()(const char* key, T& value, const char* unit, const char* meaning) const {
+    static_assert(!kIsNumber<std::remove_const_t<T>>, "every number needs a range");
+    visit(key, value, std::optional<SettingRange>(), unit, meaning);
+  }
+};
+
+/// Throws InputError when `text` is not a value of the type, or out of range.
+template <typename T>
+void from_text(std::string_view key, std::string_view text,
+               const std::optional<SettingRange>& range, T& value) {
   const auto fail = [&](const char* what) {
     throw InputError("setting " + std::string(key) + ": '" + std::string(text.substr(0, 80)) +
                      "' is not " + what);
@@ -54,8 +77,7 @@ void from_text(std::string_view key, std::string_view text, T& value) {
     if (!number) fail("a finite number");
     value = static_cast<T>(*number);
   }
-  if constexpr (std::is_arithmetic_v<T> && !std::is_same_v<T, bool>) {
-    const auto range = setting_range(key);
+  if constexpr (kIsNumber<T>) {
     if (!range) return;
     const auto number = static_cast<double>(value);
     if (!(number >= range->least && number <= range->most)) {
@@ -108,13 +130,14 @@ void Settings::assign(std::string_view assignment) {
 
 void Settings::set(std::string_view key, std::string_view value) {
   bool found = false;
-  visit_settings(*data_, [&](const char* name, auto& place, const char*, const char*) {
+  visit_settings(*data_, WithRanges{[&](const char* name, auto& place, const auto& range,
+                                        const char*, const char*) {
     if (key != name) return;
     found = true;
     auto parsed = place;
-    from_text(key, value, parsed);
+    from_text(key, value, range, parsed);
     place = parsed;
-  });
+  }});
   if (found) return;
   std::vector<std::string> known;
   for (const Description& d : describe()) {
@@ -174,11 +197,11 @@ void Settings::check() const {
 
 std::vector<Settings::Description> Settings::describe() const {
   std::vector<Description> all;
-  visit_settings(std::as_const(*data_), [&](const char* key, const auto& value, const char* unit,
-                                            const char* meaning) {
-    const auto range = setting_range(key);
-    all.push_back({key, to_text(value), unit, meaning, range ? range_text(*range) : ""});
-  });
+  visit_settings(
+      std::as_const(*data_), WithRanges{[&](const char* key, const auto& value, const auto& range,
+                                            const char* unit, const char* meaning) {
+        all.push_back({key, to_text(value), unit, meaning, range ? range_text(*range) : ""});
+      }});
   for (const auto& [key, value] : kys::option_values(data_->kys)) {
     all.push_back({key, value, "", "see kys/README.md", ""});
   }

@@ -1,0 +1,90 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+#include <kys_slam/settings.h>
+
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+
+namespace kys_slam {
+namespace {
+
+std::optional<double> number(const std::string& text) {
+  double value = 0;
+  const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (result.ec != std::errc() || result.ptr != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+struct Range {
+  double least, most;
+};
+
+/// "1 to 32" as --list-settings tells it.
+std::optional<Range> parse_range(const std::string& text) {
+  const std::size_t to = text.find(" to ");
+  if (to == std::string::npos) return std::nullopt;
+  const auto least = number(text.substr(0, to)), most = number(text.substr(to + 4));
+  if (!least || !most) return std::nullopt;
+  return Range{*least, *most};
+}
+
+bool is_kys(const std::string& key) {
+  return key.starts_with("kys.");
+}
+
+/// Whether the value is refused, when it is set or when all settings are checked.
+bool refused(const std::string& key, const std::string& value) {
+  Settings settings;
+  try {
+    settings.set(key, value);
+    settings.check();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find(key), std::string::npos) << error.what();
+    return true;
+  }
+  return false;
+}
+
+TEST(Settings, EveryNumberHasARangeThatIsKept) {
+  std::size_t numbers = 0;
+  for (const Settings::Description& d : Settings().describe()) {
+    const auto value = number(d.value);
+    if (!value || is_kys(d.key)) continue;
+    ++numbers;
+    SCOPED_TRACE(d.key);
+    const auto range = parse_range(d.range);
+    ASSERT_TRUE(range.has_value()) << "'" << d.range << "'";
+    EXPECT_LT(range->least, range->most);
+    EXPECT_GE(*value, range->least);
+    EXPECT_LE(*value, range->most);
+    EXPECT_FALSE(refused(d.key, d.value));
+    EXPECT_TRUE(refused(d.key, fmt::format("{}", range->least - 1)));
+    EXPECT_TRUE(refused(d.key, fmt::format("{:.0f}", range->most * 1.01 + 1)));
+  }
+  EXPECT_GT(numbers, 100u);
+}
+
+TEST(Settings, NumbersOutsideAnySenseAreRefused) {
+  for (const Settings::Description& d : Settings().describe()) {
+    if (!number(d.value)) continue;
+    SCOPED_TRACE(d.key);
+    for (const char* text :
+         {"nan", "inf", "-inf", "-1e9", "1e300", "1e999", "", " ", "1 ", "0x10"}) {
+      EXPECT_TRUE(refused(d.key, text)) << "'" << text << "'";
+    }
+  }
+}
+
+TEST(Settings, ChoicesAndTruthValuesAreChecked) {
+  EXPECT_TRUE(refused("loop.enabled", "yes"));
+  EXPECT_TRUE(refused("loop.enabled", ""));
+  EXPECT_THROW(Settings().set("kys.mode", "everything"), InputError);
+  EXPECT_THROW(Settings().set("orb.lvels", "8"), InputError);
+}
+
+}  // namespace
+}  // namespace kys_slam
