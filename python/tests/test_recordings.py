@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import kys_slam
+from bags import write_bag
 from kys_slam import cli, recordings
 
 FRAMES = 30
@@ -59,14 +60,6 @@ def run(tmp_path, *arguments):
     return np.loadtxt(out / "trajectory.tum"), (out / "trajectory.tum").read_bytes()
 
 
-def assert_same(ours, theirs, tolerance):
-    ours, theirs = ours[0], np.array([l.split() for l in theirs.decode().splitlines()
-                                      if l[0] != "#"], float)
-    assert ours.shape == theirs.shape
-    assert np.array_equal(ours[:, 0], theirs[:, 0])
-    assert np.abs(ours[:, 1:4] - theirs[:, 1:4]).max() <= tolerance
-
-
 def test_sequence_folder(euroc, euroc_tum, tmp_path):
     assert run(tmp_path, euroc, "--frames", FRAMES)[1] == euroc_tum
 
@@ -77,9 +70,8 @@ def test_two_folders(shots, camchain, euroc_tum, tmp_path):
         for shot in shots:
             (tmp_path / side / f"{shot[0]}.png").symlink_to(shot[at])
     args = (tmp_path / "left", tmp_path / "right", "--calibration", camchain)
-    # The chain of matrix inverses differs from the sequence's own in the last bits.
-    assert_same(run(tmp_path, *args), euroc_tum, 1e-3)
-    assert run(tmp_path, tmp_path, "--calibration", camchain)[1] == run(tmp_path, *args)[1]
+    assert run(tmp_path, *args)[1] == euroc_tum
+    assert run(tmp_path, tmp_path, "--calibration", camchain)[1] == euroc_tum
 
 
 def test_tum_vi_layout(shots, camchain, euroc_tum, tmp_path):
@@ -93,54 +85,7 @@ def test_tum_vi_layout(shots, camchain, euroc_tum, tmp_path):
     (tmp_path / "room1" / "dso").mkdir()
     shutil.copy(camchain, tmp_path / "room1" / "dso" / "camchain.yaml")
     assert kys_slam.open_sequence(tmp_path / "room1").layout == "TUM-VI"
-    assert_same(run(tmp_path, tmp_path / "room1"), euroc_tum, 1e-3)
-
-
-def ros_image(typestore, image, stamp, encoding, ros1):
-    t = typestore.types
-    extra = {"seq": 0} if ros1 else {}
-    header = t["std_msgs/msg/Header"](
-        stamp=t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
-        frame_id="cam", **extra)
-    if encoding == "png":
-        data = np.frombuffer(image.read_bytes(), np.uint8)
-        return t["sensor_msgs/msg/CompressedImage"](header=header, format="png", data=data)
-    pixels = kys_slam._core.decode_gray(image.read_bytes(), str(image))
-    if encoding == "bgr8":
-        pixels = np.repeat(pixels[:, :, None], 3, 2)
-    return t["sensor_msgs/msg/Image"](
-        header=header, height=480, width=752, encoding=encoding, is_bigendian=0,
-        step=752 * (3 if encoding == "bgr8" else 1), data=pixels.ravel())
-
-
-def write_bag(path, kind, shots, encoding, drop=lambda i, side: False, jitter=lambda i: 0):
-    """The excerpt as a bag."""
-    pytest.importorskip("rosbags")
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_typestore
-    ros1 = kind == "ros1"
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    if ros1:
-        writer = Writer1(path)
-    else:
-        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        writer = Writer2(path, version=9, storage_plugin=plugin)
-    kind_name = "CompressedImage" if encoding == "png" else "Image"
-    type_name = f"sensor_msgs/msg/{kind_name}"
-    end = "/image_raw/compressed" if encoding == "png" else "/image_raw"
-    with writer:
-        connections = [writer.add_connection(f"/cam{c}{end}", type_name, typestore=store)
-                       for c in range(2)]
-        for i, (stamp, left, right) in enumerate(shots):
-            for side, image in enumerate((left, right)):
-                if drop(i, side):
-                    continue
-                at = stamp + (jitter(i) if side else 0)
-                message = ros_image(store, image, at, encoding, ros1)
-                data = (store.serialize_ros1 if ros1 else store.serialize_cdr)(message, type_name)
-                writer.write(connections[side], at, data)
+    assert run(tmp_path, tmp_path / "room1")[1] == euroc_tum
 
 
 @pytest.mark.parametrize("kind, encoding", [("ros1", "mono8"), ("ros2", "png"), ("mcap", "mono8"),
@@ -148,7 +93,7 @@ def write_bag(path, kind, shots, encoding, drop=lambda i, side: False, jitter=la
 def test_bags(shots, camchain, euroc_tum, tmp_path, kind, encoding):
     bag = tmp_path / ("drone.bag" if kind == "ros1" else "drone")
     write_bag(bag, kind, shots, encoding)
-    assert_same(run(tmp_path, bag, "--calibration", camchain), euroc_tum, 1e-3)
+    assert run(tmp_path, bag, "--calibration", camchain)[1] == euroc_tum
 
 
 def test_bag_with_jitter_and_loss(shots, camchain, tmp_path):

@@ -134,6 +134,14 @@ double common_focal_length(const RectifiedView& left, const RectifiedView& right
   return high;
 }
 
+/// T_right_left, rounded to 1e-9 (rad, m): the formats of calibration files give one rig as different
+/// products of matrices, which differ in the last bits; the rectified images should not.
+Rigid3 left_to_right(const RawCamera& left, const RawCamera& right) {
+  const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
+  const auto round = [](double value) { return std::round(value * 1e9) * 1e-9 + 0.0; };
+  return {Eigen::Matrix3d(T_r_l.R().unaryExpr(round)), T_r_l.t().unaryExpr(round)};
+}
+
 cv::Mat camera_matrix(const RawCamera& c) {
   return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1);
 }
@@ -169,7 +177,7 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
     return;
   }
   const cv::Size size(left.width, left.height);
-  const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
+  const Rigid3 T_r_l = left_to_right(left, right);
   const cv::Mat t = (cv::Mat_<double>(3, 1) << T_r_l.t().x(), T_r_l.t().y(), T_r_l.t().z());
   const cv::Mat K[2] = {camera_matrix(left), camera_matrix(right)};
   cv::Mat R[2], P[2], Q;
@@ -204,7 +212,7 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
 void StereoRectifier::rectify_equidistant(const RawCamera& left, const RawCamera& right,
                                           const std::string& name) {
   const cv::Size size(left.width, left.height);
-  const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
+  const Rigid3 T_r_l = left_to_right(left, right);
   const cv::Mat t = (cv::Mat_<double>(3, 1) << T_r_l.t().x(), T_r_l.t().y(), T_r_l.t().z());
   cv::Mat R[2], P[2], Q;
   try {  // the rotations depend on the rig alone
