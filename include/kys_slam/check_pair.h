@@ -10,6 +10,8 @@ namespace kys_slam {
 
 /// What the matches of a stereo pair say about how it was taken and calibrated.
 struct PairCheck {
+  static constexpr std::size_t kEnough = 30;  ///< matches; with fewer nothing is said
+
   std::size_t matches = 0;      ///< features found in both images, without looking at rows
   double row_offset = 0;        ///< px, median of right row - left row
   double row_spread = 0;        ///< px, median distance of a match's offset from it
@@ -20,8 +22,7 @@ struct PairCheck {
   std::string problem;
 };
 
-/// Matches two images that should be a rectified pair. With fewer than 30 matches nothing is said.
-/// About 20 ms.
+/// Matches two images that should be a rectified pair. About 20 ms.
 PairCheck check_stereo_pair(const GrayImage& left, const GrayImage& right);
 
 }  // namespace kys_slam

@@ -23,6 +23,7 @@ struct RunInfo {
   bool complete = true;                 ///< false: interrupted, or stopped by bad input
   std::string end_reason;               ///< why, when it is not complete
   std::int64_t missing_priors = 0;      ///< frames without a prior file
+  std::vector<std::string> warnings;    ///< what the user was told, e.g. by PairWatch
 };
 
 /// What came of a run, worked out once.

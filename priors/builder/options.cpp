@@ -138,6 +138,13 @@ void BuilderOptions::check() const {
   const auto require = [](bool good, const char* what) {
     if (!good) throw InputError(std::string("setting ") + what);
   };
+  BuilderOptions copy = *this;
+  for (const auto& [name, target] : fields(copy)) {
+    const double* const* number = std::get_if<double*>(&target);
+    const int* const* whole = std::get_if<int*>(&target);
+    const double value = number != nullptr ? **number : whole != nullptr ? **whole : 0;
+    if (!(std::abs(value) <= 1e9)) throw InputError("setting " + name + ": must be at most 1e9");
+  }
   require(association.max_distance >= 0, "association.max_distance: must not be negative");
   require(association.max_missed_frames >= 0,
           "association.max_missed_frames: must not be negative");
@@ -147,7 +154,7 @@ void BuilderOptions::check() const {
   require(ego_motion.iterations >= 1 && ego_motion.iterations <= 1000,
           "ego_motion.iterations: must be 1 to 1000");
   require(ego_motion.min_samples >= 8, "ego_motion.min_samples: must be 8 or more");
-  require(drift.sigma > 0, "drift.sigma: must be positive");
+  require(drift.sigma > 0 && drift.sigma <= 16384, "drift.sigma: must be above 0, at most 16384");
   require(drift.cell >= 1 && drift.cell <= 64, "drift.cell: must be 1 to 64");
   require(detection.reference_floor > 0, "detection.reference_floor: must be positive");
   require(detection.uncovered_factor >= 0, "detection.uncovered_factor: must not be negative");

@@ -25,6 +25,7 @@ SEGMENT = np.dtype(
 THING, DYNAMIC, RADIAL_ONLY = 1, 2, 4
 RIGHT_INSTANCES = 1 << 30
 VOID_LABEL = 0xFFFF
+MAX_FILE_SIZE = 1 << 28  # bytes
 MOTION = np.expm1(np.arange(256) * np.log(101.0) / 255.0).astype(np.float32)
 MOTION[255] = 100.0
 
@@ -146,48 +147,75 @@ def encode(frame):
         entries.append(CAMERA.pack(at, len(segments), at + len(table),
                                    at + len(table) + len(offsets), len(runs)))
         body += table + offsets + runs
+    label_space = frame.label_space.encode("ascii", errors="replace")
+    if not 1 <= len(label_space) <= 32 or not all(0x20 < c < 0x7F for c in label_space):
+        raise FormatError("the label space's name is not 1 to 32 printable characters")
     size = body_at + len(body)
     header = HEADER.pack(MAGIC, 1, HEADER.size, size, 0, width, height, len(frame.cameras),
                          int(frame.has_motion), 0, frame.calibration_hash, frame.content_key,
-                         frame.label_space.encode("ascii"), b"")
+                         label_space, b"")
     data = bytearray(header + b"".join(entries) + body)
     struct.pack_into("<I", data, 16, zlib.crc32(data[20:]))
     return bytes(data)
 
 
+def _check(good, name, what):
+    if not good:
+        raise FormatError(f"{name}: {what}")
+
+
 def decode(data, name="prior file"):
-    """A Frame from the bytes of a file. Raises FormatError for whatever is wrong with it."""
-    if data[:8] != MAGIC:
-        raise FormatError(f"{name}: is not a prior file (bad magic number)")
-    if len(data) < HEADER.size:
-        raise FormatError(f"{name}: is truncated")
+    """A Frame from the bytes of a file. Raises FormatError for whatever is wrong with it; what the
+    C++ reader refuses is refused here."""
+    _check(data[:8] == MAGIC, name, "is not a prior file (bad magic number)")
+    _check(len(data) >= HEADER.size, name, "is truncated")
     (_, version, header_size, size, checksum, width, height, cameras, flags, _, calibration, key,
      label_space, _) = HEADER.unpack_from(data)
-    if version != 1 or header_size != HEADER.size:
-        raise FormatError(f"{name}: has format version {version}, this module reads 1")
-    if size != len(data):
-        raise FormatError(f"{name}: is truncated or has been extended")
-    if checksum != zlib.crc32(data[20:]):
-        raise FormatError(f"{name}: is corrupt (checksum does not match)")
-    if not 1 <= cameras <= 2 or not 1 <= width <= 16384 or not 1 <= height <= 16384:
-        raise FormatError(f"{name}: image size or camera count makes no sense")
-    frame = Frame(label_space.rstrip(b"\0").decode("ascii"), [], calibration, key, bool(flags & 1))
+    _check(version == 1, name, f"has format version {version}, this module reads 1")
+    _check(header_size == HEADER.size, name, "header size is wrong")
+    _check(size == len(data), name, "is truncated or has been extended")
+    _check(checksum == zlib.crc32(data[20:]), name, "is corrupt (checksum does not match)")
+    _check(1 <= cameras <= 2, name, "camera count is not 1 or 2")
+    _check(1 <= width <= 16384 and 1 <= height <= 16384, name,
+           "image size is not within 1..16384")
+    label_space = label_space.split(b"\0")[0]
+    _check(label_space and all(0x20 < c < 0x7F for c in label_space), name,
+           "label space name is empty or not printable")
+    _check(flags & ~1 == 0, name, "has unknown frame flags")
+    _check(HEADER.size + cameras * CAMERA.size <= len(data), name, "is truncated (camera table)")
+    frame = Frame(label_space.decode("ascii"), [], calibration, key, bool(flags & 1))
     for c in range(cameras):
         frame.cameras.append(_decode_camera(data, c, width, height, name))
     return frame
 
 
+def _check_segments(segments, c, name):
+    flags, instance = segments["flags"], segments["instance"]
+    _check((segments["label"] != VOID_LABEL).all(), name, "a segment has the void label")
+    _check((flags & ~np.uint16(THING | DYNAMIC | RADIAL_ONLY) == 0).all(), name,
+           "a segment has unknown flags")
+    _check((flags[flags & RADIAL_ONLY != 0] & DYNAMIC != 0).all(), name,
+           "a segment is radial-only but not dynamic")
+    _check(((instance >= 0) & ((instance >= RIGHT_INSTANCES) == (c == 1))).all(), name,
+           "a segment's instance is not in its camera's range")
+    for field_name, most in (("scale", np.inf), ("score", 100)):
+        values = segments[field_name]
+        _check((np.isfinite(values) & (values >= 0) & (values <= most)).all(), name,
+               f"a segment's {field_name} makes no sense")
+
+
 def _decode_camera(data, c, width, height, name):
     segments_at, count, index_at, runs_at, runs_size = CAMERA.unpack_from(
         data, HEADER.size + c * CAMERA.size)
-    ends = (segments_at + count * SEGMENT.itemsize, index_at + 4 * (height + 1),
-            runs_at + runs_size)
-    if max(ends) > len(data):
-        raise FormatError(f"{name}: a table is outside the file")
+    _check(count <= 65535, name, "has more than 65535 segments in one camera")
+    for at, size in ((segments_at, count * SEGMENT.itemsize), (index_at, 4 * (height + 1)),
+                     (runs_at, runs_size)):
+        _check(at >= HEADER.size and at + size <= len(data), name, "a table is outside the file")
     segments = np.frombuffer(data, SEGMENT, count, segments_at).copy()
+    _check_segments(segments, c, name)
     index = np.frombuffer(data, "<u4", height + 1, index_at).astype(np.int64)
-    if index[0] != 0 or index[-1] != runs_size or (np.diff(index) < 0).any():
-        raise FormatError(f"{name}: the row table is not increasing from 0 to the size of the runs")
+    _check(index[0] == 0 and index[-1] == runs_size and (np.diff(index) >= 0).all(), name,
+           "the row table is not increasing from 0 to the size of the runs")
     dynamic = np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
     segment_map = np.zeros((height, width), np.uint16)
     motion = np.zeros((height, width), np.float32)
@@ -196,25 +224,28 @@ def _decode_camera(data, c, width, height, name):
         x = 0
         while x < width:
             length, segment = row.varint(), row.varint()
-            if length < 1 or x + length > width or segment > count:
-                raise FormatError(f"{name}: a segment run does not fit")
+            _check(1 <= length <= width - x and segment <= count, name,
+                   "a segment run does not fit")
             segment_map[y, x:x + length] = segment
             x += length
         moving = np.flatnonzero(dynamic[segment_map[y]])
         done = 0
         while done < len(moving):
             length, code = row.varint(), row.byte()
-            if length < 1 or done + length > len(moving):
-                raise FormatError(f"{name}: a motion run does not fit")
+            _check(1 <= length <= len(moving) - done, name, "a motion run does not fit")
             motion[y, moving[done:done + length]] = MOTION[code]
             done += length
-        if row.at != len(row.data):
-            raise FormatError(f"{name}: a row has bytes left over")
+        _check(row.at == len(row.data), name, "a row has bytes left over")
+    area = np.bincount(segment_map.ravel(), minlength=count + 1)[1:]
+    _check((area == segments["area"]).all(), name, "a segment's area differs from its runs")
     return Camera(segments, segment_map, motion)
 
 
 def read(path):
-    """Reads a prior file."""
+    """Reads a prior file. Raises OSError when there is none, FormatError when it is not sound."""
+    if os.path.exists(path):  # a pipe would be waited for
+        _check(os.path.isfile(path), path, "is not a regular file")
+        _check(os.path.getsize(path) <= MAX_FILE_SIZE, path, "is too large for a prior file")
     with open(path, "rb") as stream:
         return decode(stream.read(), str(path))
 

@@ -50,6 +50,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
     BundleOptions bundle = options_.bundle;
     bundle.stop = &stop_;
     job_->summary = adjust_bundle(job_->problem, bundle);
+    job_->done = true;
   };
   if (worker_) {
     worker_->start(work);
@@ -79,6 +80,7 @@ bool FullBundle::finish(Map& map) {
   if (!job_) return false;
   if (worker_) worker_->wait();
   const std::unique_ptr<Job> job = std::move(job_);
+  if (!job->done) return false;  // it failed, and its poses are half changed
   // A corrected disparity stretches the map: what was computed before does not fit it any more.
   if (interrupted_ || job->summary.stopped || map.disparity_offset() != job->disparity_offset) {
     return false;

@@ -53,6 +53,7 @@ class FullBundle {
     std::vector<Eigen::Vector3d> points;  // before
     BundleProblem problem;                // after, once done
     BundleSummary summary;
+    bool done = false;
   };
   void take_over(Map& map, const Job& job) const;
 

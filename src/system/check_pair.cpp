@@ -13,7 +13,6 @@ namespace kys_slam {
 
 namespace {
 
-constexpr std::size_t kEnough = 30;        // matches
 constexpr float kLargestDistance = 40;     // bits
 constexpr float kLargestRatio = 0.7F;      // of best to second best
 constexpr double kBackward = -2;           // px of disparity: more than noise
@@ -75,7 +74,7 @@ PairCheck check_stereo_pair(const GrayImage& left, const GrayImage& right) {
   Offsets offsets = match_everywhere(l, r);
   PairCheck check;
   check.matches = offsets.rows.size();
-  if (check.matches < kEnough) return check;
+  if (check.matches < PairCheck::kEnough) return check;
   for (const double d : offsets.disparities) {
     check.backward_share += (d < kBackward ? 1.0 : 0.0) / static_cast<double>(check.matches);
   }

@@ -1,7 +1,6 @@
-#include <kys_slam/frame_input.h>
-
 #include <fmt/format.h>
 #include <kys_slam/error.h>
+#include <kys_slam/frame_input.h>
 #include <kys_slam/settings.h>
 
 #include <cmath>

@@ -135,8 +135,9 @@ std::string objects_csv(const System& system, const std::string& label_space) {
   const kys::LabelSpace labels = kys::load_label_space(label_space);
   for (const ObjectEstimate& o : objects) {
     const FrameReport& report = system.reports().at(static_cast<std::size_t>(o.frame));
-    text += fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, report.name, report.timestamp,
-                        o.instance, labels.at(o.label).name, o.p_moving, o.keypoints);
+    text +=
+        fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, csv_field(report.name),
+                    report.timestamp, o.instance, labels.at(o.label).name, o.p_moving, o.keypoints);
     text += fmt::format(",{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f}\n", o.position.x(),
                         o.position.y(), o.position.z(), o.velocity.x(), o.velocity.y(),
                         o.velocity.z(), std::sqrt(o.velocity_covariance.trace()));
@@ -175,6 +176,8 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["frames_connected"] = outcome.connected.size();
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
+  json["warnings"] = nlohmann::ordered_json::array();
+  for (const std::string& warning : info.warnings) json["warnings"].push_back(printable(warning));
   if (const auto& a = outcome.accuracy) {
     json["ate_se3_rmse_m"] = a->ate.rmse;
     json["ate_se3_max_m"] = a->ate.max;

@@ -64,6 +64,8 @@ void from_text(std::string_view key, std::string_view text,
                      "' is not " + what);
   };
   if constexpr (std::is_same_v<T, std::string>) {
+    constexpr std::size_t kLongest = 4096;  // of a path
+    if (text.size() > kLongest) fail("a text of at most 4096 bytes");
     value = std::string(text);
   } else if constexpr (std::is_same_v<T, bool>) {
     if (text != "true" && text != "false") fail("true or false");

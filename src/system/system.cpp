@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
@@ -167,6 +168,15 @@ struct System::Impl {
   int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
 };
 
+namespace {
+
+std::string describe(const StereoCamera& c) {
+  return fmt::format("{}x{} px, fx {:.9g}, fy {:.9g}, cx {:.9g}, cy {:.9g}, baseline {:.9g} m",
+                     c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.baseline);
+}
+
+}  // namespace
+
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
                std::unique_ptr<PriorProvider> priors) {
   settings.check();
@@ -184,7 +194,8 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
   Map map = kys_slam::load_map(file, s.options.control.label_space);
   if (!(map.camera() == s.camera)) {
-    throw InputError(file.string() + ": the map was made with another camera");
+    throw InputError(file.string() + ": the map was made with another camera (" +
+                     describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");
   }
   if (map.scales().scale != s.scales.scale) {
     throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +

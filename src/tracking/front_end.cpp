@@ -65,9 +65,8 @@ FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const Ster
 }
 
 void FrontEnd::extract(const StereoFrame& frame) {
-  right_worker_.start([&] { extractors_[1].extract(frame.right, features_[1]); });
-  extractors_[0].extract(frame.left, features_[0]);
-  right_worker_.wait();
+  right_worker_.run_beside([&] { extractors_[1].extract(frame.right, features_[1]); },
+                           [&] { extractors_[0].extract(frame.left, features_[0]); });
 }
 
 bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {

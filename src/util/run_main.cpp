@@ -62,6 +62,9 @@ Failure describe(const std::exception_ptr& exception) {
   } catch (const std::bad_alloc&) {
     return {kBadInput, "out of memory"};
   } catch (const std::system_error& error) {
+    if (error.code() == std::errc::resource_unavailable_try_again) {
+      return outside(std::string("cannot start a thread: ") + error.what());
+    }
     return outside(error.what());
   } catch (const std::exception& error) {
     // OpenCV's own exception for memory that is not there.

@@ -9,8 +9,8 @@
 
 namespace kys_slam {
 
-/// One thread that runs one job at a time, for fork and join: `start` a job, do something else,
-/// `wait` for it. Joined in its destructor.
+/// One thread that runs one job at a time: `run_beside` for fork and join, `start` and `wait` for
+/// what outlives the caller's block. Joined in its destructor.
 class Worker {
  public:
   Worker() : thread_([this] { run(); }) {}
@@ -23,6 +23,20 @@ class Worker {
     }
     changed_.notify_all();
     thread_.join();
+  }
+
+  /// Runs `job` in the thread and `own` here. Returns or throws when both have ended, so that
+  /// both may refer to what the caller has on its stack; of two failures that of `own` is thrown.
+  template <typename Own>
+  void run_beside(std::function<void()> job, Own&& own) {
+    start(std::move(job));
+    try {
+      own();
+    } catch (...) {
+      settle();
+      throw;
+    }
+    wait();
   }
 
   /// Hands over a job. The one before has to have been waited for.
@@ -43,6 +57,13 @@ class Worker {
   }
 
  private:
+  /// Waits, and forgets what the job threw.
+  void settle() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return !busy_; });
+    failure_ = nullptr;
+  }
+
   void run() {
     std::unique_lock lock(mutex_);
     while (true) {

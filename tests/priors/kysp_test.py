@@ -2,10 +2,12 @@
 reader and writes it again with the C++ writer."""
 
 import os
+import struct
 import subprocess
 import sys
 import tempfile
 import unittest
+import zlib
 
 import numpy as np
 
@@ -76,6 +78,54 @@ class KyspTest(unittest.TestCase):
         for size in range(0, len(data), 101):
             with self.assertRaises(kysp.FormatError):
                 kysp.decode(data[:size])
+
+    def verdicts(self, data, path):
+        """What is wrong with the bytes for us and for the C++ reader ("": nothing)."""
+        try:
+            kysp.decode(bytes(data))
+            ours = ""
+        except kysp.FormatError as error:
+            ours = str(error)
+        with open(path, "wb") as file:
+            file.write(data)
+        theirs = subprocess.run([EXCHANGE, path, path + ".out"], stderr=subprocess.PIPE, text=True,
+                                check=False)
+        self.assertIn(theirs.returncode, (0, 2), theirs.stderr)
+        return ours, theirs.stderr
+
+    @unittest.skipUnless(EXCHANGE, "the C++ program is not built")
+    def test_forged_files_get_the_verdict_of_cpp(self):
+        """Mutations with a right checksum: nothing but FormatError, and only of what C++ refuses."""
+        data = kysp.encode(example(1, 40, 9))
+        random = np.random.default_rng(5)
+        places = [*range(20, 150), *random.integers(150, len(data), 170)]
+        refused = 0
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "forged.kysp")
+            for at in places:
+                forged = bytearray(data)
+                forged[at] ^= int(random.choice([0x01, 0x55, 0x80, 0xFF]))
+                struct.pack_into("<I", forged, 16, zlib.crc32(forged[20:]))
+                ours, theirs = self.verdicts(forged, path)
+                self.assertEqual(bool(ours), bool(theirs), f"byte {at}: {ours!r}, {theirs!r}")
+                refused += bool(ours)
+            header_only = bytearray(data[:kysp.HEADER.size])
+            struct.pack_into("<I", header_only, 12, len(header_only))
+            struct.pack_into("<I", header_only, 16, zlib.crc32(header_only[20:]))
+            ours, theirs = self.verdicts(header_only, path)
+            self.assertIn("camera table", ours)
+            self.assertIn("camera table", theirs)
+        self.assertGreater(refused, 100)
+        self.assertLess(refused, len(places))  # keys, labels and the like may have any value
+
+    def test_pipes_and_folders_are_refused(self):
+        with tempfile.TemporaryDirectory() as folder:
+            os.mkfifo(os.path.join(folder, "pipe"))
+            for path in (folder, os.path.join(folder, "pipe")):
+                with self.assertRaisesRegex(kysp.FormatError, "regular file"):
+                    kysp.read(path)
+            with self.assertRaises(OSError):
+                kysp.read(os.path.join(folder, "missing"))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@
 #include "renderer.h"
 #include "segments.h"
 #include "util/atomic_file.h"
+#include "util/paths.h"
 
 namespace kys_slam::simulator {
 namespace {
@@ -238,7 +239,7 @@ class Writer {
 // A folder we may fill: absent, or empty.
 void check_free(const fs::path& output) {
   std::error_code error;
-  if (!fs::exists(output, error)) return;
+  if (!path_exists(output)) return;
   if (!fs::is_directory(output, error)) {
     throw InputError(output.string() + ": exists and is not a folder");
   }

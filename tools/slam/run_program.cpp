@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <kys/mode_options.h>
 #include <kys_slam/error.h>
+#include <kys_slam/pair_watch.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/read_ahead.h>
 #include <kys_slam/run_writer.h>
@@ -288,7 +289,10 @@ int run(const RunProgram& program, const Arguments& a) {
   Failures failures(info);
   const Pace pace{schedule == Schedule::kRealtime, std::stod(settings.get("control.stall_ms"))};
   InterruptGuard guard([&] { system.interrupt(); });
-  track(system, *input.frames, a, pace, start_up, guard, info, failures);
+  PairWatch watched(*input.frames,
+                    [](const std::string& warning) { spdlog::warn("{}", printable(warning)); });
+  track(system, watched, a, pace, start_up, guard, info, failures);
+  if (!watched.warning().empty()) info.warnings.push_back(watched.warning());
   if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = judge_run(system, info); });

@@ -1,0 +1,70 @@
+#include <fmt/format.h>
+#include <kys_slam/pair_watch.h>
+
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+namespace kys_slam {
+
+namespace {
+
+constexpr int kBadPairs = 2;           // in a row: one may be fooled by a repeated pattern
+constexpr std::size_t kFewest = 4;     // pairs that the scatter of row offsets is told of
+constexpr std::size_t kWindow = 8;     // pairs
+constexpr double kMostScatter = 0.25;  // px; sound pairs below 0.05, late ones 0.4 and more
+
+bool is_due(std::int64_t frame) {
+  if (frame == 1) return true;
+  if (frame == 0) return false;
+  return frame % (frame <= 20 ? 5 : frame <= 100 ? 20 : 100) == 0;
+}
+
+double scatter(const std::deque<double>& values) {
+  const auto count = static_cast<double>(values.size());
+  const double mean = std::accumulate(values.begin(), values.end(), 0.0) / count;
+  double sum = 0;
+  for (const double v : values) sum += (v - mean) * (v - mean);
+  return std::sqrt(sum / (count - 1));
+}
+
+}  // namespace
+
+std::optional<StereoFrame> PairWatch::next() {
+  std::optional<StereoFrame> frame = source_.next();
+  if (!warning_.empty()) return frame;
+  if (!frame) {
+    if (bad_pairs_ >= kBadPairs) warn(problem_);
+  } else if (is_due(frames_++) && !frame->left.empty()) {
+    look_at(*frame);
+  }
+  return frame;
+}
+
+void PairWatch::look_at(const StereoFrame& frame) {
+  const PairCheck check = check_stereo_pair(frame.left, frame.right);
+  if (check.matches < PairCheck::kEnough) return;
+  bad_pairs_ = check.problem.empty() ? 0 : bad_pairs_ + 1;
+  problem_ = fmt::format("frame {}: {}", frame.index, check.problem);
+  row_offsets_.push_back(check.row_offset);
+  if (row_offsets_.size() > kWindow) row_offsets_.pop_front();
+  // A late image looks like a pair that is not rectified, until several are compared.
+  if (row_offsets_.size() < kFewest) return;
+  const double px = scatter(row_offsets_);
+  if (px > kMostScatter) {
+    warn(
+        fmt::format("frame {}: left and right images are not of the same moment, or the cameras "
+                    "move against each other: the row offset of matches changes from pair to pair "
+                    "by {:.2f} px (standard deviation)",
+                    frame.index, px));
+  } else if (bad_pairs_ >= kBadPairs) {
+    warn(problem_);
+  }
+}
+
+void PairWatch::warn(const std::string& warning) {
+  warning_ = warning;
+  if (tell_) tell_(warning);
+}
+
+}  // namespace kys_slam
