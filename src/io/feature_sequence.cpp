@@ -263,6 +263,7 @@ void FeatureSequenceWriter::finish() {
 struct FeatureSequence::Impl {
   std::string name;
   File file;
+  std::uint64_t file_size = 0;
   FeatureFileInfo info;
   std::vector<TimedPose> truth;
   std::int64_t next_frame = 0;
@@ -276,13 +277,15 @@ struct FeatureSequence::Impl {
   [[noreturn]] void fail(const std::string& what) const { throw InputError(name + ": " + what); }
 
   void get(std::size_t count, const char* what) {
+    // A small file does not make much memory.
+    if (count > file_size) fail(std::string("truncated in ") + what);
     bytes.resize(count);
     if (std::fread(bytes.data(), 1, count, file.get()) != count) {
       fail(std::string("truncated in ") + what);
     }
   }
   std::uint64_t read_header();
-  void read_poses(std::uint64_t frames, std::uint64_t file_size);
+  void read_poses(std::uint64_t frames);
   void read_header_2(Unpacker& p);
   void skip_frame();
   std::uint32_t read_head();
@@ -335,7 +338,7 @@ std::uint64_t FeatureSequence::Impl::read_header() {
   return frames;
 }
 
-void FeatureSequence::Impl::read_poses(std::uint64_t frames, std::uint64_t file_size) {
+void FeatureSequence::Impl::read_poses(std::uint64_t frames) {
   // Before anything is allocated: each frame needs at least its pose and an empty block.
   if (file_size < header_bytes + 4 + frames * (kPoseBytes + kFrameHeadBytes + 4)) {
     fail("truncated: too short for " + std::to_string(frames) + " frames");
@@ -386,10 +389,10 @@ FeatureSequence::FeatureSequence(const fs::path& path, std::int64_t start, std::
   impl_->file.reset(std::fopen(path.c_str(), "rb"));
   if (!impl_->file) throw InputError("cannot read " + path.string() + ": " + std::strerror(errno));
   std::error_code error;
-  const auto file_size = fs::file_size(path, error);
+  impl_->file_size = fs::file_size(path, error);
   if (error) throw InputError("cannot read " + path.string() + ": " + error.message());
   const std::uint64_t total = impl_->read_header();
-  impl_->read_poses(total, file_size);
+  impl_->read_poses(total);
   const auto count = static_cast<std::int64_t>(total);
   if (start < 0 || start >= count) {
     impl_->fail("has " + std::to_string(count) + " frames, none at " + std::to_string(start));

@@ -47,6 +47,12 @@ ImageInfo jpeg_info(std::span<const std::uint8_t> file, const std::string& name)
     throw InputError(name + ": image size " + std::to_string(width) + "x" + std::to_string(height) +
                      " is outside 1.." + std::to_string(kMaxImageSide));
   }
+  // Every block of 64 pixels takes some bits: a small file does not make a large image.
+  constexpr std::size_t kMostPixelsPerByte = std::size_t{1} << 14;
+  if (static_cast<std::size_t>(width) * static_cast<std::size_t>(height) >
+      kMostPixelsPerByte * file.size()) {
+    throw InputError(name + ": truncated JPEG");
+  }
   if (colorspace == TJCS_CMYK || colorspace == TJCS_YCCK) {
     throw InputError(name + ": CMYK JPEG; grey or colour is needed");
   }

@@ -1,7 +1,11 @@
+#include <fmt/format.h>
 #include <kys/mode_options.h>
 #include <kys_slam/error.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/settings.h>
 
+#include <algorithm>
+#include <cctype>
 #include <optional>
 #include <sstream>
 #include <type_traits>
@@ -22,11 +26,10 @@ std::string to_text(bool value) {
 std::string to_text(const std::string& value) {
   return value;
 }
+/// Numbers in their shortest form that is read back as the same number.
 template <typename T>
 std::string to_text(const T& value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
+  return fmt::format("{}", value);
 }
 
 std::string range_text(const SettingRange& range) {
@@ -64,8 +67,8 @@ void from_text(std::string_view key, std::string_view text,
                      "' is not " + what);
   };
   if constexpr (std::is_same_v<T, std::string>) {
-    constexpr std::size_t kLongest = 4096;  // of a path
-    if (text.size() > kLongest) fail("a text of at most 4096 bytes");
+    constexpr std::size_t kLongest = 2000;  // bytes
+    if (printable(text, kLongest) != text) fail("a line of at most 2000 printable characters");
     value = std::string(text);
   } else if constexpr (std::is_same_v<T, bool>) {
     if (text != "true" && text != "false") fail("true or false");
@@ -86,6 +89,20 @@ void from_text(std::string_view key, std::string_view text,
       fail(("from " + range_text(*range)).c_str());
     }
   }
+}
+
+/// A value as YAML reads it back: texts with anything but letters, digits and a few more in quotes.
+std::string yaml_value(const std::string& value) {
+  const bool plain = std::all_of(value.begin(), value.end(), [](unsigned char c) {
+    return std::isalnum(c) != 0 || c == '_' || c == '.' || c == '/' || c == '-' || c == '+';
+  });
+  if (plain && !value.empty()) return value;
+  std::string quoted = "\"";
+  for (const char c : value) {
+    if (c == '"' || c == '\\') quoted += '\\';
+    quoted += c;
+  }
+  return quoted + "\"";
 }
 
 void flatten(const YAML::Node& node, const std::string& prefix, const std::string& file,
@@ -220,7 +237,7 @@ std::string Settings::to_yaml() const {
       text << (section.empty() ? "" : "\n") << head << ":\n";
       section = head;
     }
-    text << "  " << d.key.substr(dot + 1) << ": " << d.value << "  # ";
+    text << "  " << d.key.substr(dot + 1) << ": " << yaml_value(d.value) << "  # ";
     if (!d.unit.empty()) text << "[" << d.unit << "] ";
     text << d.meaning << (d.range.empty() ? "" : "; " + d.range) << "\n";
   }

@@ -5,6 +5,8 @@
 
 #include <charconv>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <optional>
 #include <string>
@@ -77,6 +79,25 @@ TEST(Settings, NumbersOutsideAnySenseAreRefused) {
       EXPECT_TRUE(refused(d.key, text)) << "'" << text << "'";
     }
   }
+}
+
+TEST(Settings, AreReadBackAsTheyWere) {
+  Settings settings;
+  settings.set("tracking.contested_share", "0.123456789012");
+  settings.set("belief.carried", "-1.0000001");
+  settings.set("loop.enabled", "false");
+  settings.set("control.label_space", "a folder/b: \"c\" # 'd'\\");
+  const std::filesystem::path file =
+      std::filesystem::temp_directory_path() / "kys_settings_test.yaml";
+  std::ofstream(file) << settings.to_yaml();
+  Settings again;
+  again.load(file);
+  std::filesystem::remove(file);
+  EXPECT_EQ(again.to_yaml(), settings.to_yaml());
+  EXPECT_EQ(again.get("control.label_space"), settings.get("control.label_space"));
+  EXPECT_EQ(again.get("belief.carried"), "-1.0000001");
+  EXPECT_TRUE(refused("control.label_space", "a\nb"));
+  EXPECT_TRUE(refused("control.label_space", std::string(3000, 'a')));
 }
 
 TEST(Settings, ChoicesAndTruthValuesAreChecked) {
