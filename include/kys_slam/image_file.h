@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <vector>
 
 /// Reading and writing of image files, told apart by content and not by name. Every reader throws
 /// InputError with one line naming the file when it is missing, truncated, corrupt (checksums are
@@ -66,5 +67,8 @@ void write_png(const std::filesystem::path& path, const GrayImage& image);
 void write_png(const std::filesystem::path& path, const RgbImage& image);
 void write_png(const std::filesystem::path& path, const Image16& image);
 void write_png(const std::filesystem::path& path, const Rgb16Image& image);
+
+/// A grey JPEG, for viewers. \param quality 1..100 \throws InputError for an empty image.
+std::vector<std::uint8_t> encode_jpeg(const GrayImage& image, int quality);
 
 }  // namespace kys_slam

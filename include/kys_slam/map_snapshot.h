@@ -21,6 +21,7 @@ struct MapSnapshot {
     std::uint32_t submap = 0;
     std::uint16_t label = 0xFFFF;  ///< dense index in the label space; 0xFFFF: none
     std::int32_t instance = -1;    ///< -1: none
+    float belief = 1;  ///< probability of standing still; 1 unless the mode is `verified`
     std::uint32_t observations = 0;
     Eigen::Vector3d p_w = Eigen::Vector3d::Zero();  ///< m
   };

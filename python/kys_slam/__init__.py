@@ -46,14 +46,15 @@ from ._core import (  # noqa: F401
     to_gray,
     write_tum,
 )
+from .maps import LandmarkMap, read_map
 from .priors import PriorCamera, PriorFrame, priors_from_labels, read_prior, write_prior
-from .system import MapSnapshot, Observation, System, Trajectory
+from .system import TIERS, MapSnapshot, Objects, Observation, System, Trajectory
 
 __all__ = [
-    "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LogicError", "MapSnapshot",
-    "Observation", "PairCheck", "PriorCamera", "PriorFrame", "Priors", "Sequence", "Settings",
-    "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "Trajectory",
+    "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
+    "Objects", "Observation", "PairCheck", "PriorCamera", "PriorFrame", "Priors", "Sequence", "Settings",
+    "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
     "builtin_label_spaces", "check_stereo_pair", "evaluate", "mode_needs_priors", "modes", "open_image_pair",
-    "open_sequence", "priors_from_labels", "read_prior", "read_stereo_rig", "read_tum",
+    "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
     "rig_from_camera_info", "to_gray", "write_prior", "write_tum",
 ]

@@ -72,6 +72,10 @@ def _add_run(commands) -> None:
     out = p.add_argument_group("output")
     out.add_argument("--output", metavar="DIR", help="default: runs/NAME-MODE")
     out.add_argument("--overwrite", action="store_true", help="write over another run's folder")
+    out.add_argument("--view", action="store_true",
+                     help="show what the system sees while it runs (needs rerun-sdk)")
+    out.add_argument("--record", action="append", default=[], metavar="FILE",
+                     help="record that to FILE.rrd (Rerun) or FILE.mcap (Foxglove); may be repeated")
     out.add_argument("--quiet", action="store_true", help="no progress, no table")
     p.set_defaults(command=_run)
 
@@ -249,6 +253,18 @@ def _check_pair(frame) -> None:
         raise InputError(f"frame {frame.name}: {check.problem} (--no-check to go on)")
 
 
+def _open_recorders(args, slam, camera) -> list:
+    if not args.view and not args.record:
+        return []
+    from kys_slam.record import VIEWER, open_recorder
+    space = slam.settings.get("control.label_space")
+    targets = args.record + ([VIEWER] if args.view else [])
+    for target in args.record:
+        if Path(target).exists() and not args.overwrite:
+            raise InputError(f"{target}: is there already; --overwrite, or another --record")
+    return [open_recorder(target, camera, space) for target in targets]
+
+
 def _run(args) -> int:
     began = time.monotonic()
     recording = _open(args)
@@ -267,8 +283,11 @@ def _run(args) -> int:
                            strict_priors=args.strict_priors)
     if args.load_map:
         slam.load_map(args.load_map, args.localize_only)
+    recorders = _open_recorders(args, slam, recording.camera)
     progress = _Progress(len(recording), args.quiet)
-    end_reason, done = "", 0
+    end_reason, done, left = "", 0, None
+    if recorders:
+        slam.set_observer(lambda seen: [r.add(seen, left) for r in recorders])
     start_up_s = time.monotonic() - began
     wall, cpu = time.monotonic(), time.process_time()
     try:
@@ -280,6 +299,7 @@ def _run(args) -> int:
                     first = frame.timestamp - (time.monotonic() - wall)
                 time.sleep(max(0, frame.timestamp - first - (time.monotonic() - wall)))
             mask = masks(frame.name) if masks else None
+            left = frame.left
             if isinstance(frame, kys_slam.StereoFrame):
                 slam.feed_frame(frame, masks=mask)
             else:
@@ -300,6 +320,8 @@ def _run(args) -> int:
                             end_reason=end_reason)
     if args.save_map:
         slam.save_map(args.save_map)
+    for recorder in recorders:
+        recorder.close(slam)
     if not args.quiet:
         print(result["table"], end="")
         for what, count in _counts(recording, masks).items():

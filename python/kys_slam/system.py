@@ -1,7 +1,7 @@
 """The SLAM system."""
 
 import os
-from typing import Callable, NamedTuple, Optional, Tuple, Union
+from typing import Callable, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
@@ -31,6 +31,24 @@ class Observation(NamedTuple):
     labels: Optional[np.ndarray]  #: (N,) uint16, 65535 none; None: no priors for this frame
     instances: Optional[np.ndarray]  #: (N,) int32
     motions: Optional[np.ndarray]  #: (N,) float32, 0..100
+    #: (N,) uint8: how a keypoint compares with its landmark, an index of TIERS; 6: no landmark
+    tiers: np.ndarray
+    #: things of the priors (mode `verified`): (instance, label, p_moving 0..1, stereo keypoints)
+    instances_seen: List[Tuple[int, int, float, int]]
+
+
+TIERS = ("same instance", "cross instance", "cross class", "bypassed", "gated", "filtered", "none")
+
+
+class Objects(NamedTuple):
+    """Moving things, one entry per frame and thing; in the frame of the trajectory."""
+
+    frames: np.ndarray  #: (N,) int64
+    instances: np.ndarray  #: (N,) int32, identity over time
+    labels: np.ndarray  #: (N,) uint16
+    p_moving: np.ndarray  #: (N,) float64, 0..1
+    positions: np.ndarray  #: (N, 3) float64, m
+    velocities: np.ndarray  #: (N, 3) float64, m/s
 
 
 class MapSnapshot(NamedTuple):
@@ -46,6 +64,7 @@ class MapSnapshot(NamedTuple):
     landmark_submaps: np.ndarray  #: (L,) uint32
     landmark_labels: np.ndarray  #: (L,) uint16, index in the label space; 65535: none
     landmark_instances: np.ndarray  #: (L,) int32, -1: none
+    landmark_beliefs: np.ndarray  #: (L,) float32, probability of standing still
     landmark_observations: np.ndarray  #: (L,) uint32, keyframes that see it
     landmark_points: np.ndarray  #: (L, 3) float64, m
     edges: np.ndarray  #: (E, 2) uint32, keyframe ids, the later one first
@@ -115,6 +134,10 @@ class System(_core.System):
     def keyframes(self) -> Tuple[np.ndarray, np.ndarray]:
         """Times (K,) s and poses (K, 4, 4) of the keyframes of the trajectory's sub-map."""
         return self._keyframes()
+
+    def objects(self) -> Objects:
+        """What moves, as mode `verified` judged it; nothing in other modes."""
+        return Objects(*self._objects())
 
     def snapshot(self) -> MapSnapshot:
         """The whole map as it is now."""

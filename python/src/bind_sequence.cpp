@@ -245,6 +245,18 @@ void bind_sequence(nb::module_& m) {
       },
       "data"_a, "name"_a, "PNG or JPEG bytes as (H, W) uint8 grey. `name` starts messages.");
   m.def(
+      "encode_jpeg",
+      [](const AnyArray& image, int quality) {
+        const ImageView view = view_of(image, "image", false);
+        std::vector<std::uint8_t> file;
+        {
+          const nb::gil_scoped_release released;
+          file = encode_jpeg(to_gray(view), quality);
+        }
+        return nb::bytes(file.data(), file.size());
+      },
+      "image"_a, "quality"_a = 80, "(H, W) or (H, W, 3) as the bytes of a grey JPEG.");
+  m.def(
       "read_indexed",
       [](const std::filesystem::path& path) { return image_to_numpy(read_indexed(path)); },
       "path"_a, "The values of an indexed or 8-bit grey PNG, (H, W) uint8.");

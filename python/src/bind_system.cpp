@@ -140,6 +140,10 @@ class Slam {
     return d;
   }
 
+  std::vector<FrameReport> reports() {
+    const std::lock_guard lock(mutex_);
+    return system_->reports();
+  }
   System& system() { return *system_; }
   const Settings& settings() const { return settings_; }
 
@@ -182,6 +186,12 @@ class Slam {
           column<std::int32_t>(seen.priors, [](const kys::Prior& p) { return p.instance; });
       d["motions"] = column<float>(seen.priors, [](const kys::Prior& p) { return p.motion; });
     }
+    d["tiers"] = column<std::uint8_t>(seen.tiers, [](kys::Tier t) { return t; });
+    nb::list instances;
+    for (const ObservedInstance& i : seen.instances) {
+      instances.append(nb::make_tuple(i.instance, i.label, i.p_moving, i.keypoints));
+    }
+    d["instances_seen"] = instances;
     return d;
   }
 
@@ -201,7 +211,10 @@ nb::dict to_dict(const StageTimes& t) {
   d["priors"] = t.priors;
   d["stereo"] = t.stereo;
   d["track"] = t.track;
+  d["predict"] = t.predict;
+  d["local_map"] = t.local_map;
   d["local_mapping"] = t.local_mapping;
+  d["local_bundle"] = t.local_bundle;
   d["loop"] = t.loop;
   return d;
 }
@@ -224,6 +237,7 @@ nb::dict to_dict(const MapSnapshot& s) {
   d["landmark_labels"] = column<std::uint16_t>(s.landmarks, [](const L& l) { return l.label; });
   d["landmark_instances"] =
       column<std::int32_t>(s.landmarks, [](const L& l) { return l.instance; });
+  d["landmark_beliefs"] = column<float>(s.landmarks, [](const L& l) { return l.belief; });
   d["landmark_observations"] =
       column<std::uint32_t>(s.landmarks, [](const L& l) { return l.observations; });
   d["landmark_points"] = to_numpy(std::move(points), {s.landmarks.size(), 3});
@@ -312,7 +326,11 @@ void bind_report(nb::module_& m) {
       .def_ro("masked", &FrameReport::masked)
       .def_ro("prior_coverage", &FrameReport::prior_coverage)
       .def_prop_ro("times_ms", [](const FrameReport& r) { return to_dict(r.times); })
-      .def_prop_ro("loop", [](const FrameReport& r) { return std::string(to_string(r.loop)); });
+      .def_prop_ro(
+          "loop", [](const FrameReport& r) { return std::string(to_string(r.loop)); },
+          "\"\", \"closed\" or \"merged\"; known when the back end has done with the keyframe")
+      .def_ro("loop_frame", &FrameReport::loop_frame, "the frame it was closed with, -1: none")
+      .def_ro("loop_gap_m", &FrameReport::loop_gap_m, "m, distance by which the loop was open");
 }
 
 }  // namespace
@@ -330,6 +348,27 @@ void bind_system(nb::module_& m) {
       .def(
           "finish", [](Slam& s) { without_gil([&] { s.system().finish(); }); },
           "Waits for the back end; what follows is final. No frame can be fed afterwards.")
+      .def(
+          "reports",
+          [](Slam& s) { return without_gil([&] { return s.reports(); }); },
+          "FrameReports of all frames fed; what the back end did is complete after finish().")
+      .def("_objects",
+           [](Slam& s) {
+             const auto list = without_gil([&] { return s.system().objects(); });
+             using O = ObjectEstimate;
+             std::vector<double> positions, velocities;
+             for (const O& o : list) {
+               positions.insert(positions.end(), o.position.begin(), o.position.end());
+               velocities.insert(velocities.end(), o.velocity.begin(), o.velocity.end());
+             }
+             const std::size_t n = list.size();
+             return nb::make_tuple(
+                 column<std::int64_t>(list, [](const O& o) { return o.frame; }),
+                 column<std::int32_t>(list, [](const O& o) { return o.instance; }),
+                 column<std::uint16_t>(list, [](const O& o) { return o.label; }),
+                 column<double>(list, [](const O& o) { return o.p_moving; }),
+                 to_numpy(std::move(positions), {n, 3}), to_numpy(std::move(velocities), {n, 3}));
+           })
       .def(
           "interrupt", [](Slam& s) { s.system().interrupt(); },
           "Asks optimisation under way to stop early. From any thread.")

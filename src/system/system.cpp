@@ -129,7 +129,8 @@ struct System::Impl {
 
   void check_input(const StereoFrame& frame, const StereoMasks& masks) const;
   FrameReport feed(const StereoFrame& frame, const StereoMasks& masks);
-  void observe(const FrameReport& report, const FrameFeatures& features);
+  void observe(const FrameReport& report, const FrameFeatures& features,
+               std::span<const InstanceState> instances);
   /// The map while no frame is fed and the back end rests; `lock` holds it there.
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(const std::vector<BackEndStep>& steps);
@@ -150,6 +151,8 @@ struct System::Impl {
   std::shared_ptr<const FrameFeatures> seen_features;
   std::vector<float> seen_depths;
   std::vector<std::int64_t> seen_landmarks;
+  std::vector<kys::Tier> seen_tiers;
+  std::vector<ObservedInstance> seen_instances;
 
   StereoCamera camera;
   SettingsData options;
@@ -333,7 +336,7 @@ FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
   // Without the lock, so that the observer may ask for the map.
   if (observer) {
     observer({&s.seen_report, s.seen_features->keypoints(), s.seen_depths,
-              s.seen_features->priors(), s.seen_landmarks});
+              s.seen_features->priors(), s.seen_landmarks, s.seen_tiers, s.seen_instances});
   }
   return report;
 }
@@ -354,17 +357,29 @@ void System::set_observer(FrameObserver observer) {
 }
 
 /// Keeps what the observer is told.
-void System::Impl::observe(const FrameReport& report, const FrameFeatures& features) {
+void System::Impl::observe(const FrameReport& report, const FrameFeatures& features,
+                           std::span<const InstanceState> instances) {
   seen_report = report;
   seen_depths.resize(features.size());
   seen_landmarks.assign(features.size(), -1);
+  seen_tiers.assign(features.size(), kys::Tier::kSkipped);
+  seen_instances.clear();
+  for (const InstanceState& i : instances) {
+    seen_instances.push_back({i.instance, i.label, 1 - i.p_static, i.keypoints});
+  }
   const std::span<const LandmarkId> landmarks = tracker.last_landmarks();
   const bool tracked = report.status != FrameStatus::kLost && landmarks.size() == features.size();
   for (std::size_t i = 0; i < features.size(); ++i) {
     seen_depths[i] = features.depth(i);
-    if (tracked && landmarks[i].valid()) {
-      seen_landmarks[i] = static_cast<std::int64_t>(landmarks[i].value);
-    }
+    if (!tracked || !landmarks[i].valid()) continue;
+    seen_landmarks[i] = static_cast<std::int64_t>(landmarks[i].value);
+    const LandmarkView* landmark = tracker.replica().landmarks().find(landmarks[i]);
+    if (landmark == nullptr) continue;
+    const kys::Prior prior = features.priors().empty() ? kys::Prior() : features.priors()[i];
+    seen_tiers[i] = model
+                        .evaluate(features.descriptors()[i], prior, landmark->descriptor,
+                                  landmark->prior, kys::Context::kTemporal)
+                        .tier;
   }
 }
 
@@ -398,7 +413,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   s.reports.push_back(report);
   if (s.observer) {
     s.seen_features = seen.features;
-    s.observe(report, *seen.features);
+    s.observe(report, *seen.features, tracked.instances);
   }
   s.links.add(tracked.pose);
   s.objects.add(frame.timestamp, tracked.instances);

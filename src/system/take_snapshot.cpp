@@ -37,6 +37,7 @@ MapSnapshot take_snapshot(const Map& map) {
   map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
     snapshot.landmarks.push_back({id.value, map.submap(landmark.reference).value,
                                   landmark.prior.label, landmark.prior.instance,
+                                  map.weight(landmark),
                                   static_cast<std::uint32_t>(landmark.observations.size()),
                                   landmark.p_w});
   });

@@ -52,7 +52,7 @@ function(kys_add_program name)
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
   target_compile_options(${name} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
   target_link_libraries(${name} PRIVATE ${ARG_DEPENDS})
-  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
 endfunction()
 
 # kys_add_test(NAME SOURCES... DEPENDS targets... [LABELS labels...]): a GoogleTest program, one

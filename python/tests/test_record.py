@@ -1,0 +1,215 @@
+"""Recordings for viewers say what the files of the run say."""
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kys_slam
+from conftest import ROOT, run_program
+from kys_slam import cli
+from kys_slam.record import class_colours, quaternion
+
+WORLDS = Path(os.environ.get("KYS_WORLDS", ROOT / "build/release/regression/data"))
+COUNTS = ("keypoints", "stereo_matches", "matches", "inliers", "masked")
+
+
+def record(folder, arguments, *files):
+    options = [option for file in files for option in ("--record", str(folder / file))]
+    assert cli.main(["run", *map(str, arguments), "--output", str(folder / "run"), "--quiet",
+                     *options]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
+    """A world with a loop, recorded in every way that can be here."""
+    world = next(WORLDS.glob("block-414x126-*-1-images"), None)
+    if world is None:
+        pytest.skip(f"no block in {WORLDS}")
+    files = []
+    try:
+        import mcap_protobuf  # noqa: F401
+        files.append("run.mcap")
+    except ImportError:
+        pass
+    try:
+        import rerun  # noqa: F401
+        files.append("run.rrd")
+    except ImportError:
+        pass
+    return record(tmp_path_factory.mktemp("block"), [world], *files), world
+
+
+@pytest.fixture(scope="module")
+def truth(block):
+    """What the run's own files say: rows of frames.csv, times and poses of trajectory.tum."""
+    run = block[0] / "run"
+    with open(run / "frames.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return rows, kys_slam.read_tum(run / "trajectory.tum")
+
+
+def loops_of(rows):
+    return [(int(r["index"]), int(r["loop_frame"])) for r in rows if r["loop"]]
+
+
+def test_recording_changes_nothing(block, tmp_path):
+    folder, world = block
+    run_program("run_stereo_kitti", world, "--output", tmp_path, "--quiet")
+    for name in ("trajectory.tum", "map.ply", "graph.csv"):
+        assert (folder / "run" / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_mcap_reads_back(block, truth):
+    reader_module = pytest.importorskip("mcap.reader")
+    decoder = pytest.importorskip("mcap_protobuf.decoder")
+    rows, (times, poses) = truth
+    messages = {}
+    with open(block[0] / "run.mcap", "rb") as stream:
+        reader = reader_module.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        for schema, channel, message in reader.iter_messages():
+            value = (json.loads(message.data) if channel.message_encoding == "json" else
+                     decoder.DecoderFactory().decoder_for("protobuf", schema)(message.data))
+            messages.setdefault(channel.topic, []).append((message.log_time, value))
+    final = messages["/pose/final"]
+    assert [t for t, _ in final] == [round(t * 1e9) for t in times]
+    for (_, message), pose in zip(final, poses):
+        p, q = message.pose.position, message.pose.orientation
+        assert np.abs(np.array([p.x, p.y, p.z]) - pose[:3, 3]).max() < 1e-8
+        assert np.abs(np.array([q.x, q.y, q.z, q.w]) - quaternion(pose[:3, :3])).max() < 1e-8
+    frames = [value for _, value in messages["/frame"]]
+    assert len(frames) == len(rows)
+    for frame, row in zip(frames, rows):
+        assert [frame[key] for key in COUNTS] == [int(row[key]) for key in COUNTS]
+        assert (frame["name"], frame["status"]) == (row["name"], row["status"])
+    loops = [(value["frame"], value["other"]) for _, value in messages["/loops"]]
+    assert loops and loops == loops_of(rows)
+    assert messages["/scene/loops"][0][1].entities[0].lines[0].points
+    # Before and after the loop's correction: tracked and final paths part.
+    tracked = np.array([(m.pose.position.x, m.pose.position.y, m.pose.position.z)
+                        for _, m in messages["/pose/tracked"]])
+    assert len(tracked) == sum(row["status"] != "lost" for row in rows)
+    assert np.linalg.norm(tracked - poses[:, :3, 3], axis=1).max() > 0.01
+    image = messages["/camera/image"][0][1]
+    decoded = kys_slam._core.decode_gray(image.data, "image")
+    camera = kys_slam.open_sequence(block[1]).camera
+    assert decoded.shape == (camera.height, camera.width)
+    cloud = messages["/map"][0][1]
+    kinds = {1: "u1", 6: "<i4", 7: "<f4"}
+    table = np.frombuffer(cloud.data, np.dtype(
+        {"names": [f.name for f in cloud.fields], "formats": [kinds[f.type] for f in cloud.fields],
+         "offsets": [f.offset for f in cloud.fields], "itemsize": cloud.point_stride}))
+    landmarks = kys_slam.read_map(block[0] / "run" / "map.ply")
+    for name in ("x", "y", "z", "red", "class", "instance", "belief", "observations"):
+        assert np.array_equal(table[name], landmarks.points[name])
+
+
+def test_rrd_reads_back(block, truth):
+    chunk = pytest.importorskip("rerun.chunk")
+    rows, (times, poses) = truth
+    columns = {}
+    for part in chunk.RrdReader(block[0] / "run.rrd").stream().to_chunks():
+        batch = part.to_record_batch()
+        for name in batch.schema.names:
+            column = columns.setdefault((part.entity_path, name), [])
+            column.extend(v.value if hasattr(v, "value") else v.as_py() for v in batch.column(name)) \
+                if name in ("time", "log_time") else column.extend(batch.column(name).to_pylist())
+
+    def values(entity, name):
+        """Of an entity over time, in order of frames."""
+        found = [key for key in columns if key[0] == entity and key[1].endswith(name)]
+        assert len(found) == 1, (entity, name, found)
+        stamps = columns[(entity, "time")]
+        return [v for _, v in sorted(zip(stamps, columns[found[0]]), key=lambda pair: pair[0])]
+
+    position = np.array(values("/world/final/camera", "translation")).reshape(-1, 3)
+    rotation = np.array(values("/world/final/camera", "quaternion")).reshape(-1, 4)
+    assert len(position) == len(times)
+    assert np.abs(position - poses[:, :3, 3]).max() < 1e-4  # float32 in Rerun, path of 200 m
+    turns = np.array([quaternion(p[:3, :3]) for p in poses])
+    assert np.abs(np.abs((rotation * turns).sum(axis=1)) - 1).max() < 1e-6
+    for key in COUNTS:
+        recorded = np.array(values(f"/counts/{key}", "scalars")).ravel()
+        assert recorded.tolist() == [float(row[key]) for row in rows]
+    loops = [f"frame {a} with {b}" for a, b in loops_of(rows)]
+    events = [text for entry in values("/events", "text") for text in entry if "loop" in text]
+    assert len(events) == len(loops) and all(l in e for l, e in zip(loops, events))
+    assert columns[("/world/loop", "LineStrips3D:strips")]
+    assert len(values("/world/camera/image", "blob")) == len(rows)
+
+
+def test_quaternions():
+    rng = np.random.default_rng(3)
+    for q in [*np.eye(4), *rng.normal(size=(50, 4))]:
+        x, y, z, w = q / np.linalg.norm(q)
+        r = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+        assert abs(abs(quaternion(r) @ (x, y, z, w)) - 1) < 1e-12
+
+
+def test_wrong_recordings_say_so(tmp_path, corridor_camera, capsys):
+    from kys_slam.record import open_recorder
+    with pytest.raises(kys_slam.InputError, match="rrd or FILE.mcap"):
+        open_recorder(tmp_path / "run.avi", corridor_camera)
+    for name in ("run.mcap", "run.rrd"):
+        pytest.importorskip("mcap_protobuf" if name == "run.mcap" else "rerun")
+        with pytest.raises(kys_slam.InputError, match="cannot write"):
+            open_recorder(tmp_path / "no" / name, corridor_camera)
+
+
+def test_map_of_the_street_has_the_simulators_classes(tmp_path):
+    """The class of a landmark is that of the simulator's picture where the landmark is seen."""
+    cv2 = pytest.importorskip("cv2")
+    street = WORLDS / "street-620x188-80-1"
+    if not street.is_dir():
+        pytest.skip(f"no street in {WORLDS}")
+    run_program("run_stereo_kitti", street, "--priors", f"{street}-priors", "--output", tmp_path,
+                "--quiet")
+    landmarks = kys_slam.read_map(tmp_path / "map.ply")
+    camera = kys_slam.open_sequence(street).camera
+    index_of = {i: k for k, i in enumerate(kys_slam.LabelSpace(landmarks.label_space).ids)}
+    segments = json.loads((street / "panoptic_left.json").read_text())
+    annotations = {Path(a["file_name"]).stem: a["segments_info"] for a in segments["annotations"]}
+    times, poses = kys_slam.read_tum(tmp_path / "trajectory.tum")
+    stamps = np.loadtxt(street / "times.txt")
+    votes = np.zeros((len(landmarks.points), 2), int)  # agree, differ
+    p_w = np.stack([landmarks.points[k] for k in "xyz"], axis=-1).astype(float)
+    for time, pose in zip(times, poses):
+        name = f"{np.abs(stamps - time).argmin():06d}"
+        p = (p_w - pose[:3, 3]) @ pose[:3, :3]
+        seen = p[:, 2] > 0.5
+        u = np.rint(camera.fx * p[:, 0] / np.where(seen, p[:, 2], 1) + camera.cx).astype(int)
+        v = np.rint(camera.fy * p[:, 1] / np.where(seen, p[:, 2], 1) + camera.cy).astype(int)
+        seen &= (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        u, v, k = u[seen], v[seen], np.flatnonzero(seen)
+        disparity = cv2.imread(str(street / "disparity" / f"{name}.png"), -1)[v, u] / 256.0
+        own = camera.fx * camera.baseline / p[k, 2]
+        there = np.abs(disparity - own) < 0.5  # px: not hidden by something nearer
+        u, v, k = u[there], v[there], k[there]
+        rgb = cv2.imread(str(street / "panoptic_left" / f"{name}.png"))[v, u].astype(int)
+        segment = rgb[:, 2] + 256 * rgb[:, 1] + 65536 * rgb[:, 0]
+        category = {s["id"]: index_of[s["category_id"]] for s in annotations[name]}
+        label = np.array([category.get(int(s), -1) for s in segment])
+        agree = label == landmarks.points["class"][k]
+        np.add.at(votes, (k, np.where(agree, 0, 1)), 1)
+    judged = votes.sum(axis=1) > 0
+    share = np.mean(votes[judged, 0] >= votes[judged, 1])
+    print(f"{judged.sum()} of {len(judged)} landmarks seen, {100 * share:.1f} % agree")
+    assert judged.mean() > 0.8
+    assert share >= 0.95
+    colours = np.stack([landmarks.points[c] for c in ("red", "green", "blue")], axis=-1)
+    assert np.array_equal(colours, class_colours(landmarks.points["class"].astype(np.uint16)))
+    assert set(landmarks.points["class"].tolist()) - {-1} == set(landmarks.classes)
+
+
+def test_open3d_reads_the_map(block):
+    open3d = pytest.importorskip("open3d")
+    file = block[0] / "run" / "map.ply"
+    cloud, landmarks = open3d.t.io.read_point_cloud(str(file)), kys_slam.read_map(file).points
+    assert np.array_equal(cloud.point["class"].numpy().ravel(), landmarks["class"])
+    assert np.array_equal(cloud.point.positions.numpy()[:, 0], landmarks["x"])
