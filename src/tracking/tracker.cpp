@@ -19,6 +19,15 @@ namespace {
 // matches that led to it.
 constexpr double kDoubtfulShare = 0.4;
 
+// A camera that gives a picture more often than that stands still.
+constexpr int kMostRepeats = 3;
+
+/// Whether two frames are one picture, given out twice. Others differ in what is compared first.
+bool repeats(const FrameFeatures& a, const FrameFeatures& b) {
+  return a.size() > 0 && std::ranges::equal(a.keypoints(), b.keypoints()) &&
+         std::ranges::equal(a.descriptors(), b.descriptors());
+}
+
 /// Gives matched features their landmarks; returns how many.
 int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
            std::vector<LandmarkId>& landmarks) {
@@ -79,8 +88,7 @@ Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
     const Rigid3 expected = velocity_ ? *velocity_ * T_last_w : T_last_w;
-    std::vector<kys::Prior> priors =
-        instances_->believe(timestamp, *features, expected, T_last_w);
+    std::vector<kys::Prior> priors = instances_->believe(timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
   Frame frame{index, timestamp, std::move(features), {}, {}, {}};
@@ -101,6 +109,10 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
   Stopwatch watch;
   if (last_) refresh_last_frame();
   Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  const std::optional<Rigid3> moving = velocity_;
+  const bool repeated = last_ && repeats(*frame.features, *last_->features);
+  repeats_ = repeated ? repeats_ + 1 : 0;
+  if (repeated && velocity_) velocity_ = Rigid3();
   if (!last_) {
     if (replica_.keyframes().empty()) {
       start_map(frame, result);
@@ -119,6 +131,8 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
     return result;
   }
   settle(std::move(frame), waiting, result);
+  // The next picture shows what the camera did meanwhile.
+  if (repeated && repeats_ <= kMostRepeats) velocity_ = moving;
   return result;
 }
 
@@ -401,8 +415,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
     const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
     const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
     const float share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
-    observations.push_back(
-        {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
+    observations.push_back({landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
   }
   std::optional<ExpectedPose> expected;
@@ -457,8 +470,8 @@ void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRe
     if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
     // The straighter the view, the better the prediction.
     const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
-    queries.push_back(query_for(*view, radius, scales_, landmark.descriptor,
-                                *prior_of(landmark, priors)));
+    queries.push_back(
+        query_for(*view, radius, scales_, landmark.descriptor, *prior_of(landmark, priors)));
     landmarks.push_back(id);
     count_visible(id);
   }

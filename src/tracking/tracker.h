@@ -72,7 +72,7 @@ struct TrackResult {
   FramePose pose;
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
-  bool overruled = false;  ///< image area decided against the number of matches
+  bool overruled = false;                ///< image area decided against the number of matches
   std::vector<InstanceState> instances;  ///< things in the frame, when belief is kept
   TrackTimes times;
   kys::Statistics statistics;
@@ -173,6 +173,7 @@ class Tracker {
   bool doubtful_ = false;           // the pose predicted by motion
   std::optional<Frame> last_;       // last frame with a pose
   std::optional<Rigid3> velocity_;  // T_c_last of the last two tracked frames
+  int repeats_ = 0;                 // frames in a row that show the last one's picture again
   KeyFrameId reference_;            // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed

@@ -124,6 +124,7 @@ class Programs:
         def prepare():
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored by what a script starts with &
             if before:
                 before()
         return subprocess.Popen([os.path.join(self.folder, name), *arguments],
@@ -302,10 +303,9 @@ def paths_ground_truth_is_a_loop(f, programs):
 @case
 def paths_output_of_the_simulator_is_a_loop(f, programs):
     os.symlink("lo", f("lo"))
-    begin = time.monotonic()
     refused(programs.run("simulate_sequence", "street", "--output", f("lo"), "--frames", "20"),
             "lo", "symbolic links")
-    expect(time.monotonic() - begin < 5, "rendered before it was checked")
+    expect(not os.path.exists(f("lo.partial")), "rendered before it was checked")
 
 
 @case
@@ -735,6 +735,9 @@ def main():
     programs = Programs(os.path.abspath(sys.argv[1]))
     wanted = sys.argv[2:]
     names = [n for n in CASES if not wanted or any(w in n for w in wanted)]
+    if os.environ.get("KYS_SANITIZE"):  # sanitizers need memory and descriptors of their own
+        names = [n for n in names if n not in ("limits_memory", "limits_descriptors",
+                                               "limits_a_huge_image_in_the_middle")]
     failures, lock = [], threading.Lock()
     with tempfile.TemporaryDirectory(prefix="kys_hostile_") as folder:
         os.chmod(folder, 0o755)

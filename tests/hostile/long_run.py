@@ -3,22 +3,26 @@
 
     long_run.py BIN_DIR TRAJECTORY WORK_DIR [--hours 2] [--features 600]
 
-TRAJECTORY (KITTI poses, 10 Hz) comes back to where it began, like KITTI odometry 07. It is driven lap
-after lap as simulated features with traffic, priors among them; at every kidnapping the camera is put
-elsewhere on the lap. Runs in mode stock (priors off) and kys (on), prints a table and writes
-WORK_DIR/long_run.png.
+TRAJECTORY (KITTI poses, 10 Hz) comes back to where it began, like KITTI odometry 07. Some laps of it
+are simulated as features with traffic, priors among them, and driven again and again; at every
+kidnapping the camera is put elsewhere on the lap. Runs in mode stock (priors off) and kys (on), prints
+a table and writes WORK_DIR/long_run.png.
 """
 import argparse
 import csv
 import json
 import os
+import struct
 import subprocess
 import threading
 import time
+import zlib
 
 import numpy as np
 
 KIDNAPPINGS = 5
+LAPS = 3  # simulated
+HEADER, POSE = 144, 64  # bytes in a feature file
 
 
 def read_poses(path):
@@ -43,15 +47,48 @@ def close_lap(poses):
     return np.array(closed)
 
 
-def write_drive(lap, frames, path):
-    jumps = {(k + 1) * frames // (KIDNAPPINGS + 1) for k in range(KIDNAPPINGS)}
-    at = 0
-    with open(path, "w", encoding="ascii") as file:
-        for i in range(frames):
-            at += len(lap) * 2 // 5 if i in jumps else 1
-            pose = lap[at % len(lap)]
+def simulate(programs, lap, features, folder):
+    """The feature file of LAPS laps: noise, traffic and priors differ from lap to lap."""
+    poses, path = (os.path.join(folder, name) for name in ("laps.txt", "laps.features"))
+    with open(poses, "w", encoding="ascii") as file:
+        for pose in np.concatenate([lap] * LAPS):
             file.write(" ".join(f"{v:.9e}" for v in pose[:3].ravel()) + "\n")
-    return sorted(jumps)
+    if not os.path.exists(path):
+        subprocess.run([os.path.join(programs, "simulate_features"), poses, "--output", path,
+                        "--features", str(features), "--width", "620", "--traffic", "light",
+                        "--perception", "estimated", "--quiet"], check=True)
+    return path
+
+
+def repeat(laps, lap_length, frames, path):
+    """A feature file of so many frames out of those of `laps`; the frames at which it jumps. The format
+    is that of tools/simulator/README.md, version 2."""
+    with open(laps, "rb") as file:
+        data = file.read()
+    count, = struct.unpack_from("<Q", data, 80)
+    truth, = struct.unpack_from("<Q", data, 124)
+    at = HEADER + POSE * count + 4 + truth
+    blocks = []
+    for _ in range(count):
+        size, = struct.unpack_from("<I", data, at + 4)
+        blocks.append((at, at + 12 + size))
+        at += 12 + size
+    jumps = [(k + 1) * frames // (KIDNAPPINGS + 1) for k in range(KIDNAPPINGS)]
+    order, now = [], -1
+    for i in range(frames):
+        now = (now + (lap_length * 2 // 5 if i in jumps else 1)) % count
+        order.append(now)
+    head = bytearray(data[:HEADER])
+    struct.pack_into("<Q", head, 80, frames)
+    struct.pack_into("<I", head, HEADER - 4, zlib.crc32(head[:-4]))
+    poses = b"".join(struct.pack("<d", 0.1 * i) + data[HEADER + POSE * k + 8:HEADER + POSE * (k + 1)]
+                     for i, k in enumerate(order))
+    begin = HEADER + POSE * count + 4
+    with open(path, "wb") as file:
+        file.write(head + poses + struct.pack("<I", zlib.crc32(poses)) + data[begin:begin + truth])
+        for k in order:
+            file.write(data[slice(*blocks[k])])
+    return jumps
 
 
 class Watch(threading.Thread):
@@ -157,12 +194,10 @@ def main():
     parser.add_argument("--modes", default="stock,kys")
     a = parser.parse_args()
     os.makedirs(a.work, exist_ok=True)
-    poses, features = (os.path.join(a.work, n) for n in ("drive.txt", "drive.features"))
-    jumps = write_drive(close_lap(read_poses(a.trajectory)), int(a.hours * 36000), poses)
-    if not os.path.exists(features):
-        subprocess.run([os.path.join(a.bin, "simulate_features"), poses, "--output", features,
-                        "--features", str(a.features), "--width", "620", "--traffic", "light",
-                        "--perception", "estimated", "--quiet"], check=True)
+    lap = close_lap(read_poses(a.trajectory))
+    laps = simulate(a.bin, lap, a.features, a.work)
+    features = os.path.join(a.work, "drive.features")
+    jumps = repeat(laps, len(lap), int(a.hours * 36000), features)
     results = {}
     for mode in a.modes.split(","):
         results[mode] = run(a.bin, features, mode, os.path.join(a.work, mode))
