@@ -9,6 +9,7 @@
 #include <limits>
 #include <optional>
 
+#include "matching/patch_alignment.h"
 #include "util/median.h"
 
 namespace kys_slam {
@@ -63,7 +64,7 @@ class RowIndex {
 
 struct Refined {
   float u_right = 0;   // px, level 0
-  int difference = 0;  // sum of absolute grey differences, means removed
+  float residual = 0;  // grey levels, between the aligned patches
 };
 
 /// Sum of absolute differences of two 11x11 patches after their central pixels were made equal.
@@ -76,73 +77,6 @@ int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int 
     for (int dx = 0; dx < kPatch; ++dx) sum += std::abs(l[dx] - r[dx] - offset);
   }
   return sum;
-}
-
-/// Column at which the right row looks most like the patch around a left position, starting at
-/// `start` px further left or right: least squares of the grey differences with their mean removed
-/// (Lucas-Kanade in one dimension), which unlike a parabola through sums of differences does not
-/// lean towards whole pixels. The patch is centred on the left position itself, fractions of rows
-/// included: on a road a row more or less is a third of a pixel of disparity.
-std::optional<float> align_patch(const GrayImage& left, const GrayImage& right,
-                                 const Eigen::Vector2f& at, float start) {
-  constexpr int kIterations = 5;
-  constexpr int kCount = kPatch * kPatch;
-  constexpr int kStrip = kPatch + 6;  // columns of the right image that any iteration may need
-  const int y0 = static_cast<int>(std::floor(at.y())) - kHalfPatch;
-  const int xl = static_cast<int>(std::floor(at.x())) - kHalfPatch;
-  const int xr = static_cast<int>(std::floor(start)) - kHalfPatch - 2;
-  if (y0 < 0 || y0 + kPatch >= std::min(left.height(), right.height())) return {};
-  if (xl < 0 || xl + kPatch >= left.width() || xr < 0 || xr + kStrip > right.width()) return {};
-  const float wy = at.y() - std::floor(at.y());
-  const float wx = at.x() - std::floor(at.x());
-  std::array<std::array<float, kPatch>, kPatch> wanted;
-  std::array<std::array<float, kStrip>, kPatch> strip;
-  for (int r = 0; r < kPatch; ++r) {
-    const std::uint8_t* upper = left.row(y0 + r) + xl;
-    const std::uint8_t* lower = left.row(y0 + r + 1) + xl;
-    const auto row = static_cast<std::size_t>(r);
-    for (std::size_t k = 0; k < kPatch; ++k) {
-      const float top =
-          static_cast<float>(upper[k]) + wx * static_cast<float>(upper[k + 1] - upper[k]);
-      const float low =
-          static_cast<float>(lower[k]) + wx * static_cast<float>(lower[k + 1] - lower[k]);
-      wanted[row][k] = top + wy * (low - top);
-    }
-    upper = right.row(y0 + r) + xr;
-    lower = right.row(y0 + r + 1) + xr;
-    for (std::size_t k = 0; k < kStrip; ++k) {
-      strip[row][k] = static_cast<float>(upper[k]) + wy * static_cast<float>(lower[k] - upper[k]);
-    }
-  }
-  float column = start;
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    const float first = column - static_cast<float>(kHalfPatch) - 1 - static_cast<float>(xr);
-    const auto x0 = static_cast<std::size_t>(std::floor(first));
-    const float w = first - std::floor(first);
-    // Sums over the patch of gradient g and difference e: sum (g - mean g)(e - mean e), ...
-    float sum_g = 0, sum_e = 0, sum_gg = 0, sum_ge = 0;
-    for (std::size_t row = 0; row < kPatch; ++row) {
-      const float* r = strip[row].data() + x0;
-      std::array<float, kPatch + 2> value;  // right row at the patch's columns, one more each side
-      for (std::size_t k = 0; k < kPatch + 2; ++k) value[k] = r[k] + w * (r[k + 1] - r[k]);
-      for (std::size_t k = 0; k < kPatch; ++k) {
-        const float g = 0.5f * (value[k + 2] - value[k]);
-        const float e = value[k + 1] - wanted[row][k];
-        sum_g += g;
-        sum_e += e;
-        sum_gg += g * g;
-        sum_ge += g * e;
-      }
-    }
-    const float gg = sum_gg - sum_g * sum_g / kCount;
-    const float ge = sum_ge - sum_g * sum_e / kCount;
-    if (!(gg > 1)) return {};
-    const float step = ge / gg;
-    column -= step;
-    if (!(std::abs(column - start) <= 1)) return {};
-    if (std::abs(step) < 0.01f) break;
-  }
-  return column;
 }
 
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
@@ -173,9 +107,9 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
   // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
   const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;
-  const std::optional<float> column = align_patch(l, r, left_at, start);
-  if (!column) return {};
-  return Refined{right_pyramid.to_full(octave, *column, 0).x(), difference[best]};
+  const std::optional<PatchAlignment> aligned = align_patch(l, r, left_at, start);
+  if (!aligned) return {};
+  return Refined{right_pyramid.to_full(octave, aligned->column, 0).x(), aligned->residual};
 }
 
 std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
@@ -225,7 +159,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
   const auto max_disparity = static_cast<float>(camera.fx);
   const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
 
-  std::vector<int> difference(n, -1);
+  std::vector<float> residual(n, -1);
   for (std::size_t i = 0; i < n; ++i) {
     const Keypoint& l = left.features->keypoints[i];
     const std::int32_t j =
@@ -237,7 +171,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
       const std::optional<Refined> refined = refine(l, r, *left.pyramid, *right.pyramid);
       if (!refined) continue;
       u = refined->u_right;
-      difference[i] = refined->difference;
+      residual[i] = refined->residual;
     }
     const float disparity = l.x - u + options.added_disparity;
     if (!(disparity >= 0 && disparity < max_disparity)) continue;
@@ -246,17 +180,16 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
   }
   // What moves close by and is sharp would set the bound for the scene behind it.
   for (const bool apart : {false, true}) {
-    std::vector<int> differences;
+    std::vector<float> residuals;
     for (std::size_t i = 0; i < n; ++i) {
-      if (difference[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
-        differences.push_back(difference[i]);
+      if (residual[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
+        residuals.push_back(residual[i]);
       }
     }
-    if (differences.empty()) continue;
-    const float bound = options.median_cut * static_cast<float>(median(differences));
+    if (residuals.empty()) continue;
+    const float bound = options.median_cut * median(residuals);
     for (std::size_t i = 0; i < n; ++i) {
-      if (static_cast<float>(difference[i]) > bound &&
-          model.stands_apart(prior_of(left, i)) == apart) {
+      if (residual[i] > bound && model.stands_apart(prior_of(left, i)) == apart) {
         u_right[i] = kNone;
       }
     }

@@ -16,7 +16,7 @@ struct StereoOptions {
   float max_distance = 75;    ///< bits, largest modulated distance accepted
   float row_tolerance = 2;    ///< px at the octave of the right keypoint
   bool refine = true;         ///< sub-pixel disparity by correlation of image patches
-  float median_cut = 2.1f;    ///< matches of a patch difference over this times the median go
+  float median_cut = 2.1f;    ///< matches of a patch residual over this times the median go
   float added_disparity = 0;  ///< px, a deliberate fault for testing the regression suite
 
   /// \throws InputError naming the setting that makes no sense.
@@ -31,8 +31,8 @@ struct StereoView {
 };
 
 /// Column of every left keypoint in the right image (ORB-SLAM2, Sec. III-A): candidates on the same
-/// row band and neighbouring octaves, nearest modulated descriptor, sub-pixel refinement by sliding
-/// an 11x11 patch, and a cut of poor correlations.
+/// row band and neighbouring octaves, nearest modulated descriptor, an 11x11 patch slid along the row
+/// and aligned to a fraction of a pixel (patch_alignment.h), and a cut of poor alignments.
 /// \return px, NaN where there is no match.
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,

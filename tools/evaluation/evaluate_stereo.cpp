@@ -21,7 +21,7 @@
 namespace kys_slam {
 namespace {
 
-constexpr double kJump = 1;   // px of disparity between neighbours: a depth edge
+constexpr double kJump = 1;     // px of disparity between neighbours: a depth edge
 constexpr int kEdgeReach = 24;  // px, how far an edge is looked for
 
 struct Arguments {
@@ -36,15 +36,15 @@ struct Arguments {
 struct Match {
   std::int64_t frame = 0;
   Keypoint keypoint;
-  double disparity = 0;           // px, measured
-  double truth = 0;               // px, of the surface at the keypoint
-  double nearest = 0;             // px, of the surface within 3 px of its octave closest to what is measured
+  double disparity = 0;  // px, measured
+  double truth = 0;      // px, of the surface at the keypoint
+  double nearest = 0;    // px, of the surface within 3 px of its octave closest to what is measured
   double slant_u = 0, slant_v = 0;  // px of disparity per px
-  double edge = kEdgeReach;       // px to the nearest depth edge
-  double step = 0;                // px of disparity by which the surface at the keypoint is nearer than
-                                  // the mean of what lies around
-  double contrast = 0;            // grey levels, standard deviation within 5 px of its octave
-  double phase = 0;               // px of the octave, of the disparity, -0.5..0.5
+  double edge = kEdgeReach;         // px to the nearest depth edge
+  double step = 0;      // px of disparity by which the surface at the keypoint is nearer than
+                        // the mean of what lies around
+  double contrast = 0;  // grey levels, standard deviation within 5 px of its octave
+  double phase = 0;     // px of the octave, of the disparity, -0.5..0.5
 };
 
 class Truth {
@@ -252,11 +252,11 @@ void write_csv(const std::vector<Match>& matches, const std::string& path) {
       "frame,u,v,octave,response,disparity,truth,nearest,slant_u,slant_v,edge,step,contrast,"
       "phase\n";
   for (const Match& m : matches) {
-    text += fmt::format("{},{:.4f},{:.4f},{},{},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.2f},{:.3f},"
-                        "{:.2f},{:.3f}\n",
-                        m.frame, m.keypoint.x, m.keypoint.y, m.keypoint.octave,
-                        m.keypoint.response, m.disparity, m.truth, m.nearest, m.slant_u, m.slant_v,
-                        m.edge, m.step, m.contrast, m.phase);
+    text += fmt::format(
+        "{},{:.4f},{:.4f},{},{},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.2f},{:.3f},"
+        "{:.2f},{:.3f}\n",
+        m.frame, m.keypoint.x, m.keypoint.y, m.keypoint.octave, m.keypoint.response, m.disparity,
+        m.truth, m.nearest, m.slant_u, m.slant_v, m.edge, m.step, m.contrast, m.phase);
   }
   write_file_atomic(path, text);
 }
