@@ -57,6 +57,8 @@ struct WithRanges {
     visit(key, value, std::optional<SettingRange>(), unit, meaning);
   }
 };
+template <typename Visit>
+WithRanges(Visit) -> WithRanges<Visit>;  // for clang before 17
 
 /// Throws InputError when `text` is not a value of the type, or out of range.
 template <typename T>

@@ -15,7 +15,6 @@ import tempfile
 import hostile_test as hostile
 
 KINDS = ("open", "read", "write", "rename", "thread", "memory")
-ALLOCATIONS = 60  # of the sample
 FRAMES = 8
 
 
@@ -83,6 +82,7 @@ def main():
     parser.add_argument("bin")
     parser.add_argument("faults")
     parser.add_argument("--all", action="store_true", help="every allocation: takes an hour")
+    parser.add_argument("--allocations", type=int, default=60, help="of the sample")
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--schedule", default="pipelined")
     arguments = parser.parse_args()
@@ -93,7 +93,7 @@ def main():
         for kind in arguments.kinds.split(","):
             step = 1
             if kind == "memory" and not arguments.all:
-                step = max(1, counts[kind] // ALLOCATIONS)
+                step = max(1, counts[kind] // arguments.allocations)
             points = range(1, counts[kind] + 1, step)
             failed = 0
             for n in points:
