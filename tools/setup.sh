@@ -50,10 +50,11 @@ case "${1:-}" in
     fi
     ;;
   --python)
-    if ! .venv/bin/python -c 'import cv2, foxglove_schemas_protobuf, matplotlib, mcap_protobuf, nanobind, pytest, rerun, rosbags, scikit_build_core, yaml' 2>/dev/null; then
+    if ! .venv/bin/python -c 'import cv2, foxglove_schemas_protobuf, matplotlib, mcap_protobuf, nanobind, pytest, rerun, rosbags, scikit_build_core, shtab, yaml' 2>/dev/null; then
       make_environment
       install_python numpy matplotlib nanobind scikit-build-core pytest pyyaml \
-        opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf rerun-sdk
+        opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf rerun-sdk \
+        shtab
     fi
     ;;
   --perception)

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -23,8 +24,10 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run left.mp4 right.mp4 --calibration camchain.yaml
   kys-slam run left/ right/ --calibration camchain.yaml --rate 20
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
+  kys-slam run recording.bag --view                      what it sees, while it runs
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
+  kys-slam report RUN [RUN ...]                          one page to read or send
 """
 
 
@@ -100,6 +103,15 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
     p.set_defaults(command=_plot)
 
+    p = commands.add_parser("report", help="one HTML page of one or several runs")
+    p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs")
+    p.add_argument("--output", default="report.html", metavar="FILE", help="default: report.html")
+    p.set_defaults(command=_report)
+
+    p = commands.add_parser("view", help="shows a recording (--record) in Rerun's viewer")
+    p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
+    p.set_defaults(command=_view)
+
     p = commands.add_parser("calibrate", help="what a calibration file says, rectified")
     p.add_argument("files", nargs="+", metavar="FILE")
     p.add_argument("--calibration-unit", type=float, default=1, metavar="M")
@@ -113,6 +125,12 @@ def _parser() -> argparse.ArgumentParser:
     p = commands.add_parser("settings", help="every setting with its default")
     p.add_argument("--kind", choices=("driving", "indoor"), default="driving")
     p.set_defaults(command=_settings)
+
+    p = commands.add_parser("completion", help="a script that completes commands in a shell",
+                            description="bash: kys-slam completion bash > "
+                            "~/.local/share/bash-completion/completions/kys-slam")
+    p.add_argument("shell", choices=("bash", "zsh", "tcsh"))
+    p.set_defaults(command=_completion)
 
     p = commands.add_parser("demo", help="track a small simulated corridor: does it work here?")
     p.add_argument("--frames", type=int, default=40)
@@ -350,16 +368,20 @@ def _counts(recording, masks) -> dict:
 
 def _trajectory_of(path: str):
     path = Path(path)
+    if path.is_dir() and not (path / "trajectory.tum").exists():
+        raise InputError(f"{path}: not the folder of a run (no trajectory.tum); "
+                         f"kys-slam run {path} tracks a recording")
     return kys_slam.read_tum(path / "trajectory.tum" if path.is_dir() else path)
 
 
 def _evaluate(args) -> int:
     reference = args.reference
+    estimate = _trajectory_of(args.estimate)
     if reference is None:
         reference = Path(args.estimate) / "ground_truth.tum"
         if not reference.exists():
             raise InputError(f"{args.estimate}: has no ground truth; give --reference FILE")
-    figures = kys_slam.evaluate(*kys_slam.read_tum(reference), *_trajectory_of(args.estimate),
+    figures = kys_slam.evaluate(*kys_slam.read_tum(reference), *estimate,
                                 alignment=args.align)
     if figures["pairs"] < 2:
         raise InputError("the two trajectories have no times in common")
@@ -385,6 +407,7 @@ def _plot(args) -> int:
         from matplotlib import pyplot as plt
     except ImportError:
         raise InputError("plots need matplotlib: pip install matplotlib") from None
+    from kys_slam.report import aligned_truth
     figure, axes = plt.subplots(figsize=(7, 7))
     truth_drawn = False
     for run in args.runs:
@@ -393,7 +416,7 @@ def _plot(args) -> int:
         truth = Path(run) / "ground_truth.tum"
         if truth.exists() and not truth_drawn:
             times, poses = _trajectory_of(run)
-            aligned = _aligned_truth(kys_slam.read_tum(truth), (times, poses))
+            aligned = aligned_truth(kys_slam.read_tum(truth), times, poses)
             axes.plot(aligned[:, 0], aligned[:, 2], "k--", label="ground truth", linewidth=0.9)
             truth_drawn = True
     axes.set_xlabel("x, m")
@@ -406,14 +429,42 @@ def _plot(args) -> int:
     return 0
 
 
-def _aligned_truth(truth, estimate) -> np.ndarray:
-    """Positions of the ground truth in the estimate's frame (least squares, SE(3))."""
-    times, poses = truth
-    nearest = np.clip(np.searchsorted(times, estimate[0]), 0, len(times) - 1)
-    a, b = poses[nearest][:, :3, 3], estimate[1][:, :3, 3]
-    u, _, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
-    r = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return (poses[:, :3, 3] - a.mean(0)) @ r.T + b.mean(0)
+def _report(args) -> int:
+    from kys_slam.report import write_report
+    write_report([Path(run) for run in args.runs], Path(args.output))
+    print(f"wrote {args.output}")
+    return 0
+
+
+def _view(args) -> int:
+    path = Path(args.file)
+    if path.is_dir():
+        found = sorted(path.glob("*.rrd")) or sorted(path.glob("*.mcap")) or sorted(
+            path.glob("map.ply"))
+        if not found:
+            raise InputError(f"{path}: holds nothing to view; kys-slam run ... --record FILE.rrd")
+        path = found[0]
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if path.suffix == ".bag" or path.suffix not in (".rrd", ".mcap", ".ply"):
+        raise InputError(f"{path}: not a recording of this program; kys-slam run {path} --view")
+    try:
+        import rerun  # noqa: F401
+    except ImportError:
+        raise InputError("viewing needs Rerun: pip install rerun-sdk" + (
+            "; Foxglove opens .mcap files too" if path.suffix == ".mcap" else "")) from None
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    web = [] if display or sys.platform != "linux" else ["--serve-web"]
+    return subprocess.call([sys.executable, "-m", "rerun", str(path), *web])
+
+
+def _completion(args) -> int:
+    try:
+        import shtab
+    except ImportError:
+        raise InputError("completion needs shtab: pip install shtab") from None
+    print(shtab.complete(_parser(), args.shell))
+    return 0
 
 
 def _calibrate(args) -> int:

@@ -260,6 +260,18 @@ def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
     assert cli.main(["plot", str(tmp_path / "run"), "--output", str(tmp_path / "p.png")]) == 0
     assert (tmp_path / "p.png").stat().st_size > 5000
     assert cli.main(["demo", "--frames", "5"]) == 0
+    page = tmp_path / "report.html"
+    assert cli.main(["report", str(tmp_path / "run"), "--output", str(page)]) == 0
+    text = page.read_text()
+    assert f"{len(corridor)} of {len(corridor)}" in text and text.count("data:image/png") == 3
+    capsys.readouterr()
+    for command in ("report", "evaluate", "plot", "view"):
+        assert cli.main([command, str(tmp_path)]) == 2
+        error = capsys.readouterr().err
+        assert str(tmp_path) in error and error.count("\n") == 1, error
+    pytest.importorskip("shtab")
+    assert cli.main(["completion", "bash"]) == 0
+    assert "--calibration-unit" in capsys.readouterr().out
     times, read = kys_slam.read_tum(tmp_path / "run" / "trajectory.tum")
     kys_slam.write_tum(tmp_path / "again.tum", times, read)
     assert (tmp_path / "again.tum").read_bytes() == (tmp_path / "run" /
