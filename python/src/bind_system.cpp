@@ -104,20 +104,21 @@ class Slam {
   }
 
   void set_observer(nb::object callback) {
-    if (callback.is_none()) {
+    const bool nobody = callback.is_none();
+    callback_ = std::move(callback);
+    if (nobody) {
       system_->set_observer({});
       return;
     }
-    // Shared, so that copies of the observer need no GIL.
-    auto kept = std::shared_ptr<nb::object>(new nb::object(std::move(callback)), [](nb::object* o) {
+    system_->set_observer([this](const FrameObservation& seen) {
       const nb::gil_scoped_acquire acquired;
-      delete o;
-    });
-    system_->set_observer([kept](const FrameObservation& seen) {
-      const nb::gil_scoped_acquire acquired;
-      (*kept)(observation(seen));
+      const nb::object callback = callback_;  // it may put another one in its place
+      if (callback.is_valid() && !callback.is_none()) callback(observation(seen));
     });
   }
+  /// For the garbage collector: an observer often refers to its system.
+  [[nodiscard]] const nb::object& callback() const { return callback_; }
+  void forget_callback() { callback_.reset(); }
 
   nb::dict write_run(const std::filesystem::path& folder, RunInfo info) {
     if (priors_->folder) {
@@ -201,8 +202,23 @@ class Slam {
   Priors* priors_ = nullptr;  // the system's
   std::mutex mutex_;          // of feeding
   std::int64_t fed_ = 0;
+  nb::object callback_;  // read and written with the GIL
   std::unique_ptr<System> system_;
 };
+
+int traverse(PyObject* self, visitproc visit, void* arg) {
+  Py_VISIT(Py_TYPE(self));
+  if (!nb::inst_ready(self)) return 0;
+  Py_VISIT(nb::inst_ptr<Slam>(self)->callback().ptr());
+  return 0;
+}
+int clear(PyObject* self) {
+  if (nb::inst_ready(self)) nb::inst_ptr<Slam>(self)->forget_callback();
+  return 0;
+}
+PyType_Slot slam_slots[] = {{Py_tp_traverse, reinterpret_cast<void*>(traverse)},
+                            {Py_tp_clear, reinterpret_cast<void*>(clear)},
+                            {0, nullptr}};
 
 nb::dict to_dict(const StageTimes& t) {
   nb::dict d;
@@ -338,7 +354,7 @@ void bind_report(nb::module_& m) {
 void bind_system(nb::module_& m) {
   bind_settings(m);
   bind_report(m);
-  nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::dynamic_attr())
+  nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
                     const std::optional<std::filesystem::path>&, bool>(),
            "camera"_a, "settings"_a, "schedule"_a, "priors"_a.none(), "strict_priors"_a)

@@ -1,8 +1,10 @@
 """The system fed with NumPy arrays: the same poses as the command line, errors, threads."""
 
+import gc
 import sys
 import threading
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -183,6 +185,16 @@ def test_masked_pixels_give_no_keypoints(corridor, corridor_camera):
     assert seen[0].keypoints[:, 0].min() >= 159.5
     with pytest.raises(kys_slam.InputError, match="left mask|a mask"):
         slam.feed(left, right, 1.0, masks=(mask[:, 1:], None))
+
+
+def test_an_observer_that_knows_its_system_is_collected(corridor, corridor_camera):
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    slam.set_observer(lambda seen: slam.snapshot())
+    slam.feed(*corridor[0][:3])
+    gone = weakref.ref(slam)
+    del slam
+    gc.collect()
+    assert gone() is None
 
 
 def test_observer_that_raises_is_told(corridor, corridor_camera):

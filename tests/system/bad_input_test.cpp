@@ -63,6 +63,27 @@ class BadInput : public ::testing::Test {
   TemporaryFolder work_;
 };
 
+TEST_F(BadInput, WhatIsGivenInPlaceOfASequenceIsNamed) {
+  const auto says = [&](const fs::path& path, const std::string& part) {
+    expect_refusal("run_stereo_kitti", {path.string(), "--output", output().string(), "--quiet"},
+                   {path.string(), part});
+  };
+  for (const char* name : {"left.mp4", "drive.bag"}) {
+    write_text(work_ / name, "not looked at");
+    says(work_ / name, "kys-slam run");
+  }
+  fs::create_directories(work_ / "priors");
+  write_text(work_ / "priors" / "000000.kysp", "");
+  says(work_ / "priors", "--priors");
+  says(work_ / "priors" / "000000.kysp", "--priors");
+  fs::create_directories(work_ / "run");
+  write_text(work_ / "run" / "summary.json", "{}");
+  write_text(work_ / "run" / "trajectory.tum", "");
+  says(work_ / "run", "evaluate_trajectory");
+  fs::create_directories(work_ / "flight" / "mav0" / "cam0" / "data");
+  says(work_ / "flight" / "mav0" / "cam0", "run_stereo_euroc");
+}
+
 TEST_F(BadInput, CalibrationIsMissing) {
   fs::remove(sequence() / "calib.txt");
   expect_refused({"calib.txt"});

@@ -57,6 +57,7 @@ TEST(PublicApi, LookingOnFromAnotherThreadChangesNothing) {
           (void)system.keyframes();
           (void)system.landmarks();
           (void)system.submaps();
+          (void)system.objects();
           ++looks;
         }
       });

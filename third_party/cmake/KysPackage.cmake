@@ -1,8 +1,10 @@
 # Debian packages: cpack -G DEB in the build folder. kys-slam: the programs; libkys-slam-dev: headers,
 # static libraries and CMake packages of kys and kys_slam.
 set(CPACK_GENERATOR DEB)
-set(CPACK_PACKAGE_VENDOR "KYS-SLAM contributors")
-set(CPACK_PACKAGE_CONTACT "KYS-SLAM contributors <kys-slam@localhost.localdomain>")
+set(CPACK_PACKAGE_VENDOR "KYS-SLAM authors")
+set(KYS_PACKAGE_CONTACT "KYS-SLAM authors <kys-slam@packages.invalid>"
+    CACHE STRING "Maintainer of the Debian packages: NAME <MAIL>")
+set(CPACK_PACKAGE_CONTACT "${KYS_PACKAGE_CONTACT}")
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_COMPONENTS_ALL programs kys kys_slam)
@@ -18,9 +20,8 @@ set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME kys-slam)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
 set(CPACK_COMPONENT_PROGRAMS_GROUP programs)
-set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "stereo visual SLAM with semantic and motion priors
- Programs that track stereo recordings (KITTI, Virtual KITTI 2, EuRoC), build and
- check prior files, render simulated worlds and evaluate trajectories.")
+set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "Programs that track stereo recordings (KITTI, Virtual KITTI 2, EuRoC), build
+and check prior files, render simulated worlds and evaluate trajectories.")
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libkys-slam-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEV_PACKAGE_SHLIBDEPS OFF)
@@ -28,9 +29,8 @@ set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
   "libeigen3-dev, libopencv-dev, libceres-dev, libyaml-cpp-dev, libspdlog-dev, libfmt-dev, nlohmann-json3-dev, libspng-dev, libdeflate-dev, libturbojpeg0-dev")
 set(CPACK_COMPONENT_KYS_GROUP dev)
 set(CPACK_COMPONENT_KYS_SLAM_GROUP dev)
-set(CPACK_COMPONENT_GROUP_DEV_DESCRIPTION "stereo visual SLAM, development files
- Headers, static libraries and CMake packages of the SLAM library kys_slam and of
- the matching library kys.")
+set(CPACK_COMPONENT_GROUP_DEV_DESCRIPTION "Headers, static libraries and CMake packages of the SLAM library kys_slam and
+of the matching library kys.")
 set(CPACK_COMPONENT_GROUP_PROGRAMS_DESCRIPTION "${CPACK_COMPONENT_PROGRAMS_DESCRIPTION}")
 
 # What Debian asks every package for: copyright, and a changelog that is compressed without a date.

@@ -258,13 +258,51 @@ Priors open_priors(const Arguments& a, const FrameInput& input, const Settings& 
   return {};
 }
 
-int run(const RunProgram& program, const Arguments& a) {
-  const Stopwatch start_up;
-  const Schedule schedule = parse_schedule(a.schedule);
+/// Of a path that is no sequence: what is often given in its place.
+/// \throws InputError that says the right way
+void explain_mistake(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  const std::string ending = path.extension().string();
+  for (const char* recording : {".mp4", ".avi", ".mkv", ".mov", ".bag", ".mcap", ".db3"}) {
+    if (ending != recording) continue;
+    throw InputError(name + ": videos and ROS bags are read by kys-slam run (python/README.md)");
+  }
+  if (ending == ".kysp") {
+    throw InputError(name + ": a prior file; give the sequence, and its folder to --priors");
+  }
+  std::error_code ignored;
+  if (path_exists(path / "summary.json") && path_exists(path / "trajectory.tum")) {
+    throw InputError(name + ": the results of a run; evaluate_trajectory reads them");
+  }
+  for (std::filesystem::path above = std::filesystem::absolute(path, ignored);
+       above.has_relative_path(); above = above.parent_path()) {
+    if (above.filename() != "mav0") continue;
+    throw InputError(name + ": a part of a sequence in EuRoC's layout; give " +
+                     above.parent_path().string() + " to run_stereo_euroc");
+  }
+  for (std::filesystem::directory_iterator i(path, ignored), end; !ignored && i != end;
+       i.increment(ignored)) {
+    if (i->path().extension() != ".kysp") continue;
+    throw InputError(name + ": prior files; give the sequence, and these to --priors");
+  }
+}
+
+FrameInput open_input(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
   options.frames = a.frames;
-  const FrameInput input = open_frame_input(a.sequence, options, program.open);
+  try {
+    return open_frame_input(a.sequence, options, program.open);
+  } catch (const InputError&) {
+    explain_mistake(a.sequence);
+    throw;
+  }
+}
+
+int run(const RunProgram& program, const Arguments& a) {
+  const Stopwatch start_up;
+  const Schedule schedule = parse_schedule(a.schedule);
+  const FrameInput input = open_input(program, a);
   const Settings settings =
       effective_settings(program.settings, a, !a.priors.empty() || !input.label_space.empty());
   check_features(input, settings, a.sequence);
