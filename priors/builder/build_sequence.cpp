@@ -1,5 +1,6 @@
 #include "priors/builder/build_sequence.h"
 
+#include <kys/belief.h>
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
@@ -7,8 +8,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <cstdlib>
+#include <deque>
 #include <exception>
 #include <fstream>
+#include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <sstream>
@@ -17,6 +22,8 @@
 #include "priors/builder/association.h"
 #include "priors/builder/debug_image.h"
 #include "priors/builder/estimators.h"
+#include "priors/builder/keypoint_motion.h"
+#include "priors/builder/motion_belief.h"
 #include "util/atomic_file.h"
 #include "util/stopwatch.h"
 
@@ -26,7 +33,10 @@ namespace {
 namespace fs = std::filesystem;
 constexpr const char* kSegmentsHeader =
     "frame,camera,input_id,identity,label,area_px,mean_depth_m,residual_px,radial_px,coverage,"
-    "omega,magnitude_test,radial_test,rho,m\n";
+    "omega,magnitude_test,radial_test,rho,m,valid,median_px,coherent_px,scatter_px,parallax_px,"
+    "disparity_px,keypoints,keypoint_inliers,keypoint_log_ratio,keypoint_span_s,"
+    "keypoint_shift_m,keypoint_shift_px,patches,flow_patches,still_alike,flow_alike,"
+    "evidence_flow,evidence_appearance,evidence_keypoints,state,log_odds\n";
 constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
@@ -93,6 +103,19 @@ class SequenceBuilder {
       readers_.emplace_back(inputs.panoptic[c], labels, inputs.panoptic_encoding);
     }
     if (inputs.panoptic[0].empty()) throw InputError("the left camera's segmentation is missing");
+    if (inputs.keypoints) {
+      keypoints_ = std::make_unique<KeypointMotion>(sequence.camera, settings.options.keypoints);
+    }
+    if (settings.options.association.method == AssociationMethod::kOverlap) {
+      std::vector<bool> pooled;
+      for (const kys::LabelClass& c : labels.classes()) {
+        pooled.push_back(kys::mobility(c) == kys::Mobility::kMobile);
+      }
+      overlap_.emplace(settings.options.association, std::move(pooled));
+    }
+    if (settings.options.detection.method == DetectionMethod::kRobust) {
+      belief_.emplace(settings.options.detection);
+    }
     associators_.assign(readers_.size(), InstanceAssociator(settings.options.association));
   }
 
@@ -104,7 +127,8 @@ class SequenceBuilder {
     const std::size_t step = 4 * static_cast<std::size_t>(settings_.jobs);
     for (std::size_t t = 0; t < frames(); t += step) build_frames(t, std::min(t + step, frames()));
     for (std::size_t c = 0; c < readers_.size(); ++c) {
-      summary_.tracks[c] = associators_[c].identities_given();
+      summary_.tracks[c] =
+          overlap_ ? overlap_->identities_given() : associators_[c].identities_given();
     }
     write_tables();
     return summary_;
@@ -115,39 +139,117 @@ class SequenceBuilder {
 
   /// The left and the right camera at one frame; flow and depth come later.
   using FramePerception = std::vector<CameraPerception>;
+  using FrameEvidence = std::vector<std::vector<KeypointEvidence>>;  // by camera and segment
 
-  /// Frames from begin to end: only identities need them in order.
+  /// A frame before it is fused.
+  struct Prepared {
+    FramePerception perception;
+    std::vector<std::vector<SegmentShape>> shapes;   // by camera
+    std::shared_ptr<const FrameFeatures> features;   // null: keypoints are not asked for
+    FrameEvidence evidence;  // of the frame with those before it; then with the next one
+  };
+
+  /// Frames from begin to end: identities and keypoints need them in order, the latter one frame
+  /// more.
   void build_frames(std::size_t begin, std::size_t end) {
-    std::vector<FramePerception> perceptions(end - begin);
-    std::vector<std::vector<std::vector<SegmentShape>>> shapes(end - begin);
-    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
-      for (const PanopticReader& reader : readers_) {
-        CameraPerception& in = perceptions[i].emplace_back();
-        in.panoptic = reader.read(sequence_.names[begin + i], sequence_.camera.width,
-                                  sequence_.camera.height);
-        const Stopwatch watch;
-        shapes[i].push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
-        add_association(watch.elapsed_ms());
-      }
-    });
-    const Stopwatch watch;
-    for (std::size_t i = 0; i < perceptions.size(); ++i) {
-      for (std::size_t c = 0; c < readers_.size(); ++c) {
-        perceptions[i][c].instances = identify(c, perceptions[i][c].panoptic, shapes[i][c]);
-      }
+    prepare(inputs_.keypoints ? std::min(end + 1, frames()) : end);
+    std::vector<Prepared> batch;
+    for (std::size_t t = begin; t < end; ++t) {
+      batch.push_back(std::move(prepared_.front()));
+      prepared_.pop_front();
     }
-    add_association(watch.elapsed_ms());
+    std::vector<Measured> measured(batch.size());
+    for (std::size_t i = 0; i < batch.size(); ++i) {
+      measured[i].key = content_key(begin + i, batch[i].perception);
+      if (belief_) chain_ = measured[i].key;
+    }
     for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
-      build_frame(begin + i, std::move(perceptions[i]));
+      measure_frame(begin + i, std::move(batch[i]), measured[i]);
+    });
+    for (std::size_t i = 0; i < measured.size() && belief_; ++i) decide(begin + i, measured[i]);
+    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
+      write_frame(begin + i, std::move(measured[i]));
       const std::lock_guard lock(mutex_);
       ++done_;
       if (settings_.progress) settings_.progress("priors", done_, frames());
     });
   }
 
+  /// Reads frames up to `end` and gives their segments identities.
+  void prepare(std::size_t end) {
+    const std::size_t begin = read_;
+    if (end <= begin) return;
+    std::vector<Prepared> batch(end - begin);
+    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
+      for (const PanopticReader& reader : readers_) {
+        CameraPerception& in = batch[i].perception.emplace_back();
+        in.panoptic = reader.read(sequence_.names[begin + i], sequence_.camera.width,
+                                  sequence_.camera.height);
+        const Stopwatch watch;
+        batch[i].shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
+        add_association(watch.elapsed_ms());
+      }
+      if (keypoints_) {
+        const Pair pair = sequence_.read(begin + i);
+        batch[i].features = keypoints_->extract(pair.first, pair.second);
+      }
+    });
+    for (Prepared& frame : batch) {
+      SegmentLinks links;
+      if (keypoints_) judge_keypoints(read_, frame, links);
+      const Stopwatch watch;
+      if (overlap_) {
+        identify(frame, links);
+      } else {
+        for (std::size_t c = 0; c < readers_.size(); ++c) {
+          CameraPerception& in = frame.perception[c];
+          in.instances = identify(c, in.panoptic, frame.shapes[c]);
+        }
+      }
+      add_association(watch.elapsed_ms());
+      frame.features.reset();
+      prepared_.push_back(std::move(frame));
+      ++read_;
+    }
+  }
+
+  /// What a frame's keypoints say about the segments of the frame before.
+  void judge_keypoints(std::size_t t, Prepared& frame, SegmentLinks& links) {
+    std::vector<CameraSegments> cameras;
+    for (const CameraPerception& in : frame.perception) cameras.push_back({&in.panoptic});
+    FrameEvidence evidence =
+        keypoints_->next_frame(sequence_.timestamps[t], frame.features, cameras, links);
+    for (const CameraPerception& in : frame.perception) {
+      frame.evidence.emplace_back(in.panoptic.segments.size());
+    }
+    if (!prepared_.empty()) prepared_.back().evidence = std::move(evidence);
+  }
+
   void add_association(double ms) {
     const std::lock_guard lock(mutex_);
     summary_.times.association += ms;
+  }
+
+  /// Numbers of segments as they go into the file. Stuff has one per class, below those of things.
+  static std::vector<std::int32_t> instances_of(std::size_t c, const PanopticMap& panoptic,
+                                                const std::vector<std::int32_t>& identities) {
+    const std::int32_t base = c == 0 ? 0 : prior_format::kRightInstances;
+    std::vector<std::int32_t> instances;
+    for (std::size_t k = 0; k < panoptic.segments.size(); ++k) {
+      const InputSegment& s = panoptic.segments[k];
+      instances.push_back(base + (s.thing ? 65536 + identities[k] : s.label));
+    }
+    return instances;
+  }
+
+  /// Identities of the next frame's segments, both cameras together.
+  void identify(Prepared& frame, const SegmentLinks& links) {
+    std::vector<const PanopticMap*> maps;
+    for (const CameraPerception& in : frame.perception) maps.push_back(&in.panoptic);
+    const std::vector<std::vector<std::int32_t>> identities = overlap_->next_frame(maps, links);
+    for (std::size_t c = 0; c < maps.size(); ++c) {
+      frame.perception[c].instances = instances_of(c, *maps[c], identities[c]);
+    }
   }
 
   /// Identities of the segments of one camera's next frame.
@@ -158,20 +260,16 @@ class SequenceBuilder {
       const InputSegment& s = panoptic.segments[k];
       if (s.thing) things.push_back({s.label, shapes[k].u, shapes[k].v});
     }
-    const std::vector<std::int32_t> identities = associators_[c].next_frame(things);
-    // Stuff has one identity per class, below those of things.
-    const std::int32_t base = c == 0 ? 0 : prior_format::kRightInstances;
-    std::vector<std::int32_t> instances;
+    const std::vector<std::int32_t> found = associators_[c].next_frame(things);
+    std::vector<std::int32_t> identities;
     std::size_t next = 0;
-    for (const InputSegment& s : panoptic.segments) {
-      instances.push_back(base + (s.thing ? 65536 + identities[next++] : s.label));
-    }
-    return instances;
+    for (const InputSegment& s : panoptic.segments) identities.push_back(s.thing ? found[next++] : 0);
+    return instances_of(c, panoptic, identities);
   }
 
   [[nodiscard]] bool needs_images() const {
     return inputs_.disparity == "sgbm" || inputs_.flow[0] == "dis" || inputs_.flow[1] == "dis" ||
-           settings_.debug_images;
+           settings_.debug_images || settings_.options.detection.method == DetectionMethod::kRobust;
   }
 
   [[nodiscard]] fs::path back_flow(const std::string& folder, std::size_t t) const {
@@ -182,7 +280,9 @@ class SequenceBuilder {
   [[nodiscard]] std::uint64_t content_key(std::size_t t, const FramePerception& perception) const {
     const std::string& name = sequence_.names[t];
     Digest digest;
-    digest.add("kysp builder 3\n" + to_text(settings_.options) + labels_.name());
+    digest.add(inputs_.keypoints ? "keypoints" : "");
+    digest.add(std::to_string(chain_));
+    digest.add("kysp builder 4\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -302,55 +402,125 @@ class SequenceBuilder {
     return forward;
   }
 
-  void build_frame(std::size_t t, FramePerception perception) {
-    const std::string& name = sequence_.names[t];
-    const fs::path file = settings_.output / (name + ".kysp");
-    const fs::path rows_file = settings_.output / ".rows" / (name + ".csv");
-    const std::uint64_t key = content_key(t, perception);
-    if (is_current(file, rows_file, key)) {
+  /// A frame between its measurement and its file.
+  struct Measured {
+    std::uint64_t key = 0;
+    bool current = false;  // its file is there
+    Pair now;              // for pictures
+    std::vector<MeasuredCamera> cameras;
+    std::vector<FusionImages> images;
+    BuildTimes times;
+  };
+
+  [[nodiscard]] fs::path file_of(std::size_t t) const {
+    return settings_.output / (sequence_.names[t] + ".kysp");
+  }
+  [[nodiscard]] fs::path rows_of(std::size_t t) const {
+    return settings_.output / ".rows" / (sequence_.names[t] + ".csv");
+  }
+  [[nodiscard]] double time_of(std::size_t t) const {
+    return t < sequence_.timestamps.size() ? sequence_.timestamps[t] : 0.1 * static_cast<double>(t);
+  }
+
+  void measure_frame(std::size_t t, Prepared prepared, Measured& out) {
+    FramePerception& perception = prepared.perception;
+    out.current = is_current(file_of(t), rows_of(t), out.key);
+    if (out.current) return;
+    Pair next;
+    if (needs_images()) out.now = sequence_.read(t);
+    if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
+    std::array<ImageOf<float>, 2> disparity = disparities(t, out.now);
+    const Stopwatch watch;
+    complete(disparity, perception);
+    out.times.depth = watch.elapsed_ms();
+    for (std::size_t c = 0; c < perception.size(); ++c) {
+      CameraPerception& in = perception[c];
+      const GrayImage& image = c == 0 ? out.now.first : out.now.second;
+      const GrayImage& next_image = c == 0 ? next.first : next.second;
+      in.disparity = std::move(disparity[c]);
+      in.flow = flow(c, t, image, next_image);
+      if (!next_image.empty()) {
+        in.now = &image;
+        in.next = &next_image;
+      }
+      FusionImages images;
+      MeasuredCamera measured = measure_camera(settings_.options, sequence_.camera, std::move(in),
+                                               settings_.debug_images ? &images : nullptr);
+      for (std::size_t k = 0; k < measured.fusion.statistics.size() && inputs_.keypoints; ++k) {
+        measured.fusion.statistics[k].keypoints = prepared.evidence[c][k];
+      }
+      if (!belief_) decide_segments(settings_.options, measured.fusion);
+      out.cameras.push_back(std::move(measured));
+      if (settings_.debug_images) out.images.push_back(std::move(images));
+    }
+    if (!settings_.debug_images) out.now = {};
+  }
+
+  /// Belief over time goes through the frames in order.
+  void decide(std::size_t t, Measured& measured) {
+    if (measured.current) {
+      std::ifstream rows(rows_of(t));
+      for (std::string line; std::getline(rows, line);) restore(t, line);
+      return;
+    }
+    std::vector<CameraFusion*> cameras;
+    std::vector<const std::vector<std::int32_t>*> instances;
+    for (MeasuredCamera& camera : measured.cameras) {
+      cameras.push_back(&camera.fusion);
+      instances.push_back(&camera.input.instances);
+    }
+    belief_->next_frame(time_of(t), cameras, instances);
+  }
+
+  /// What a row of segments.csv says about belief: its fourth field names the object, its last is
+  /// the log-odds.
+  void restore(std::size_t t, const std::string& row) {
+    if (row.empty() || row[0] != 'S') return;
+    std::vector<std::string> fields;
+    std::istringstream in(row);
+    for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
+    if (fields.size() < 5) return;
+    belief_->restore(time_of(t), static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
+                     std::strtod(fields.back().c_str(), nullptr));
+  }
+
+  void write_frame(std::size_t t, Measured measured) {
+    if (measured.current) {
       const std::lock_guard lock(mutex_);
       ++summary_.kept;
       return;
     }
-    Pair now, next;
-    if (needs_images()) now = sequence_.read(t);
-    if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
-    std::array<ImageOf<float>, 2> disparity = disparities(t, now);
-    BuildTimes times;
-    Stopwatch watch;
-    complete(disparity, perception);
-    times.depth = watch.lap_ms();
-
+    const std::string& name = sequence_.names[t];
     FramePriors priors;
     priors.label_space = labels_.name();
     priors.calibration_hash = calibration_hash(sequence_.camera);
-    priors.content_key = key;
+    priors.content_key = measured.key;
     std::string rows;
     bool without_motion = false;
-    for (std::size_t c = 0; c < perception.size(); ++c) {
-      CameraPerception& in = perception[c];
-      in.disparity = std::move(disparity[c]);
-      in.flow = flow(c, t, c == 0 ? now.first : now.second, c == 0 ? next.first : next.second);
-      FusionImages images;
-      CameraFusion fusion = fuse_camera(settings_.options, sequence_.camera, std::move(in),
-                                        settings_.debug_images ? &images : nullptr);
+    BuildTimes& times = measured.times;
+    for (std::size_t c = 0; c < measured.cameras.size(); ++c) {
+      const CameraFusion fusion =
+          export_camera(settings_.options, std::move(measured.cameras[c]));
       if (settings_.debug_images) {
         write_png(settings_.output / "debug" / (name + (c == 0 ? "_left.png" : "_right.png")),
-                  draw_stages(c == 0 ? now.first : now.second, fusion, images));
+                  draw_stages(c == 0 ? measured.now.first : measured.now.second, fusion,
+                              measured.images[c]));
       }
-      priors.has_motion = priors.has_motion || fusion.ego_motion.has_value();
+      priors.has_motion = priors.has_motion || fusion.ego_motion.has_value() ||
+                          std::any_of(fusion.decisions.begin(), fusion.decisions.end(),
+                                      [](const MotionDecision& d) { return d.judged; });
       rows += table_rows(name, c, fusion);
       times.fusion += fusion.times;
       without_motion |= c == 0 && !fusion.ego_motion;
-      priors.cameras.push_back(std::move(fusion.priors));
+      priors.cameras.push_back(fusion.priors);
     }
     MotionCoding coding;
     coding.tolerance_steps = settings_.options.exported.motion_tolerance_steps;
-    watch.lap_ms();
-    const std::vector<std::uint8_t> bytes = encode_priors(priors, file.string(), coding);
-    times.encoding = watch.lap_ms();
-    write_file_atomic(rows_file, rows, Durable::kNo);
-    write_file_atomic(file, bytes, Durable::kNo);
+    const Stopwatch watch;
+    const std::vector<std::uint8_t> bytes = encode_priors(priors, file_of(t).string(), coding);
+    times.encoding = watch.elapsed_ms();
+    write_file_atomic(rows_of(t), rows, Durable::kNo);
+    write_file_atomic(file_of(t), bytes, Durable::kNo);
     const std::lock_guard lock(mutex_);
     ++summary_.built;
     summary_.frames_without_motion += without_motion;
@@ -360,17 +530,28 @@ class SequenceBuilder {
   static std::string table_rows(const std::string& name, std::size_t c, const CameraFusion& f) {
     const char* camera = c == 0 ? "left" : "right";
     std::string rows;
-    char line[512];
+    char line[1024];
     for (std::size_t k = 0; k < f.segments.size(); ++k) {
       const InputSegment& s = f.segments[k];
       if (!s.thing) continue;
       const SegmentStatistics& m = f.statistics[k];
       const MotionDecision& d = f.decisions[k];
       std::snprintf(line, sizeof line,
-                    "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f\n", name.c_str(),
+                    "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
+                    "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%s,%.17g\n", name.c_str(),
                     camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
                     m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test,
-                    d.radial_test, d.rho, d.score);
+                    d.radial_test, d.rho, d.score,
+                    m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0, m.median.length,
+                    m.median.coherent, m.median.scatter, m.median.parallax, m.median.disparity,
+                    m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
+                    m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
+                    m.appearance.flow_patches, m.appearance.still, m.appearance.flow,
+                    d.evidence_flow, d.evidence_appearance, d.evidence_keypoints,
+                    d.dynamic  ? "moving"
+                    : d.judged ? "static"
+                               : "not_judged",
+                    d.log_odds);
       rows += line;
     }
     if (!f.ego_motion) return rows;
@@ -426,6 +607,12 @@ class SequenceBuilder {
   const BuildSettings& settings_;
   std::vector<PanopticReader> readers_;
   std::vector<InstanceAssociator> associators_;
+  std::optional<MaskAssociator> overlap_;
+  std::optional<MotionBelief> belief_;
+  std::uint64_t chain_ = 0;  ///< content key of the frame before, where belief depends on it
+  std::unique_ptr<KeypointMotion> keypoints_;
+  std::deque<Prepared> prepared_;  ///< frames that are read and not yet built
+  std::size_t read_ = 0;           ///< frames
   std::mutex mutex_;  ///< of what follows, while frames are built
   BuildSummary summary_;
   std::size_t done_ = 0;  ///< frames
@@ -437,6 +624,12 @@ BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::Lab
                                    const BuildInputs& inputs, const BuildSettings& settings) {
   settings.options.check();
   if (sequence.names.empty()) throw InputError("the sequence has no frames");
+  if (inputs.keypoints && settings.options.detection.method != DetectionMethod::kRobust) {
+    throw InputError("keypoints judge with detection.method robust only");
+  }
+  if (inputs.keypoints && sequence.timestamps.size() != sequence.names.size()) {
+    throw InputError("keypoints need a time stamp of every frame");
+  }
   return SequenceBuilder(sequence, labels, inputs, settings).run();
 }
 

@@ -33,6 +33,7 @@ MotionDecision decide(const BuilderOptions& options, const SegmentStatistics& se
       segment.flow_count > 0 && segment.flow_count >= o.min_valid_fraction * segment.area;
   const double threshold = o.magnitude_factor * bg.m_bg * decision.omega;
   if (!measured) return decision;
+  decision.judged = true;
   if (segment.coverage < o.min_coverage) {
     // The paper calls it static. But a bus that fills the view has no stuff around it, and moves by
     // far more than any drift that could not be corrected there.

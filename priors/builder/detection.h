@@ -7,6 +7,33 @@
 
 namespace kys_slam {
 
+/// What most pixels of a segment say; nothing of it is moved by a few wrong ones.
+struct MedianResidual {
+  double length = 0;     ///< px, median length of the corrected residual
+  double coherent = 0;   ///< px, length of the residual whose components are the medians
+  double scatter = 0;    ///< px, median distance from that
+  double parallax = 0;   ///< px, median length of the flow that is due to depth
+  double disparity = 0;  ///< px, median
+};
+
+/// What stereo keypoints say about one thing segment, comparing its frame with earlier ones.
+struct KeypointEvidence {
+  int matches = 0;       ///< keypoints of the segment that were followed; 0: not compared
+  int inliers = 0;       ///< of these, those that fit one rigid motion
+  double log_ratio = 0;  ///< nats, > 0: stands still (src/motion/README.md), this frame's share
+  double span = 0;       ///< s between the two frames compared
+  double shift = 0;      ///< m over the span, of the segment's middle
+  double pixels = 0;     ///< px, the same across the line of sight
+};
+
+/// What the next image confirms (appearance.h).
+struct AppearanceEvidence {
+  int patches = 0;       ///< looked for where they are if they stand still
+  int flow_patches = 0;  ///< of these, looked for where the observed flow puts them
+  double still = 0;      ///< 0..1, share of the former that look the same there
+  double flow = 0;       ///< 0..1, share of the latter
+};
+
 /// What was measured over one segment's pixels.
 struct SegmentStatistics {
   std::uint32_t area = 0;         ///< px
@@ -16,6 +43,9 @@ struct SegmentStatistics {
   double residual = 0;            ///< px, mean length of the corrected residual
   double radial = 0;              ///< px, mean of its part along the predicted flow
   double coverage = 0;            ///< 0..1, mean of the smoothed stuff mask
+  MedianResidual median;
+  KeypointEvidence keypoints;
+  AppearanceEvidence appearance;
 };
 
 /// The background of one frame and camera, over its stuff pixels.
@@ -34,7 +64,10 @@ struct MotionDecision {
   bool dynamic = false;
   bool radial_only = false;
   double rho = 0;    ///< residual over background, 0..100
-  double score = 0;  ///< m_k, 0..100
+  double score = 0;  ///< m_k, 0..100; of detection.method robust: 100 times probability
+  bool judged = false;  ///< false: nothing was measured that could tell
+  double log_odds = 0;  ///< of moving, robust only; and what this frame said, nats:
+  double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0;
 };
 
 /// omega = clip(1 / (c + 0.1), 1, 4).

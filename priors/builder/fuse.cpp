@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "priors/builder/appearance.h"
 #include "util/stopwatch.h"
 
 namespace kys_slam {
@@ -86,6 +87,21 @@ void export_motion(const SegmentRuns& runs, ImageOf<float> lengths, CameraFusion
   fusion.priors.motion = std::move(lengths);
 }
 
+/// mu of flagged segments where the whole segment is decided by its belief: 100 times the
+/// probability that it moves.
+void export_belief(const SegmentRuns& runs, int width, int height, CameraFusion& fusion) {
+  const auto dynamic = [](const MotionDecision& decision) { return decision.dynamic; };
+  if (std::none_of(fusion.decisions.begin(), fusion.decisions.end(), dynamic)) return;
+  fusion.priors.motion = ImageOf<float>(width, height);
+  for (int y = 0; y < height; ++y) {
+    for (const SegmentRun& run : runs.row(y)) {
+      if (run.segment == 0 || !fusion.decisions[run.segment - 1u].dynamic) continue;
+      const auto mu = static_cast<float>(fusion.decisions[run.segment - 1u].score);
+      std::fill(fusion.priors.motion.row(y) + run.x0, fusion.priors.motion.row(y) + run.x1, mu);
+    }
+  }
+}
+
 void fill_segments(const CameraPerception& in, CameraFusion& fusion) {
   for (std::size_t k = 0; k < in.panoptic.segments.size(); ++k) {
     const InputSegment& input = in.panoptic.segments[k];
@@ -98,6 +114,7 @@ void fill_segments(const CameraPerception& in, CameraFusion& fusion) {
     int flags = input.thing ? prior_format::kThing : 0;
     if (decision.dynamic) flags |= prior_format::kDynamic;
     if (decision.radial_only) flags |= prior_format::kRadialOnly;
+    if (input.thing && !decision.judged && !decision.dynamic) flags |= prior_format::kNotJudged;
     segment.flags = static_cast<std::uint16_t>(flags);
     segment.score = decision.dynamic ? static_cast<float>(decision.score) : 0.0F;
     fusion.priors.segments.push_back(segment);
@@ -106,9 +123,10 @@ void fill_segments(const CameraPerception& in, CameraFusion& fusion) {
 
 }  // namespace
 
-CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& camera,
-                         CameraPerception in, FusionImages* images) {
-  CameraFusion fusion;
+MeasuredCamera measure_camera(const BuilderOptions& options, const StereoCamera& camera,
+                              CameraPerception in, FusionImages* images) {
+  MeasuredCamera measured;
+  CameraFusion& fusion = measured.fusion;
   Stopwatch watch;
   const std::size_t count = in.panoptic.segments.size();
   if (in.panoptic.runs.empty()) in.panoptic.runs = find_runs(in.panoptic.map);
@@ -123,7 +141,8 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
                                        inverse_depth, in.panoptic.map, is_stuff);
   }
   fusion.times.fit = watch.lap_ms();
-  ImageOf<float> lengths;
+  std::vector<MedianResidual> medians(count + 1);
+  std::vector<AppearanceEvidence> appearance(count + 1);
   if (fusion.ego_motion) {
     ResidualField residuals(options.drift, *fusion.ego_motion, *in.flow, in.disparity,
                             inverse_depth, runs);
@@ -131,10 +150,16 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
     fusion.times.residual = watch.lap_ms();
     residuals.smooth_drift();
     fusion.times.drift = watch.lap_ms();
-    lengths = residuals.add_to_segments(is_stuff, sums);
-    fusion.background = options.detection.references == References::kRobust
+    const bool robust = options.detection.method == DetectionMethod::kRobust;
+    measured.lengths = residuals.add_to_segments(is_stuff, sums);
+    fusion.background = robust || options.detection.references == References::kRobust
                             ? residuals.robust_references(in.panoptic.map, is_stuff)
                             : moments(sums, is_stuff);
+    if (robust) medians = residuals.medians(is_stuff, sums);
+    if (robust && in.now != nullptr && in.next != nullptr) {
+      appearance = compare_appearance(*in.now, *in.next, *fusion.ego_motion, *in.flow,
+                                      in.disparity, inverse_depth, runs, is_stuff);
+    }
     const double floor = options.detection.reference_floor;
     fusion.background.m_bg = std::max(fusion.background.m_bg, floor);
     fusion.background.sigma_par = std::max(fusion.background.sigma_par, floor);
@@ -142,21 +167,47 @@ CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& came
   } else if (!in.disparity.empty()) {
     add_depth(runs, in.disparity, inverse_depth, sums);
   }
-  fusion.times.statistics = watch.lap_ms();
-
   for (std::size_t k = 0; k < count; ++k) {
     fusion.statistics.push_back(to_means(sums[k + 1]));
-    const bool decided = in.panoptic.segments[k].thing && fusion.ego_motion.has_value();
-    fusion.decisions.push_back(decided ? decide(options, fusion.statistics[k], fusion.background)
-                                       : MotionDecision{});
+    fusion.statistics[k].median = medians[k + 1];
+    fusion.statistics[k].appearance = appearance[k + 1];
   }
-  fill_segments(in, fusion);
-  if (fusion.ego_motion) export_motion(runs, std::move(lengths), fusion);
-  fusion.priors.segment_map = std::move(in.panoptic.map);
-  fusion.priors.runs = std::move(in.panoptic.runs);
-  fusion.segments = std::move(in.panoptic.segments);
+  fusion.decisions.resize(count);
+  fusion.segments = in.panoptic.segments;
+  fusion.times.statistics = watch.lap_ms();
+  measured.input = std::move(in);
+  return measured;
+}
+
+void decide_segments(const BuilderOptions& options, CameraFusion& fusion) {
+  if (!fusion.ego_motion) return;
+  for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
+    if (!fusion.segments[k].thing) continue;
+    fusion.decisions[k] = decide(options, fusion.statistics[k], fusion.background);
+  }
+}
+
+CameraFusion export_camera(const BuilderOptions& options, MeasuredCamera measured) {
+  CameraFusion fusion = std::move(measured.fusion);
+  Stopwatch watch;
+  fill_segments(measured.input, fusion);
+  PanopticMap& panoptic = measured.input.panoptic;
+  if (options.detection.method == DetectionMethod::kRobust) {
+    export_belief(panoptic.runs, panoptic.map.width(), panoptic.map.height(), fusion);
+  } else if (fusion.ego_motion) {
+    export_motion(panoptic.runs, std::move(measured.lengths), fusion);
+  }
+  fusion.priors.segment_map = std::move(panoptic.map);
+  fusion.priors.runs = std::move(panoptic.runs);
   fusion.times.decide_export = watch.lap_ms();
   return fusion;
+}
+
+CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& camera,
+                         CameraPerception in, FusionImages* images) {
+  MeasuredCamera measured = measure_camera(options, camera, std::move(in), images);
+  decide_segments(options, measured.fusion);
+  return export_camera(options, std::move(measured));
 }
 
 }  // namespace kys_slam

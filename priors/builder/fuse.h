@@ -22,6 +22,8 @@ struct CameraPerception {
   std::vector<std::int32_t> instances;  ///< of the segments, as they go into the file
   ImageOf<float> disparity;             ///< px, NaN where unknown; empty: no depth
   std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
+  const GrayImage* now = nullptr;       ///< with `next`: appearance is compared
+  const GrayImage* next = nullptr;
 };
 
 /// Where the time of one camera went, ms.
@@ -49,6 +51,23 @@ struct CameraFusion {
   BackgroundReferences background;
   FusionTimes times;
 };
+
+/// One camera and frame, measured but not decided.
+struct MeasuredCamera {
+  CameraFusion fusion;      ///< priors and decisions are still to come
+  CameraPerception input;   ///< what is left of it
+  ImageOf<float> lengths;   ///< px, of the corrected residuals of things
+};
+
+/// Secs. 3.2 and 3.3 up to the statistics of the segments.
+/// \param images when given, what the stages in between gave.
+MeasuredCamera measure_camera(const BuilderOptions& options, const StereoCamera& camera,
+                              CameraPerception perception, FusionImages* images = nullptr);
+/// Eqs. 7 and 8, every segment by itself.
+void decide_segments(const BuilderOptions& options, CameraFusion& fusion);
+/// From decisions to priors. A pixel of a flagged segment without a residual of its own gets the
+/// segment's mean. (detection.method robust: every pixel has the segment's score.)
+CameraFusion export_camera(const BuilderOptions& options, MeasuredCamera measured);
 
 /// Secs. 3.2 (scale) and 3.3 for one camera and frame: perception in, priors out. A pixel of a
 /// flagged segment without a residual of its own gets the segment's mean.

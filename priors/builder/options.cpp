@@ -13,11 +13,13 @@
 namespace kys_slam {
 namespace {
 
-using Target = std::variant<double*, int*, bool*, EgoMotionModel*, References*>;
+using Target = std::variant<double*, int*, bool*, EgoMotionModel*, References*,
+                            DetectionMethod*, AssociationMethod*>;
 
 /// Name and place of every option, in the order of the documentation.
 std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
   return {
+      {"association.method", &o.association.method},
       {"association.max_distance", &o.association.max_distance},
       {"association.max_missed_frames", &o.association.max_missed_frames},
       {"association.class_agnostic", &o.association.class_agnostic},
@@ -36,8 +38,12 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"drift.enabled", &o.drift.enabled},
       {"drift.sigma", &o.drift.sigma},
       {"drift.cell", &o.drift.cell},
+      {"detection.method", &o.detection.method},
       {"detection.references", &o.detection.references},
       {"detection.reference_floor", &o.detection.reference_floor},
+      {"detection.robust_factor", &o.detection.robust_factor},
+      {"detection.start_log_odds", &o.detection.start_log_odds},
+      {"detection.max_log_odds", &o.detection.max_log_odds},
       {"detection.min_coverage", &o.detection.min_coverage},
       {"detection.uncovered_factor", &o.detection.uncovered_factor},
       {"detection.min_radial_coverage", &o.detection.min_radial_coverage},
@@ -48,6 +54,11 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"detection.min_radial_area", &o.detection.min_radial_area},
       {"detection.min_valid_fraction", &o.detection.min_valid_fraction},
       {"detection.standard_error_factor", &o.detection.standard_error_factor},
+      {"keypoints.features", &o.keypoints.features},
+      {"keypoints.max_speed", &o.keypoints.max_speed},
+      {"keypoints.max_frames", &o.keypoints.max_frames},
+      {"keypoints.common_error", &o.keypoints.common_error},
+      {"keypoints.common_disparity_error", &o.keypoints.common_disparity_error},
       {"score.factor", &o.score.factor},
       {"score.maximum", &o.score.maximum},
       {"export.motion_tolerance_steps", &o.exported.motion_tolerance_steps},
@@ -60,6 +71,10 @@ const std::vector<std::pair<std::string, EgoMotionModel>> kModels = {
     {"as_printed", EgoMotionModel::kAsPrinted}};
 const std::vector<std::pair<std::string, References>> kReferences = {
     {"moments", References::kMoments}, {"robust", References::kRobust}};
+const std::vector<std::pair<std::string, DetectionMethod>> kMethods = {
+    {"paper", DetectionMethod::kPaper}, {"robust", DetectionMethod::kRobust}};
+const std::vector<std::pair<std::string, AssociationMethod>> kAssociations = {
+    {"centroid", AssociationMethod::kCentroid}, {"overlap", AssociationMethod::kOverlap}};
 
 [[noreturn]] void bad_value(const std::string& name, const std::string& value) {
   throw InputError("setting " + name + ": cannot be \"" + value + "\"");
@@ -94,6 +109,12 @@ void parse(const std::string& n, const std::string& t, EgoMotionModel& out) {
 void parse(const std::string& n, const std::string& t, References& out) {
   parse_enum(kReferences, n, t, out);
 }
+void parse(const std::string& n, const std::string& t, DetectionMethod& out) {
+  parse_enum(kMethods, n, t, out);
+}
+void parse(const std::string& n, const std::string& t, AssociationMethod& out) {
+  parse_enum(kAssociations, n, t, out);
+}
 
 std::string print(double value) {
   std::ostringstream out;
@@ -112,6 +133,12 @@ std::string print(EgoMotionModel value) {
 }
 std::string print(References value) {
   return kReferences[static_cast<std::size_t>(value)].first;
+}
+std::string print(DetectionMethod value) {
+  return kMethods[static_cast<std::size_t>(value)].first;
+}
+std::string print(AssociationMethod value) {
+  return kAssociations[static_cast<std::size_t>(value)].first;
 }
 
 }  // namespace
@@ -157,9 +184,19 @@ void BuilderOptions::check() const {
   require(drift.sigma > 0 && drift.sigma <= 16384, "drift.sigma: must be above 0, at most 16384");
   require(drift.cell >= 1 && drift.cell <= 64, "drift.cell: must be 1 to 64");
   require(detection.reference_floor > 0, "detection.reference_floor: must be positive");
+  require(detection.robust_factor > 0, "detection.robust_factor: must be positive");
+  require(detection.max_log_odds > 0 && detection.max_log_odds <= 20,
+          "detection.max_log_odds: must be above 0, at most 20");
+  require(std::abs(detection.start_log_odds) <= detection.max_log_odds,
+          "detection.start_log_odds: must not be beyond detection.max_log_odds");
   require(detection.uncovered_factor >= 0, "detection.uncovered_factor: must not be negative");
   require(detection.max_omega >= 1, "detection.max_omega: must be 1 or more");
   require(detection.max_psi >= 1, "detection.max_psi: must be 1 or more");
+  require(keypoints.features >= 100 && keypoints.features <= 50000,
+          "keypoints.features: must be 100 to 50000");
+  require(keypoints.max_speed > 0, "keypoints.max_speed: must be positive");
+  require(keypoints.max_frames >= 1 && keypoints.max_frames <= 15,
+          "keypoints.max_frames: must be 1 to 15");
   require(score.factor >= 0, "score.factor: must not be negative");
   require(score.maximum >= 0 && score.maximum <= 100, "score.maximum: must be 0 to 100");
   require(exported.motion_tolerance_steps >= 0 && exported.motion_tolerance_steps <= 64,

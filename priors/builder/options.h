@@ -17,9 +17,22 @@ enum class References {
   kRobust,   ///< median, median, 1.4826 MAD
 };
 
+/// How thing segments get identities that persist.
+enum class AssociationMethod {
+  kCentroid,  ///< nearest centroids, each camera for itself (paper)
+  kOverlap,   ///< overlap of masks and common keypoints, both cameras together
+};
+
+/// How segments are judged.
+enum class DetectionMethod {
+  kPaper,   ///< Eq. 7: means over the segment, each frame for itself
+  kRobust,  ///< medians with their error, keypoints, evidence over time
+};
+
 /// Every constant of Secs. 3.2-3.3, under the name it has in configs/priors_default.yaml.
 struct BuilderOptions {
   struct Association {
+    AssociationMethod method = AssociationMethod::kCentroid;
     double max_distance = 100;    ///< px between centroids
     int max_missed_frames = 5;    ///< a track unmatched in more consecutive frames is dropped
     bool class_agnostic = false;  ///< let a car continue as a truck (literal reading)
@@ -53,8 +66,12 @@ struct BuilderOptions {
   } drift;
 
   struct Detection {
+    DetectionMethod method = DetectionMethod::kPaper;
     References references = References::kMoments;
     double reference_floor = 0.1;      ///< px, of m_bg and sigma_par; 1e-9: none (paper)
+    double robust_factor = 1.7;        ///< robust: times background median
+    double start_log_odds = -0.8;      ///< robust: of moving, of what was never seen before
+    double max_log_odds = 5;           ///< robust: belief never gets surer than this
     double min_coverage = 0.05;        ///< below: static, unless:
     double uncovered_factor = 10;      ///< below min_coverage the magnitude test is this many times
                                        ///< harder; 0: static (paper)
@@ -68,6 +85,14 @@ struct BuilderOptions {
     double standard_error_factor = 0;  ///< adds this many sigma_par / sqrt(area / 100 px) to the
                                        ///< radial threshold: small means scatter more (paper: 0)
   } detection;
+
+  struct Keypoints {
+    int features = 4000;     ///< per image
+    double max_speed = 30;   ///< m/s, of things
+    int max_frames = 5;      ///< frames back over which a segment is compared
+    double common_error = 0.5;             ///< px, shared by all keypoints of a segment
+    double common_disparity_error = 0.25;  ///< px, likewise
+  } keypoints;
 
   struct Score {
     double factor = 5;  ///< of ln^2(1 + rho)

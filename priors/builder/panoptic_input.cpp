@@ -243,13 +243,18 @@ PanopticMap PanopticReader::read_two_channel(const std::string& name) const {
 PanopticMap PanopticReader::read_class_map(const std::string& name) const {
   const fs::path path = path_of(name);
   const ImageOf<std::uint8_t> classes = read_indexed(path);
+  // Keys begin at 1: of a data set that has a class 0, 0 is that class.
+  const auto& known = labels_->classes();
+  const bool has_zero = std::any_of(known.begin(), known.end(),
+                                    [](const kys::LabelClass& c) { return c.id == 0; });
   auto keys = ImageOf<std::uint32_t>::for_overwrite(classes.width(), classes.height());
   for (std::size_t i = 0; i < classes.size(); ++i) {
-    keys.data()[i] = classes.data()[i] == 255 ? 0u : classes.data()[i];
+    const std::uint32_t id = classes.data()[i];
+    keys.data()[i] = id == 255 || (id == 0 && !has_zero) ? 0u : id + 1;
   }
   return make_panoptic_map(keys, path.string(), [&](std::uint32_t key) {
     // Without instances every class is one segment, and nothing of it moves.
-    return InputSegment{0, label_of(key, path.string()), false};
+    return InputSegment{0, label_of(key - 1, path.string()), false};
   });
 }
 

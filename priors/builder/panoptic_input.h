@@ -18,7 +18,8 @@ enum class PanopticEncoding {
   kAuto,        ///< kCoco where a JSON lies beside the folder, else by the first picture
   kCoco,        ///< DIR/<name>.png with id = R + 256 G + 65536 B, 0 void, and DIR.json
   kTwoChannel,  ///< R category id of the data set, G instance; category 0 void
-  kClassMap,    ///< 8-bit: category id of the data set, 0 and 255 void; no instances
+  kClassMap,    ///< 8-bit: category id of the data set, 255 void, and 0 unless a class has that id;
+                ///< no instances
   kVkitti,      ///< Virtual KITTI 2: .../instanceSegmentation/Camera_c/instancegt_*.png and
                 ///< .../classSegmentation/Camera_c/classgt_*.png
 };

@@ -1,5 +1,6 @@
 #include "priors/builder/residual.h"
 
+#include <algorithm>
 #include <cmath>
 #include <span>
 
@@ -182,6 +183,57 @@ BackgroundReferences ResidualField::robust_references(const ImageOf<std::uint16_
   for (float& value : radial) value = std::abs(value - static_cast<float>(bg.mu_par));
   bg.sigma_par = 1.4826 * static_cast<double>(median(radial));
   return bg;
+}
+
+std::vector<MedianResidual> ResidualField::medians(const std::vector<std::uint8_t>& is_stuff,
+                                                   const std::vector<SegmentSums>& sums) {
+  constexpr double kSamples = 4000;  // per segment
+  struct Samples {
+    int step = 1;  // px
+    std::vector<float> u, v, length, parallax, disparity;
+  };
+  std::vector<Samples> samples(sums.size());
+  for (std::size_t k = 1; k < sums.size(); ++k) {
+    samples[k].step = std::max(1, static_cast<int>(std::sqrt(sums[k].area / kSamples)));
+  }
+  for (int y = 0; y < height_; ++y) {
+    const FlowRow flow = motion_.flow_row(y);
+    const DriftField::Row drift = drift_.row(y);
+    const ObservedRow seen = observed(y);
+    for (const SegmentRun& run : runs_.row(y)) {
+      Samples& s = samples[run.segment];
+      if (run.segment == 0 || is_stuff[run.segment] || y % s.step != 0) continue;
+      for (int x = (run.x0 + s.step - 1) / s.step * s.step; x < run.x1; x += s.step) {
+        const auto column = static_cast<float>(x);
+        float u = 0, v = 0, far_u = 0, far_v = 0, drift_u = 0, drift_v = 0, coverage = 0;
+        std::visit(
+            [&](const auto& row) {
+              row.at(column, inverse_depth_(seen.disparity[x]), u, v);
+              row.at(column, 0.0F, far_u, far_v);
+            },
+            flow);
+        drift.at(x, drift_u, drift_v, coverage);
+        const float a = seen.u[x] - u - drift_u, b = seen.v[x] - v - drift_v;
+        if (!(a == a && b == b)) continue;
+        s.u.push_back(a);
+        s.v.push_back(b);
+        s.length.push_back(std::hypot(a, b));
+        s.parallax.push_back(std::hypot(u - far_u, v - far_v));
+        s.disparity.push_back(seen.disparity[x]);
+      }
+    }
+  }
+  std::vector<MedianResidual> medians(sums.size());
+  for (std::size_t k = 1; k < sums.size(); ++k) {
+    Samples& s = samples[k];
+    if (s.u.empty()) continue;
+    std::vector<float> us = s.u, vs = s.v;
+    const float u = median(us), v = median(vs);
+    for (std::size_t i = 0; i < s.u.size(); ++i) us[i] = std::hypot(s.u[i] - u, s.v[i] - v);
+    medians[k] = {median(s.length), std::hypot(u, v), median(us), median(s.parallax),
+                  median(s.disparity)};
+  }
+  return medians;
 }
 
 FusionImages ResidualField::images() {

@@ -60,6 +60,9 @@ class ResidualField {
   /// Median, median and 1.4826 MAD over every fourth stuff pixel of every fourth row.
   BackgroundReferences robust_references(const ImageOf<std::uint16_t>& map,
                                          const std::vector<std::uint8_t>& is_stuff);
+  /// Of every thing segment, over a regular grid of its pixels; index as `area`.
+  std::vector<MedianResidual> medians(const std::vector<std::uint8_t>& is_stuff,
+                                      const std::vector<SegmentSums>& sums);
   FusionImages images();
 
  private:

@@ -20,9 +20,10 @@ ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& la
   e.width = camera.width;
   e.height = camera.height;
   e.calibration_hash = calibration_hash(camera);
-  e.label_space = label_space;
   try {
-    e.label_count = kys::load_label_space(label_space).size();
+    const kys::LabelSpace space = kys::load_label_space(label_space);
+    e.label_space = space.name();  // the setting may be a path
+    e.label_count = space.size();
   } catch (const kys::Error& error) {
     throw InputError(error.what());
   }

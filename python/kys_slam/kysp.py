@@ -22,7 +22,7 @@ CAMERA = struct.Struct("<5I")
 SEGMENT = np.dtype(
     [("label", "<u2"), ("flags", "<u2"), ("instance", "<i4"), ("scale", "<f4"), ("score", "<f4"),
      ("area", "<u4")])
-THING, DYNAMIC, RADIAL_ONLY = 1, 2, 4
+THING, DYNAMIC, RADIAL_ONLY, NOT_JUDGED = 1, 2, 4, 8
 RIGHT_INSTANCES = 1 << 30
 VOID_LABEL = 0xFFFF
 MAX_FILE_SIZE = 1 << 28  # bytes

@@ -43,6 +43,16 @@ kys::BeliefStart make_belief_start(const SettingsData& settings, const kys::Dist
   return {settings.belief, kys::load_label_space(settings.control.label_space)};
 }
 
+/// What prior and map files call the label space of a setting, which may be a path. One that cannot
+/// be loaded is an error where it is needed, not here.
+std::string label_space_name(const std::string& setting) {
+  try {
+    return kys::load_label_space(setting).name();
+  } catch (const kys::Error&) {
+    return setting;
+  }
+}
+
 /// Per label: is it a thing?
 std::vector<std::uint8_t> things_of(const std::string& label_space) {
   try {
@@ -195,7 +205,7 @@ System::~System() = default;
 void System::load_map(const std::filesystem::path& file, bool localize_only) {
   Impl& s = *impl_;
   if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
-  Map map = kys_slam::load_map(file, s.options.control.label_space);
+  Map map = kys_slam::load_map(file, label_space_name(s.options.control.label_space));
   if (!(map.camera() == s.camera)) {
     throw InputError(file.string() + ": the map was made with another camera (" +
                      describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");
@@ -219,7 +229,7 @@ void System::save_map(const std::filesystem::path& file) const {
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
   }
-  kys_slam::save_map(map(), file, impl_->options.control.label_space);
+  kys_slam::save_map(map(), file, label_space_name(impl_->options.control.label_space));
 }
 
 void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {

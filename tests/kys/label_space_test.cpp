@@ -181,8 +181,8 @@ TEST_F(LabelSpaceFiles, MissingFilesAndUnknownNames) {
     (void)load_label_space("no_such_space");
   } catch (const Error& error) {
     EXPECT_STREQ(error.what(),
-                 "label space 'no_such_space' is not built in (ade20k_150, coco_panoptic_133, "
-                 "vkitti2) and there is no no_such_space.classes.csv");
+                 "label space 'no_such_space' is not built in (ade20k_150, cityscapes_19, "
+                 "coco_panoptic_133, vkitti2) and there is no no_such_space.classes.csv");
   }
 }
 

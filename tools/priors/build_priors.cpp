@@ -18,7 +18,7 @@ using namespace kys_slam;
 
 struct Arguments {
   std::string sequence, panoptic[2], semantic[2], config, label_space = "coco_panoptic_133";
-  std::vector<std::string> set;
+  std::vector<std::string> set, flow;
   BuildInputs inputs;
   BuildSettings settings;
   std::int64_t start = 0;
@@ -33,7 +33,8 @@ void declare(CLI::App& app, Arguments& a) {
                  "Virtual KITTI 2's instanceSegmentation/Camera_0 (classes beside it)");
   app.add_option("--panoptic-right", a.panoptic[1], "The same of the right camera");
   app.add_option("--semantic-left", a.semantic[0],
-                 "Instead: 8-bit class maps (category ids, 0 void); no instances, no motion");
+                 "Instead: 8-bit class maps (category ids; 255 is void, and 0 unless the "
+                 "label space has a class 0); no instances, no motion");
   app.add_option("--semantic-right", a.semantic[1], "The same of the right camera");
   app.add_option("--disparity", a.inputs.disparity,
                  "Left disparity: folder of KITTI PNG, PFM or NPY; or 'sgbm' to estimate it");
@@ -42,6 +43,12 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--flow-left", a.inputs.flow[0],
                  "Flow to the next frame, left: folder of KITTI PNG, .flo or NPY; or 'dis'");
   app.add_option("--flow-right", a.inputs.flow[1], "The same of the right camera");
+  app.add_option("--flow", a.flow,
+                 "'keypoints': stereo keypoints, followed in time, judge as well, or alone "
+                 "(detection.method: robust); 'dis': that of both cameras")
+      ->check(CLI::IsMember({"keypoints", "dis"}))
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->delimiter(',');
   app.add_option("--flow-back-left", a.inputs.flow_back[0],
                  "Flow from the next frame back, for the consistency check (file of frame t: from "
                  "t+1 to t; with vkitti encoding the file of t+1)");
@@ -77,6 +84,15 @@ void prepare(Arguments& a) {
     a.inputs.panoptic[c] = a.panoptic[c].empty() ? a.semantic[c] : a.panoptic[c];
   }
   if (!a.semantic[0].empty()) a.inputs.panoptic_encoding = PanopticEncoding::kClassMap;
+  for (const std::string& source : a.flow) {
+    if (source == "keypoints") {
+      a.inputs.keypoints = true;
+      continue;
+    }
+    for (std::string& flow : a.inputs.flow) {
+      if (flow.empty()) flow = source;
+    }
+  }
   if (a.inputs.panoptic[0].empty()) {
     throw InputError("--panoptic-left or --semantic-left is needed");
   }
@@ -94,6 +110,8 @@ void select_frames(const Arguments& a, BuildSequence& sequence) {
   const std::int64_t count = std::min(a.frames.value_or(all), all - a.start);
   const auto first = sequence.names.begin() + a.start;
   sequence.names = {first, first + count};
+  const auto first_time = sequence.timestamps.begin() + a.start;
+  sequence.timestamps = {first_time, first_time + count};
   sequence.read = [read = sequence.read, start = static_cast<std::size_t>(a.start)](std::size_t t) {
     return read(start + t);
   };

@@ -13,6 +13,7 @@ BuildSequence open_build_sequence(const std::filesystem::path& folder) {
   sequence.camera = opened->camera();
   for (std::int64_t i = 0; i < opened->frame_count(); ++i) {
     sequence.names.push_back(opened->frame(i).name);
+    sequence.timestamps.push_back(opened->frame(i).timestamp);
   }
   sequence.read = [opened](std::size_t t) {
     StereoFrame frame = opened->read(static_cast<std::int64_t>(t));

@@ -1,0 +1,166 @@
+#include "priors/builder/mask_association.h"
+
+#include <dlib/matrix.h>
+#include <dlib/optimization/max_cost_assignment.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace kys_slam {
+namespace {
+
+constexpr double kLeastGain = 0.15;  // of overlap and keypoints: below, it is another object
+constexpr double kKeypointGain = 0.5;
+constexpr int kFewVotes = 2;       // keypoints, below which they do not count
+constexpr double kSmoothing = 0.5;  // of the speed in the image
+
+/// Share of a segment's keypoints that were found on each other segment.
+std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::uint16_t segment) {
+  std::map<std::uint16_t, double> result;
+  int total = 0;
+  for (auto at = votes.lower_bound({segment, 0}); at != votes.end() && at->first.first == segment;
+       ++at) {
+    total += at->second;
+    if (at->second >= kFewVotes) result[at->first.second] = at->second;
+  }
+  for (auto& [other, share] : result) share /= total;
+  return result;
+}
+
+}  // namespace
+
+/// Intersection over union of a track's mask, moved to where it is expected, with the segments.
+std::map<std::uint16_t, double> MaskAssociator::overlaps(const View& view, std::size_t c,
+                                                         const PanopticMap& map,
+                                                         const std::vector<SegmentShape>& shapes,
+                                                         const SegmentLinks& links) const {
+  std::map<std::uint16_t, double> result;
+  double du = view.speed_u * (view.missed + 1), dv = view.speed_v * (view.missed + 1);
+  const auto seen = links.shifts[c].find(view.segment);
+  if (view.missed == 0 && seen != links.shifts[c].end() && seen->second.count >= kFewVotes) {
+    du = seen->second.u;
+    dv = seen->second.v;
+  }
+  const int right = static_cast<int>(std::lround(du)), down = static_cast<int>(std::lround(dv));
+  double area = 0;
+  for (const MaskRun& run : view.mask) {
+    const int y = run.y + down;
+    if (y < 0 || y >= map.map.height()) continue;
+    const int x0 = std::max(0, run.x0 + right), x1 = std::min(map.map.width(), run.x1 + right);
+    const std::uint16_t* row = map.map.row(y);
+    for (int x = x0; x < x1; ++x) {
+      if (row[x] != 0) result[row[x]] += 1;
+    }
+    area += std::max(0, x1 - x0);
+  }
+  for (auto& [segment, overlap] : result) {
+    overlap /= area + shapes[segment - 1u].area - overlap;
+  }
+  return result;
+}
+
+void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const SegmentLinks& links,
+                               const std::vector<std::vector<std::int32_t>>& given,
+                               std::vector<std::int32_t>& identities) {
+  const std::vector<SegmentShape> shapes = segment_shapes(map.runs, map.segments.size());
+  std::vector<std::size_t> things;
+  std::map<std::uint16_t, std::size_t> row_of;
+  for (std::size_t k = 0; k < map.segments.size(); ++k) {
+    if (!map.segments[k].thing) continue;
+    row_of[static_cast<std::uint16_t>(k + 1)] = things.size();
+    things.push_back(k);
+  }
+  const auto n = static_cast<long>(std::max(things.size(), tracks_.size()));
+  dlib::matrix<std::int64_t> gain(n, n);
+  gain = 0;
+  const auto add = [&](std::uint16_t segment, std::size_t track, double value) {
+    const auto row = row_of.find(segment);
+    if (row == row_of.end()) return;
+    if (group_of(map.segments[segment - 1u].label) != group_of(tracks_[track].label)) return;
+    gain(static_cast<long>(row->second), static_cast<long>(track)) += std::llround(1e6 * value);
+  };
+  for (std::size_t t = 0; t < tracks_.size(); ++t) {
+    const View& view = tracks_[t].views[c];
+    for (const auto& [segment, overlap] : overlaps(view, c, map, shapes, links)) {
+      add(segment, t, overlap);
+    }
+    if (view.missed == 0 && !view.mask.empty()) {
+      for (const auto& [segment, share] : shares(links.in_time[c], view.segment)) {
+        add(segment, t, kKeypointGain * share);
+      }
+    }
+    if (c == 0) continue;
+    for (std::size_t k = 0; k < given[0].size(); ++k) {
+      if (given[0][k] != tracks_[t].identity) continue;
+      for (const auto& [segment, share] :
+           shares(links.in_stereo, static_cast<std::uint16_t>(k + 1))) {
+        add(segment, t, kKeypointGain * share);
+      }
+    }
+  }
+  for (long i = 0; i < n; ++i) {
+    for (long j = 0; j < n; ++j) {
+      if (gain(i, j) < std::llround(1e6 * kLeastGain)) gain(i, j) = 0;
+    }
+  }
+  std::vector<long> column;
+  if (n > 0) column = dlib::max_cost_assignment(gain);
+  for (Track& track : tracks_) ++track.views[c].missed;
+  for (std::size_t i = 0; i < things.size(); ++i) {
+    const std::size_t k = things[i];
+    auto t = static_cast<std::size_t>(column[i]);
+    if (t >= tracks_.size() || gain(static_cast<long>(i), column[i]) == 0) {
+      t = tracks_.size();
+      tracks_.push_back({next_identity_++, map.segments[k].label, {}});
+    }
+    Track& track = tracks_[t];
+    View& view = track.views[c];
+    const bool known = !view.mask.empty();
+    if (known) {
+      const auto seen = links.shifts[c].find(view.segment);
+      const bool followed = view.missed == 1 && seen != links.shifts[c].end() &&
+                            seen->second.count >= kFewVotes;
+      const double du = followed ? seen->second.u : (shapes[k].u - view.u) / view.missed;
+      const double dv = followed ? seen->second.v : (shapes[k].v - view.v) / view.missed;
+      view.speed_u += kSmoothing * (du - view.speed_u);
+      view.speed_v += kSmoothing * (dv - view.speed_v);
+    }
+    view.mask.clear();
+    view.segment = static_cast<std::uint16_t>(k + 1);
+    view.u = shapes[k].u;
+    view.v = shapes[k].v;
+    view.missed = 0;
+    track.label = map.segments[k].label;
+    identities[k] = track.identity;
+  }
+  std::vector<std::size_t> track_of(map.segments.size() + 1, tracks_.size());
+  for (std::size_t t = 0; t < tracks_.size(); ++t) {
+    const View& view = tracks_[t].views[c];
+    if (view.missed == 0 && view.mask.empty() && view.segment > 0) track_of[view.segment] = t;
+  }
+  for (int y = 0; y < map.runs.rows(); ++y) {
+    for (const SegmentRun& run : map.runs.row(y)) {
+      const std::size_t t = track_of[run.segment];
+      if (run.segment == 0 || t == tracks_.size()) continue;
+      tracks_[t].views[c].mask.push_back({y, run.x0, run.x1});
+    }
+  }
+}
+
+std::vector<std::vector<std::int32_t>> MaskAssociator::next_frame(
+    std::span<const PanopticMap* const> cameras, const SegmentLinks& links) {
+  std::vector<std::vector<std::int32_t>> identities;
+  for (const PanopticMap* map : cameras) identities.emplace_back(map->segments.size(), -1);
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    associate(c, *cameras[c], links, identities, identities[c]);
+  }
+  const auto forgotten = [&](const View& view) {
+    return view.mask.empty() || view.missed > options_.max_missed_frames;
+  };
+  std::erase_if(tracks_, [&](const Track& track) {
+    return std::all_of(track.views.begin(), track.views.end(), forgotten);
+  });
+  return identities;
+}
+
+}  // namespace kys_slam

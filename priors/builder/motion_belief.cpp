@@ -1,0 +1,133 @@
+#include "priors/builder/motion_belief.h"
+
+#include <kys_slam/prior_format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "motion/belief.h"
+
+namespace kys_slam {
+namespace {
+
+// Limits of one frame's evidence by source, nats; and of what a camera and the keypoints say.
+constexpr double kMaxFlow = 2.5, kMaxAppearance = 3, kMaxKeypoints = 3, kMaxCamera = 4, kMaxFrame = 5;
+constexpr double kFlowSlope = 3;           // nats per e-fold of residual over threshold
+constexpr double kParallaxError = 0.03;    // of the flow due to depth, added to the threshold
+constexpr double kMinValid = 0.1;          // share of a segment's pixels with a residual
+constexpr double kMinValidArea = 50;       // px, the same
+constexpr double kScattered = 0.5;         // scatter over length: residuals that do not agree
+constexpr double kScatteredFlow = 0.5;     // nats, at most then
+constexpr int kFewPatches = 8, kManyPatches = 30;
+constexpr double kAppearanceSlope = 8;     // nats per share of patches
+constexpr double kStillShare = 0.4;        // of patches that look the same: says nothing
+constexpr double kAlone = 0.3;             // nats, of appearance that nothing else supports
+constexpr double kSameShift = 2.2, kOtherShift = 3.7;  // px: shifts that patches cannot and can tell
+constexpr double kContradicted = -0.3;     // nats of appearance that void the flow's
+
+std::int32_t object_of(std::int32_t instance) {
+  return instance % prior_format::kRightInstances;
+}
+
+}  // namespace
+
+MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
+                               const SegmentStatistics& segment,
+                               const BackgroundReferences& background) {
+  MotionEvidence e;
+  const MedianResidual& m = segment.median;
+  const bool enough = segment.flow_count >= kMinValidArea &&
+                      segment.flow_count >= kMinValid * segment.area;
+  // Where there is no stuff around, only a residual far above every drift says something.
+  const double alone = segment.coverage < options.min_coverage ? options.uncovered_factor : 1;
+  if (enough && m.length > 0 && alone > 0) {
+    const double threshold = options.robust_factor * background.m_bg *
+                                 coverage_scale(options, segment.coverage) * alone +
+                             kParallaxError * m.parallax;
+    e.flow = std::clamp(kFlowSlope * std::log(m.length / threshold), -kMaxFlow, kMaxFlow);
+    if (m.scatter > kScattered * m.length) e.flow = std::min(e.flow, kScatteredFlow);
+  }
+  const AppearanceEvidence& a = segment.appearance;
+  if (a.patches >= kFewPatches) {
+    const double share = std::min(1.0, static_cast<double>(a.patches) / kManyPatches);
+    e.appearance = std::clamp(kAppearanceSlope * (kStillShare - a.still) * share, -kMaxAppearance,
+                              kMaxAppearance);
+  }
+  if (segment.keypoints.matches > 0) {
+    e.keypoints = std::clamp(-segment.keypoints.log_ratio, -kMaxKeypoints, kMaxKeypoints);
+  }
+  if (e.appearance < 0 && e.flow > 0) {
+    e.appearance *= std::clamp((m.length - kSameShift) / (kOtherShift - kSameShift), 0.0, 1.0);
+    if (e.appearance < kContradicted) e.flow = 0;
+  }
+  if (e.appearance > 0 && e.flow <= 0) e.appearance = std::min(e.appearance, kAlone);
+  return e;
+}
+
+double MotionBelief::expected(std::int32_t object, double timestamp) const {
+  const auto at = states_.find(object);
+  if (at == states_.end()) return options_.start_log_odds;
+  BeliefUpdateOptions update;
+  update.max_log_odds = options_.max_log_odds;
+  // The chain of the tracker is about standing still.
+  return -after_time(-at->second.log_odds, -options_.start_log_odds,
+                     timestamp - at->second.timestamp, update);
+}
+
+void MotionBelief::restore(double timestamp, std::int32_t instance, double log_odds) {
+  states_[object_of(instance)] = {log_odds, timestamp};
+}
+
+void MotionBelief::next_frame(double timestamp, std::span<CameraFusion* const> cameras,
+                              std::span<const std::vector<std::int32_t>* const> instances) {
+  struct Said {
+    double cameras = 0, keypoints = 0;
+    int count = 0;
+    bool any = false;
+  };
+  std::map<std::int32_t, Said> said;
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    CameraFusion& fusion = *cameras[c];
+    for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
+      if (!fusion.segments[k].thing) continue;
+      MotionDecision& decision = fusion.decisions[k];
+      const MotionEvidence e = motion_evidence(options_, fusion.statistics[k], fusion.background);
+      decision.evidence_flow = e.flow;
+      decision.evidence_appearance = e.appearance;
+      decision.evidence_keypoints = e.keypoints;
+      Said& object = said[object_of((*instances[c])[k])];
+      object.cameras += std::clamp(e.flow + e.appearance, -kMaxCamera, kMaxCamera);
+      // Both cameras see the same keypoints.
+      if (std::abs(e.keypoints) > std::abs(object.keypoints)) object.keypoints = e.keypoints;
+      ++object.count;
+      object.any |= e.any();
+    }
+  }
+  for (const auto& [object, what] : said) {
+    const double evidence =
+        std::clamp(what.cameras / what.count + what.keypoints, -kMaxFrame, kMaxFrame);
+    const double log_odds = std::clamp(expected(object, timestamp) + evidence,
+                                       -options_.max_log_odds, options_.max_log_odds);
+    states_[object] = {log_odds, timestamp};
+  }
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    CameraFusion& fusion = *cameras[c];
+    for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
+      if (!fusion.segments[k].thing) continue;
+      MotionDecision& decision = fusion.decisions[k];
+      const std::int32_t object = object_of((*instances[c])[k]);
+      decision.log_odds = states_.at(object).log_odds;
+      decision.judged = said.at(object).any;
+      decision.dynamic = decision.log_odds > 0;
+      decision.magnitude_test = decision.dynamic;
+      decision.omega = coverage_scale(options_, fusion.statistics[k].coverage);
+      decision.rho = fusion.background.m_bg > 0 ? residual_ratio(fusion.statistics[k].median.length,
+                                                                 fusion.background.m_bg)
+                                                : 0;
+      decision.score = decision.dynamic ? 100 * probability(decision.log_odds) : 0;
+    }
+  }
+}
+
+}  // namespace kys_slam

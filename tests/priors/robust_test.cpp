@@ -1,0 +1,201 @@
+#include <gtest/gtest.h>
+#include <kys_slam/prior_format.h>
+
+#include <cmath>
+
+#include "priors/builder/appearance.h"
+#include "priors/builder/mask_association.h"
+#include "priors/builder/motion_belief.h"
+#include "synthetic_scene.h"
+
+namespace kys_slam {
+namespace {
+
+/// A segment of 1000 px whose flow says `residual` px, over a background of 0.5 px.
+SegmentStatistics segment(double residual) {
+  SegmentStatistics s;
+  s.area = s.flow_count = 1000;
+  s.coverage = 0.9;  // omega 1: the threshold is 1.7 x 0.5 = 0.85 px
+  s.median.length = s.median.coherent = residual;
+  return s;
+}
+const BackgroundReferences kBackground{0.5, 0, 0.5, 10000};
+
+TEST(MotionEvidence, FlowCountsByItsRatioToTheThreshold) {
+  const BuilderOptions::Detection options;
+  EXPECT_NEAR(motion_evidence(options, segment(0.85 * std::exp(0.5)), kBackground).flow, 1.5, 1e-9);
+  EXPECT_NEAR(motion_evidence(options, segment(0.85 / std::exp(0.5)), kBackground).flow, -1.5, 1e-9);
+  EXPECT_EQ(motion_evidence(options, segment(100), kBackground).flow, 2.5) << "limited";
+  SegmentStatistics few = segment(100);
+  few.flow_count = 90;
+  EXPECT_FALSE(motion_evidence(options, few, kBackground).any()) << "9 % of its pixels";
+}
+
+TEST(MotionEvidence, FlowThatTheNextImageContradictsSaysNothing) {
+  const BuilderOptions::Detection options;
+  SegmentStatistics s = segment(20);
+  s.appearance = {100, 100, 0.9, 0.9};
+  const MotionEvidence still = motion_evidence(options, s, kBackground);
+  EXPECT_EQ(still.flow, 0);
+  EXPECT_LT(still.appearance, 0);
+  s.appearance.still = 0.05;
+  const MotionEvidence moves = motion_evidence(options, s, kBackground);
+  EXPECT_EQ(moves.flow, 2.5);
+  EXPECT_GT(moves.appearance, 2);
+  s = segment(1.5);  // less than the patches can tell
+  s.appearance = {100, 100, 0.9, 0.9};
+  EXPECT_GT(motion_evidence(options, s, kBackground).flow, 0);
+}
+
+TEST(MotionEvidence, LookingDifferentAloneIsHidingNotMoving) {
+  SegmentStatistics s = segment(0.1);
+  s.appearance = {100, 100, 0.0, 0.0};
+  EXPECT_LE(motion_evidence({}, s, kBackground).appearance, 0.3);
+}
+
+/// One thing per camera, seen with this residual.
+CameraFusion fusion_of(const SegmentStatistics& statistics) {
+  CameraFusion fusion;
+  fusion.segments = {{1, 0, true}};
+  fusion.statistics = {statistics};
+  fusion.decisions.resize(1);
+  fusion.background = kBackground;
+  return fusion;
+}
+
+TEST(MotionBelief, BothCamerasDecideTogetherAndWhatIsNotMeasuredKeepsItsBelief) {
+  MotionBelief belief({});
+  const std::vector<std::int32_t> left = {65536}, right = {65536 + prior_format::kRightInstances};
+  const std::vector<const std::vector<std::int32_t>*> instances = {&left, &right};
+  CameraFusion a = fusion_of(segment(20)), b = fusion_of(SegmentStatistics{});
+  belief.next_frame(0.0, std::vector<CameraFusion*>{&a, &b}, instances);
+  EXPECT_TRUE(a.decisions[0].dynamic);
+  EXPECT_TRUE(b.decisions[0].dynamic) << "the left camera saw it move";
+  EXPECT_EQ(a.decisions[0].log_odds, b.decisions[0].log_odds);
+
+  CameraFusion c = fusion_of(SegmentStatistics{}), d = fusion_of(SegmentStatistics{});
+  const double before = a.decisions[0].log_odds;
+  belief.next_frame(0.1, std::vector<CameraFusion*>{&c, &d}, instances);
+  EXPECT_TRUE(c.decisions[0].dynamic) << "a car that moved keeps moving";
+  EXPECT_FALSE(c.decisions[0].judged);
+  EXPECT_LT(c.decisions[0].log_odds, before) << "but belief fades";
+}
+
+TEST(MotionBelief, NothingMeasuredIsNotJudgedAndNotMoving) {
+  MotionBelief belief({});
+  const std::vector<std::int32_t> left = {65536};
+  CameraFusion a = fusion_of(SegmentStatistics{});
+  belief.next_frame(0, std::vector<CameraFusion*>{&a},
+                    std::vector<const std::vector<std::int32_t>*>{&left});
+  EXPECT_FALSE(a.decisions[0].judged);
+  EXPECT_FALSE(a.decisions[0].dynamic);
+}
+
+TEST(MotionBelief, ContinuesFromWhatWasRestored) {
+  const std::vector<std::int32_t> left = {65540};
+  const std::vector<const std::vector<std::int32_t>*> instances = {&left};
+  MotionBelief whole({}), resumed({});
+  CameraFusion first = fusion_of(segment(3)), second = fusion_of(segment(0.5)), again = second;
+  whole.next_frame(0, std::vector<CameraFusion*>{&first}, instances);
+  whole.next_frame(0.1, std::vector<CameraFusion*>{&second}, instances);
+  resumed.restore(0, 65540, first.decisions[0].log_odds);
+  resumed.next_frame(0.1, std::vector<CameraFusion*>{&again}, instances);
+  EXPECT_EQ(again.decisions[0].log_odds, second.decisions[0].log_odds);
+}
+
+/// Boxes of class 3, one segment each, on an image of 200x60.
+PanopticMap boxes(const std::vector<std::array<int, 4>>& rectangles, std::uint16_t label = 3) {
+  PanopticMap map;
+  map.map = ImageOf<std::uint16_t>(200, 60);
+  for (std::size_t k = 0; k < rectangles.size(); ++k) {
+    const auto [x0, y0, x1, y1] = rectangles[k];
+    for (int y = y0; y < y1; ++y) {
+      for (int x = x0; x < x1; ++x) map.map.at(x, y) = static_cast<std::uint16_t>(k + 1);
+    }
+    map.segments.push_back({static_cast<std::uint32_t>(k + 1), label, true});
+  }
+  map.runs = find_runs(map.map);
+  return map;
+}
+
+std::vector<std::int32_t> next(MaskAssociator& associator, const PanopticMap& map,
+                               const SegmentLinks& links = {}) {
+  return associator.next_frame(std::vector<const PanopticMap*>{&map}, links)[0];
+}
+
+TEST(MaskAssociation, AGapDoesNotSwapNeighbours) {
+  MaskAssociator associator({}, {});
+  EXPECT_EQ(next(associator, boxes({{20, 20, 50, 40}, {55, 20, 85, 40}})),
+            (std::vector<std::int32_t>{0, 1}));
+  // The first drops out: by centroids the second would take its name within 100 px.
+  EXPECT_EQ(next(associator, boxes({{55, 20, 85, 40}})), (std::vector<std::int32_t>{1}));
+  EXPECT_EQ(next(associator, boxes({{20, 20, 50, 40}, {55, 20, 85, 40}})),
+            (std::vector<std::int32_t>{0, 1}));
+}
+
+TEST(MaskAssociation, FastThingsAreFoundWhereTheirKeypointsWent) {
+  MaskAssociator associator({}, {});
+  next(associator, boxes({{20, 20, 50, 40}, {100, 20, 130, 40}}));
+  SegmentLinks links;  // both went 80 px to the right; the first is now where the second was
+  links.shifts[0][1] = {80, 0, 5};
+  links.shifts[0][2] = {80, 0, 5};
+  EXPECT_EQ(next(associator, boxes({{100, 20, 130, 40}}), links), (std::vector<std::int32_t>{0}));
+}
+
+TEST(MaskAssociation, OneObjectHasOneIdentityInBothCameras) {
+  MaskAssociator associator({}, {});
+  const PanopticMap left = boxes({{20, 20, 50, 40}, {100, 20, 130, 40}});
+  const PanopticMap right = boxes({{90, 20, 120, 40}, {10, 20, 40, 40}});
+  SegmentLinks links;
+  links.in_stereo[{1, 2}] = 4;
+  links.in_stereo[{2, 1}] = 4;
+  const auto identities =
+      associator.next_frame(std::vector<const PanopticMap*>{&left, &right}, links);
+  EXPECT_EQ(identities[0], (std::vector<std::int32_t>{0, 1}));
+  EXPECT_EQ(identities[1], (std::vector<std::int32_t>{1, 0}));
+}
+
+TEST(MaskAssociation, OnlyPooledClassesMayChange) {
+  for (const bool pooled : {false, true}) {
+    MaskAssociator associator({}, std::vector<bool>(8, pooled));
+    next(associator, boxes({{20, 20, 50, 40}}, 3));
+    EXPECT_EQ(next(associator, boxes({{20, 20, 50, 40}}, 5))[0], pooled ? 0 : 1);
+  }
+}
+
+TEST(Appearance, TellsAParkedCarFromOneThatMoves) {
+  const StereoCamera camera = synthetic::kitti_camera(200, 60);
+  GrayImage now(200, 60), next(200, 60);
+  std::uint32_t seed = 7;
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    seed = seed * 1664525u + 1013904223u;
+    now.data()[i] = static_cast<std::uint8_t>(seed >> 24);
+  }
+  // The camera stands; the left box stands, the right one goes 9 px to the right.
+  const PanopticMap map = boxes({{20, 20, 60, 40}, {100, 20, 140, 40}});
+  FlowField flow{ImageOf<float>(200, 60), ImageOf<float>(200, 60)};
+  ImageOf<float> disparity(200, 60);
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 200; ++x) {
+      next.at(x, y) = now.at(x, y);
+      disparity.at(x, y) = 10;
+      flow.u.at(x, y) = 9;  // wrong of the left box
+    }
+  }
+  for (int y = 20; y < 40; ++y) {
+    for (int x = 100; x < 140; ++x) next.at(x + 9, y) = now.at(x, y);
+  }
+  EgoMotion motion;
+  motion.camera = camera;
+  const std::vector<AppearanceEvidence> evidence =
+      compare_appearance(now, next, motion, flow, disparity, InverseDepth(camera.bf(), 255),
+                         map.runs, {0, 0, 0});
+  EXPECT_GT(evidence[1].patches, 100);
+  EXPECT_GT(evidence[1].still, 0.9);
+  EXPECT_LT(evidence[1].flow, 0.1);
+  EXPECT_LT(evidence[2].still, 0.35) << "its left edge shows what was there before";
+  EXPECT_GT(evidence[2].flow, 0.8);
+}
+
+}  // namespace
+}  // namespace kys_slam

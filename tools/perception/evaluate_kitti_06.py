@@ -1,0 +1,121 @@
+"""Decisions about moving on real images with real segmentations, against a hand-checked truth.
+
+    evaluate_kitti_06.py PRIORS [PRIORS ...] --classes SPACE.classes.csv [--list]
+
+PRIORS is a folder that build_priors made of the KITTI 06 excerpt (51 frames) with the segments of a
+network. In it one car moves, oncoming, frames 22 to 49; everything else is parked. A segment counts
+as that car when its horizontal extent covers the car's column and its mean depth is within a factor
+of 1.6 of the car's (a segment without depth: its extent decides). The last frame has no flow and is
+left out, so are segments of fewer than --min-area px, and buses and trains, which the networks see
+in guard rails and walls.
+"""
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python" / "kys_slam"))
+import kysp  # noqa: E402
+
+# Of the car: column in the left image (px) and depth (m), by frame, linear between.
+COLUMN = {22: 490, 24: 452, 36: 367, 38: 340, 40: 310, 42: 273, 43: 250, 44: 220, 45: 187, 46: 150,
+          47: 100, 48: 60, 49: 10}
+DEPTH = {24: 81, 36: 58, 42: 44.5, 45: 28, 47: 22.7, 49: 18}
+BF = 379.8  # px m, focal length times baseline
+LAST_FRAME = 50
+LEFT_OUT = ("bus", "train")
+
+
+def between(table, frame):
+    return float(np.interp(frame, list(table), list(table.values())))
+
+
+def class_names(path):
+    """Names of a class file in order of its dense labels."""
+    lines = [line for line in Path(path).read_text(encoding="utf-8").splitlines()
+             if line and not line.startswith("#")]
+    return [line.split(",", 4)[4] for line in lines[2:]]
+
+
+def extent(frame, camera, instance):
+    """First and last column of a segment, px."""
+    priors = frame.cameras[camera]
+    segment = np.flatnonzero(priors.segments["instance"] == instance)[0] + 1
+    columns = np.flatnonzero((priors.segment_map == segment).any(axis=0))
+    return columns[0], columns[-1]
+
+
+def is_the_car(row, frame):
+    number = int(row["frame"])
+    if not min(COLUMN) <= number <= max(COLUMN):
+        return False
+    camera = 1 if row["camera"] == "right" else 0
+    depth = between(DEPTH, number)
+    column = between(COLUMN, number) - (BF / depth if camera else 0)
+    first, last = extent(frame, camera, int(row["identity"]))
+    mean = float(row["mean_depth_m"])
+    return bool(first <= column <= last and (mean == 0 or max(mean / depth, depth / mean) < 1.6))
+
+
+def state_of(row):
+    if "state" in row:
+        return row["state"]
+    return "moving" if row["magnitude_test"] == "1" or row["radial_test"] == "1" else "static"
+
+
+def judged_segments(folder, names, min_area):
+    """(row of segments.csv, is it the car) of every segment that counts."""
+    folder = Path(folder)
+    frames = {}
+    with open(folder / "segments.csv", newline="", encoding="utf-8") as stream:
+        for row in csv.DictReader(stream):
+            if int(row["frame"]) == LAST_FRAME or int(row["area_px"]) < min_area:
+                continue
+            if names[int(row["label"])] in LEFT_OUT:
+                continue
+            if row["frame"] not in frames:
+                frames = {row["frame"]: kysp.read(folder / (row["frame"] + ".kysp"))}
+            yield row, is_the_car(row, frames[row["frame"]])
+
+
+def count(rows, max_depth):
+    result = {"true": 0, "missed": 0, "false": 0, "true static": 0, "not judged": 0,
+              "near": 0, "near true": 0, "wrong": []}
+    for row, moves in rows:
+        flagged = state_of(row) == "moving"
+        result["not judged"] += state_of(row) == "not_judged"
+        kind = ("true" if flagged else "missed") if moves else ("false" if flagged else "true static")
+        result[kind] += 1
+        if kind in ("missed", "false"):
+            result["wrong"].append((kind, row))
+        if moves and between(DEPTH, int(row["frame"])) <= max_depth:
+            result["near"] += 1
+            result["near true"] += flagged
+    return result
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("priors", nargs="+")
+    parser.add_argument("--classes", required=True, help="class file of the label space")
+    parser.add_argument("--min-area", type=int, default=200, help="px")
+    parser.add_argument("--max-depth", type=float, default=45.0, help="m, of the car")
+    parser.add_argument("--list", action="store_true", help="every wrong decision")
+    options = parser.parse_args()
+    names = class_names(options.classes)
+    for folder in options.priors:
+        result = count(judged_segments(folder, names, options.min_area), options.max_depth)
+        print(f"{folder}: true {result['true']}, missed {result['missed']}, false {result['false']}, "
+              f"true static {result['true static']} (not judged {result['not judged']}); the car "
+              f"within {options.max_depth:g} m: {result['near true']} of {result['near']}")
+        for kind, row in result["wrong"] if options.list else []:
+            says = ", ".join(f"{key[9:]} {row[key]}" for key in row if key.startswith("evidence_"))
+            print(f"  {kind:6} {row['frame']} {row['camera']:5} {names[int(row['label'])]} "
+                  f"{row['area_px']} px at {float(row['mean_depth_m']):.0f} m; {says or 'residual ' + row['residual_px']}")
+
+
+if __name__ == "__main__":
+    main()

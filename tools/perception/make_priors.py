@@ -1,0 +1,109 @@
+"""From the images of a stereo sequence to prior files, in one command.
+
+    make_priors.py SEQUENCE --model NETWORK.yaml --output DIR [--weights FILE.onnx] \\
+        [--builder PATH/build_priors] [--frames N] [-- further arguments of build_priors]
+
+Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
+else image_2 and image_3), builds the prior files with disparity (sgbm), flow (dis) and stereo
+keypoints from the images, and validates them. What is there already is kept. Times per stage go to
+DIR/times.json.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import common  # noqa: E402
+import segment_onnx  # noqa: E402
+
+PAIRS = (("image_0", "image_1"), ("image_2", "image_3"))
+ROBUST = Path(__file__).resolve().parents[2] / "configs" / "priors_robust.yaml"
+
+
+def pair_of(sequence):
+    """Folders of the pair that run_stereo_kitti tracks."""
+    for left, right in PAIRS:
+        if (sequence / left).is_dir():
+            if not (sequence / right).is_dir():
+                sys.exit(f"{sequence / right}: is not a folder")
+            return sequence / left, sequence / right
+    sys.exit(f"{sequence}: has neither image_0 nor image_2")
+
+
+def program(given, name):
+    """A program of this project: as given, beside the given one, in the build tree, in the path."""
+    root = Path(__file__).resolve().parents[2]
+    for candidate in (given, root / "build" / "release" / "bin" / name, shutil.which(name)):
+        if candidate and Path(candidate).is_file():
+            return str(candidate)
+    sys.exit(f"{name}: not found; build it, or give --builder")
+
+
+def run(arguments):
+    start = time.perf_counter()
+    status = subprocess.run(arguments, check=False).returncode
+    if status != 0:
+        sys.exit(status)
+    return time.perf_counter() - start
+
+
+def main():
+    arguments, further = sys.argv[1:], []
+    if "--" in arguments:
+        at = arguments.index("--")
+        arguments, further = arguments[:at], arguments[at + 1:]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sequence", type=Path)
+    parser.add_argument("--model", required=True, help="YAML file of the network")
+    parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
+    parser.add_argument("--output", required=True, type=Path)
+    parser.add_argument("--builder", help="the program build_priors")
+    parser.add_argument("--frames", type=int, help="only the first so many")
+    parser.add_argument("--jobs", type=int, default=1, help="threads")
+    parser.add_argument("--overwrite", action="store_true", help="also what is there")
+    options = parser.parse_args(arguments)
+    common.need("onnxruntime", "yaml", "cv2")
+    builder = program(options.builder, "build_priors")
+    validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
+
+    folders = pair_of(options.sequence)
+    network = segment_onnx.Network(options.model, options.weights, options.jobs)
+    times = {}
+    panoptic = []
+    for side, (folder, other) in enumerate((folders, folders[::-1])):
+        name = "right" if side else "left"
+        images = common.list_images(folder)[:options.frames]
+        panoptic.append(options.output / "panoptic" / name)
+        made = segment_onnx.segment_folder(network, images, panoptic[-1], other, bool(side),
+                                           options.overwrite, f"segmentation {name}")
+        for stage in ("network", "segments"):
+            times[stage] = times.get(stage, 0.0) + made[stage]
+        times["segmented images"] = times.get("segmented images", 0) + made["frames"]
+    priors = options.output / "priors"
+    command = [builder, str(options.sequence), "--output", str(priors),
+               "--panoptic-left", str(panoptic[0]), "--panoptic-right", str(panoptic[1]),
+               "--label-space", network.settings["label_space"], "--disparity", "sgbm",
+               "--flow-left", "dis", "--flow-right", "dis", "--jobs", str(options.jobs),
+               "--flow", "keypoints", "--config", str(ROBUST)]
+    if options.frames:
+        command += ["--frames", str(options.frames)]
+    if options.overwrite:
+        command.append("--rebuild")
+    times["build"] = run(command + further)
+    times["validate"] = run([validator, str(priors), "--sequence", str(options.sequence), "--label-space",
+                             network.settings["label_space"]])
+    images = max(1, times["segmented images"])
+    print(f"network {1e3 * times['network'] / images:.0f} ms and segments "
+          f"{1e3 * times['segments'] / images:.0f} ms per image, build {times['build']:.1f} s, "
+          f"validate {times['validate']:.1f} s")
+    common.write_atomic(options.output / "times.json",
+                        json.dumps(times, indent=2).encode("ascii"))
+
+
+if __name__ == "__main__":
+    main()

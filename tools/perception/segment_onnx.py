@@ -1,0 +1,292 @@
+"""Panoptic maps (COCO PNG + JSON) with any segmentation network as ONNX file, by ONNX Runtime.
+
+    segment_onnx.py SEQUENCE/image_0 --model NETWORK.yaml --output panoptic/left \\
+        [--other SEQUENCE/image_1] [--weights FILE.onnx]
+
+NETWORK.yaml says what the network wants and gives (README.md, models/*.yaml). Networks that give
+classes only get instances by connected components of things, split where disparity steps when the
+other camera's images are given.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import common  # noqa: E402
+from panoptic import read_label_space  # noqa: E402
+
+MIN_PIXELS = 50        # of an instance found by connected components
+DISPARITY_STEP = 3.0   # px between neighbours that belong to different instances
+KINDS = ("semantic", "classes", "panoptic", "instances")
+
+
+class Network:
+    """An ONNX network and what its YAML file says about it."""
+
+    def __init__(self, settings, weights=None, threads=0):
+        import onnxruntime
+        import yaml
+
+        self.path = Path(settings)
+        try:
+            self.settings = yaml.safe_load(self.path.read_text(encoding="utf-8"))
+        except (OSError, yaml.YAMLError) as error:
+            sys.exit(f"{settings}: {common.first_line(error)}")
+        if not isinstance(self.settings, dict):
+            sys.exit(f"{settings}: is not a list of settings")
+        self.kind = self._get("output", "kind")
+        if self.kind not in KINDS:
+            sys.exit(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
+        self.height, self.width = (int(v) for v in self._get("input", "size"))
+        space_name = self._get("label_space")
+        space = read_label_space(self._beside(space_name))
+        self.classes = []
+        for name in self._get("classes"):
+            if name is not None and name not in space:
+                sys.exit(f"{settings}: class '{name}' is not in label space {space_name}")
+            self.classes.append(None if name is None else (name, *space[name]))
+        file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3
+        try:
+            self.session = onnxruntime.InferenceSession(
+                str(file), options, providers=onnxruntime.get_available_providers())
+        except Exception as error:  # onnxruntime has no common base class of its errors
+            sys.exit(f"{file}: cannot be loaded: {common.first_line(error)}")
+        self.input = self.session.get_inputs()[0].name
+        self.outputs = [o.name for o in self.session.get_outputs()]
+
+    def _get(self, *keys):
+        value = self.settings
+        for key in keys:
+            if not isinstance(value, dict) or key not in value:
+                sys.exit(f"{self.path}: {'.'.join(keys)} is missing")
+            value = value[key]
+        return value
+
+    def _beside(self, name):
+        """A label space by name, or a class file beside the YAML file."""
+        file = self.path.parent / f"{name}.classes.csv"
+        return str(file) if file.exists() else name
+
+    def prepare(self, image):
+        """(1, 3, h, w) float32 of an (H, W, 3) RGB image."""
+        import cv2
+
+        entry = self.settings["input"]
+        small = cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_LINEAR)
+        scaled = small.astype(np.float32) / float(entry.get("divide_by", 255))
+        scaled -= np.asarray(entry.get("mean", (0, 0, 0)), np.float32)
+        scaled /= np.asarray(entry.get("deviation", (1, 1, 1)), np.float32)
+        if entry.get("colour", "rgb") == "bgr":
+            scaled = scaled[:, :, ::-1]
+        return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None])
+
+    def run(self, image):
+        """Outputs of the network by name."""
+        values = self.session.run(None, {self.input: self.prepare(image)})
+        return dict(zip(self.outputs, values))
+
+    def output(self, values, key):
+        name = self.settings["output"].get(key)
+        if name is None and len(values) == 1:
+            return next(iter(values.values()))
+        if name not in values:
+            sys.exit(f"{self.path}: output.{key} is '{name}', the network has {', '.join(values)}")
+        return values[name]
+
+
+def resized(labels, size):
+    """An (h, w) integer map at (height, width), nearest neighbour."""
+    import cv2
+
+    return cv2.resize(labels.astype(np.float32), size[::-1], interpolation=cv2.INTER_NEAREST).astype(
+        np.int64)
+
+
+def class_map(network, values, size):
+    """(H, W) index into the network's classes, -1 void, of kinds semantic and classes."""
+    import cv2
+
+    found = network.output(values, "name")
+    found = found[0] if found.ndim == 4 or (found.ndim == 3 and network.kind == "classes") else found
+    if network.kind == "classes":
+        labels = resized(np.squeeze(found), size)
+    else:
+        if found.ndim != 3 or found.shape[0] < len(network.classes):
+            sys.exit(f"{network.path}: the network gives {found.shape}, not {len(network.classes)} "
+                     "classes by height by width")
+        # Logits, not labels, are enlarged: edges stay smooth.
+        big = [cv2.resize(np.ascontiguousarray(plane, np.float32), size[::-1],
+                          interpolation=cv2.INTER_LINEAR) for plane in found]
+        labels = np.argmax(big, axis=0)
+    labels[(labels < 0) | (labels >= len(network.classes))] = -1
+    return labels
+
+
+def split(mask, disparity):
+    """Connected components (label image, 0 none) of a mask, apart where disparity steps."""
+    import cv2
+
+    inside = mask.astype(np.uint8)
+    if disparity is not None:
+        # Narrow cuts along the steps; the cut pixels go to the nearest part afterwards.
+        across = np.abs(np.diff(disparity, axis=1, prepend=disparity[:, :1])) > DISPARITY_STEP
+        down = np.abs(np.diff(disparity, axis=0, prepend=disparity[:1])) > DISPARITY_STEP
+        inside[(across | down) & mask] = 0
+    count, parts, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=4)
+    for part in range(1, count):
+        if stats[part, cv2.CC_STAT_AREA] < MIN_PIXELS:
+            parts[parts == part] = 0
+    if disparity is not None and (parts > 0).any():
+        _, nearest = cv2.distanceTransformWithLabels((parts == 0).astype(np.uint8), cv2.DIST_L2, 3,
+                                                     labelType=cv2.DIST_LABEL_PIXEL)
+        owner = np.zeros(int(nearest.max()) + 1, parts.dtype)
+        owner[nearest[parts > 0]] = parts[parts > 0]
+        parts = np.where(mask & (parts == 0), owner[nearest], parts)
+    return parts
+
+
+def coarse_disparity(left, right, mirrored):
+    """Disparity (px, NaN unknown filled with 0) at half size, enlarged; only its steps count."""
+    import cv2
+
+    pair = [cv2.resize(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), None, fx=0.5, fy=0.5,
+                       interpolation=cv2.INTER_AREA) for i in (left, right)]
+    if mirrored:
+        pair = [cv2.flip(i, 1) for i in pair]
+    matcher = cv2.StereoSGBM_create(0, 64, 5, P1=200, P2=800, disp12MaxDiff=1, uniquenessRatio=10,
+                                    speckleWindowSize=100, speckleRange=2)
+    found = matcher.compute(*pair).astype(np.float32) / 16
+    found[found < 0] = 0
+    found = cv2.medianBlur(found, 5)
+    if mirrored:
+        found = cv2.flip(found, 1)
+    return 2 * cv2.resize(found, (left.shape[1], left.shape[0]), interpolation=cv2.INTER_NEAREST)
+
+
+def to_panoptic(network, values, size, disparity):
+    """Ids (H, W) with 0 void, and segments_info of COCO."""
+    ids = np.zeros(size, np.uint32)
+    segments = []
+
+    def add(mask, entry):
+        if not mask.any():
+            return
+        number = len(segments) + 1
+        ids[mask] = number
+        segments.append({"id": number, "category_id": entry[1], "isthing": int(entry[2])})
+
+    if network.kind == "instances":
+        masks = np.squeeze(network.output(values, "masks"))
+        labels = np.ravel(network.output(values, "labels")).astype(int)
+        scores = np.ravel(network.output(values, "scores"))
+        least = float(network.settings["output"].get("min_score", 0.5))
+        masks = masks.reshape(-1, *masks.shape[-2:])
+        # The surest last, so that it is on top.
+        for k in np.argsort(scores, kind="stable"):
+            if scores[k] < least or not 0 <= labels[k] < len(network.classes):
+                continue
+            if network.classes[labels[k]] is not None:
+                add(resized(masks[k] > 0.5, size) > 0, network.classes[labels[k]])
+    elif network.kind == "panoptic":
+        divisor = int(network.settings["output"].get("divisor", 256))
+        packed = resized(np.squeeze(network.output(values, "name")), size)
+        for value in np.unique(packed[packed >= 0]):
+            label = int(value) // divisor
+            if label < len(network.classes) and network.classes[label] is not None:
+                add(packed == value, network.classes[label])
+    else:
+        labels = class_map(network, values, size)
+        for label, entry in enumerate(network.classes):
+            mask = labels == label
+            if entry is None or not mask.any():
+                continue
+            if not entry[2]:
+                add(mask, entry)
+                continue
+            parts = split(mask, disparity)
+            for part in np.unique(parts[parts > 0]):
+                add(parts == part, entry)
+    # What is covered by others is gone.
+    present, areas = np.unique(ids, return_counts=True)
+    area_of = dict(zip(present.tolist(), areas.tolist()))
+    kept = [dict(s, area=area_of[s["id"]]) for s in segments if s["id"] in area_of]
+    return ids, kept
+
+
+def write_ids(path, ids):
+    import cv2
+
+    channels = np.stack([(ids >> shift) & 255 for shift in (16, 8, 0)], axis=-1).astype(np.uint8)
+    good, data = cv2.imencode(".png", channels)  # BGR
+    if not good:
+        sys.exit(f"{path}: cannot be encoded")
+    common.write_atomic(path, data.tobytes())
+
+
+def read_image(path):
+    import cv2
+
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        sys.exit(f"{path}: cannot read")
+    return np.ascontiguousarray(image[:, :, ::-1])
+
+
+def segment_folder(network, images, output, other=None, mirrored=False, overwrite=False,
+                   label="segmentation"):
+    """Writes OUTPUT/<name>.png and OUTPUT.json. \\return seconds in the network and beside it, frames
+    made."""
+    output = Path(output)
+    parts = output / ".segments"
+    parts.mkdir(parents=True, exist_ok=True)
+    times = {"network": 0.0, "segments": 0.0, "frames": 0}
+    for path in common.progress(images, label):
+        picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"
+        if picture.exists() and info.exists() and not overwrite:
+            continue
+        image = read_image(path)
+        start = time.perf_counter()
+        values = network.run(image)
+        between = time.perf_counter()
+        disparity = None
+        if other is not None and network.kind in ("semantic", "classes"):
+            disparity = coarse_disparity(image, read_image(Path(other) / path.name), mirrored)
+        ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
+        write_ids(picture, ids)
+        common.write_atomic(info, json.dumps(segments).encode("ascii"))
+        times["network"] += between - start
+        times["segments"] += time.perf_counter() - between
+        times["frames"] += 1
+    annotations = [{"file_name": f"{path.stem}.png",
+                    "segments_info": json.loads((parts / f"{path.stem}.json").read_text())}
+                   for path in images]
+    common.write_atomic(output.with_name(output.name + ".json"),
+                        json.dumps({"annotations": annotations}).encode("ascii"))
+    return times
+
+
+def main():
+    parser = common.arguments(__doc__.splitlines()[0], [("images", "folder of images")])
+    parser.add_argument("--model", required=True, help="YAML file of the network")
+    parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
+    parser.add_argument("--other", help="images of the other camera, to tell instances apart")
+    parser.add_argument("--right", action="store_true", help="the images are the right camera's")
+    options = parser.parse_args()
+    common.need("onnxruntime", "yaml", "cv2")
+    network = Network(options.model, options.weights)
+    times = segment_folder(network, common.list_images(options.images), options.output,
+                           options.other, options.right, options.overwrite)
+    frames = max(1, times["frames"])
+    print(f"{times['frames']} frames, network {1e3 * times['network'] / frames:.0f} ms, "
+          f"segments {1e3 * times['segments'] / frames:.0f} ms per frame")
+
+
+if __name__ == "__main__":
+    main()
