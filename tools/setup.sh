@@ -4,6 +4,7 @@
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
 #   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
 #   tools/setup.sh --python   and what the Python package and its tests need in it
+#   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -56,6 +57,10 @@ case "${1:-}" in
         opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf rerun-sdk \
         shtab
     fi
+    ;;
+  --onnx)
+    make_environment
+    install_python numpy onnx onnxruntime opencv-python-headless pyyaml
     ;;
   --perception)
     make_environment

@@ -107,12 +107,13 @@ RgbImage draw_stages(const GrayImage& image, const CameraFusion& fusion,
     const MotionDecision& d = fusion.decisions[i];
     c = d.radial_only ? cv::Vec3b(255, 160, 0)
         : d.dynamic   ? cv::Vec3b(255, 0, 0)
+        : !d.judged   ? cv::Vec3b(90, 90, 90)
                       : cv::Vec3b(0, 200, 0);
     return fusion.segments[i].thing;
   });
   annotate(panels[4], fusion);
   const BackgroundReferences& bg = fusion.background;
-  title(panels[4], text_of("decision: red moving, orange radial only; m_bg %.2f px, sigma %.2f px",
+  title(panels[4], text_of("red moving, orange radial only, grey not judged; m_bg %.2f px, sigma %.2f px",
                            bg.m_bg, bg.sigma_par));
   tint(panels[5], map, [&](int k, int x, int y, cv::Vec3b& c) {
     if (!fusion.decisions[static_cast<std::size_t>(k)].dynamic) return false;

@@ -194,7 +194,7 @@ TEST(Appearance, TellsAParkedCarFromOneThatMoves) {
   EXPECT_GT(evidence[1].still, 0.9);
   EXPECT_LT(evidence[1].flow, 0.1);
   EXPECT_LT(evidence[2].still, 0.35) << "its left edge shows what was there before";
-  EXPECT_GT(evidence[2].flow, 0.8);
+  EXPECT_GT(evidence[2].flow, 0.5) << "patches across its border, 40 % of all, change";
 }
 
 }  // namespace

@@ -1,4 +1,6 @@
 // inspect_priors: what is in prior files, as text or pictures.
+#include <kys/error.h>
+#include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/prior_folder.h>
@@ -7,30 +9,107 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <string>
+#include <vector>
 
 #include "common/command_line.h"
 #include "util/atomic_file.h"
+#include "util/paths.h"
 
 namespace {
 
 using namespace kys_slam;
 namespace fs = std::filesystem;
 
-void print(const fs::path& path, const PriorFile& file) {
+/// By frame, camera and instance: why a thing was decided as it was, from the segments.csv of the
+/// folder. Empty without that table.
+using Reasons = std::map<std::string, std::string>;
+
+std::string reason_key(const std::string& frame, const std::string& camera, std::int32_t instance) {
+  return frame + "," + camera + "," + std::to_string(instance);
+}
+
+std::vector<std::string> split(const std::string& line) {
+  std::vector<std::string> fields;
+  std::istringstream in(line);
+  for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
+  return fields;
+}
+
+Reasons read_reasons(const fs::path& folder) {
+  Reasons reasons;
+  if (!is_file(folder / "segments.csv")) return reasons;
+  std::ifstream in(folder / "segments.csv");
+  std::string line;
+  std::getline(in, line);
+  const std::vector<std::string> header = split(line);
+  while (std::getline(in, line)) {
+    const std::vector<std::string> fields = split(line);
+    if (fields.size() != header.size()) continue;
+    std::map<std::string, std::string> row;
+    for (std::size_t i = 0; i < header.size(); ++i) row[header[i]] = fields[i];
+    const auto number = [&](const char* name) { return std::strtod(row[name].c_str(), nullptr); };
+    char text[160];
+    std::snprintf(text, sizeof text, "%s %.2f px, valid %.0f %%",
+                  number("median_px") > 0 ? "median" : "residual",
+                  number("median_px") > 0 ? number("median_px") : number("residual_px"),
+                  100 * number("valid"));
+    std::string reason = text;
+    if (row["magnitude_test"] == "1") reason += ", magnitude";
+    if (row["radial_test"] == "1") reason += ", radial";
+    if (number("log_odds") != 0) {
+      std::snprintf(text, sizeof text, ", flow %+.1f appearance %+.1f keypoints %+.1f nats, belief %+.1f",
+                    number("evidence_flow"), number("evidence_appearance"),
+                    number("evidence_keypoints"), number("log_odds"));
+      reason += text;
+    }
+    reasons[reason_key(row["frame"], row["camera"],
+                       static_cast<std::int32_t>(number("identity")))] = reason;
+  }
+  return reasons;
+}
+
+/// Names of a label space by dense label; empty when there is no such space.
+std::vector<std::string> names_of(const std::string& label_space) {
+  std::vector<std::string> names;
+  try {
+    const kys::LabelSpace space = kys::load_label_space(label_space);
+    for (const kys::LabelClass& c : space.classes()) names.push_back(c.name);
+  } catch (const kys::Error&) {
+    return {};
+  }
+  return names;
+}
+
+void print(const fs::path& path, const PriorFile& file, const Reasons& reasons,
+           const std::string& label_space) {
+  const std::vector<std::string> names =
+      names_of(label_space.empty() ? file.label_space() : label_space);
   std::printf("%s: %dx%d, %s, calibration %016llx, %zu bytes%s\n", path.string().c_str(),
               file.width(), file.height(), file.label_space().c_str(),
               static_cast<unsigned long long>(file.calibration_hash()), file.file_size(),
               file.has_motion() ? "" : ", no motion");
   for (std::size_t c = 0; c < file.camera_count(); ++c) {
-    std::printf("  %s\n  %8s %11s %6s %9s %12s %6s %s\n", c == 0 ? "left" : "right", "segment",
-                "instance", "label", "area", "scale", "score", "flags");
+    std::printf("  %s\n  %8s %11s %-16s %9s %12s %6s %s\n", c == 0 ? "left" : "right",
+                "segment", "instance", "label", "area", "scale", "score", "flags");
     const auto& segments = file.segments(static_cast<CameraSide>(c));
     for (std::size_t k = 0; k < segments.size(); ++k) {
       const PriorSegment& s = segments[k];
-      std::printf("  %8zu %11d %6u %9u %12.0f %6.1f %s%s%s\n", k + 1, s.instance, s.label, s.area,
-                  s.scale, s.score, s.flags & prior_format::kThing ? "thing " : "stuff ",
+      const std::string label =
+          s.label < names.size() ? names[s.label] : std::to_string(s.label);
+      const auto reason =
+          reasons.find(reason_key(path.stem().string(), c == 0 ? "left" : "right", s.instance));
+      std::printf("  %8zu %11d %-16s %9u %12.0f %6.1f %s%s%s%s%s\n", k + 1, s.instance,
+                  label.c_str(), s.area, s.scale, s.score,
+                  s.flags & prior_format::kThing ? "thing " : "stuff ",
                   s.flags & prior_format::kDynamic ? "moving " : "",
-                  s.flags & prior_format::kRadialOnly ? "radial-only" : "");
+                  s.flags & prior_format::kRadialOnly ? "radial-only " : "",
+                  s.flags & prior_format::kNotJudged ? "not-judged " : "",
+                  reason != reasons.end() ? ("(" + reason->second + ")").c_str() : "");
     }
   }
 }
@@ -56,14 +135,18 @@ RgbImage draw(const CameraPriors& camera) {
 
 int run(int argc, char** argv) {
   CLI::App app("Shows what is in prior files.");
-  std::string input, png;
+  std::string input, png, label_space;
   app.add_option("input", input, "A prior file, or a folder of them")->required();
+  app.add_option("--label-space", label_space,
+                 "For class names: label space by name or path (default: the files')");
   app.add_option("--png", png, "Folder for pictures: one per camera and file");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!png.empty()) make_output_folder(png);
+  const Reasons reasons =
+      read_reasons(fs::is_directory(input) ? fs::path(input) : fs::path(input).parent_path());
   for (const fs::path& path : list_prior_files(input)) {
     const PriorFile file = PriorFile::open(path);
-    print(path, file);
+    print(path, file, reasons, label_space);
     if (png.empty()) continue;
     const FramePriors priors = decode_priors(file);
     for (std::size_t c = 0; c < priors.cameras.size(); ++c) {

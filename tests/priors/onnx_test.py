@@ -1,0 +1,163 @@
+"""Segmentation by ONNX Runtime and the way from images to prior files, with a tiny network made here;
+with the real one where it is (KYS_REAL_PERCEPTION). Skipped without onnxruntime, onnx, cv2, yaml."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "perception"))
+sys.path.insert(0, str(ROOT / "python" / "kys_slam"))
+import kysp  # noqa: E402
+import segment_onnx  # noqa: E402
+
+try:
+    import cv2
+    import onnx
+    import onnxruntime  # noqa: F401
+    import yaml
+except ImportError as error:
+    cv2 = None
+    REASON = str(error)
+
+BUILDER = os.environ.get("KYS_BUILD_PRIORS")
+REAL = Path(os.environ.get("KYS_REAL_PERCEPTION",
+                           ROOT.parent / "shared" / "data" / "real_perception"))
+SETTINGS = {
+    "file": "tiny.onnx",
+    "input": {"size": [40, 120], "divide_by": 255},
+    "output": {"kind": "semantic"},
+    "label_space": "cityscapes_19",
+    "classes": ["road", "car"],
+}
+
+
+def write_network(folder, **changes):
+    """Logits (-r, r - 0.5) of the red channel r: bright is car, dark is road."""
+    node = onnx.helper.make_node("Conv", ["image", "weights", "bias"], ["logits"])
+    weights = np.zeros((2, 3, 1, 1), np.float32)
+    weights[:, 0, 0, 0] = -1, 1
+    constants = [onnx.numpy_helper.from_array(weights, "weights"),
+                 onnx.numpy_helper.from_array(np.array([0.5, -0.5], np.float32), "bias")]
+    tensor = onnx.helper.make_tensor_value_info
+    graph = onnx.helper.make_graph(
+        [node], "tiny", [tensor("image", onnx.TensorProto.FLOAT, [1, 3, 40, 120])],
+        [tensor("logits", onnx.TensorProto.FLOAT, [1, 2, 40, 120])], constants)
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 13)],
+                                   ir_version=8)
+    (folder / "tiny.onnx").write_bytes(model.SerializeToString())
+    (folder / "tiny.yaml").write_text(yaml.safe_dump({**SETTINGS, **changes}))
+    return folder / "tiny.yaml"
+
+
+def write_sequence(folder, frames=3):
+    """A textured dark wall at 4 px of disparity, and two bright boxes nearer by."""
+    random = np.random.default_rng(3)
+    wall = random.integers(0, 100, (80, 300)).astype(np.uint8)
+    boxes = random.integers(160, 255, (80, 300)).astype(np.uint8)
+    for name, shift in (("image_0", 0), ("image_1", 1)):
+        (folder / name).mkdir(parents=True)
+        for t in range(frames):
+            image = wall[:, 20 + 4 * shift:260 + 4 * shift].copy()
+            for x, disparity in ((30, 8), (150, 14)):
+                x0 = x - disparity * shift
+                image[30:60, x0:x0 + 50] = boxes[30:60, x:x + 50]
+            cv2.imwrite(str(folder / name / f"{t:06d}.png"), image)
+    row = "100 0 120 {} 0 100 40 0 0 0 1 0"
+    (folder / "calib.txt").write_text(f"P0: {row.format(0)}\nP1: {row.format(-50)}\n")
+    (folder / "times.txt").write_text("".join(f"{0.1 * t}\n" for t in range(frames)))
+    return folder
+
+
+@unittest.skipIf(cv2 is None, "onnxruntime, onnx, cv2 or yaml is not installed")
+class Onnx(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = Path(temporary.name)
+
+    def segment(self, network, **arguments):
+        images = segment_onnx.common.list_images(self.folder / "sequence" / "image_0")
+        return segment_onnx.segment_folder(network, images, self.folder / "out", **arguments)
+
+    def test_classes_become_instances_and_a_second_run_keeps_them(self):
+        write_sequence(self.folder / "sequence")
+        network = segment_onnx.Network(write_network(self.folder))
+        self.assertEqual(self.segment(network)["frames"], 3)
+        ids = cv2.imread(str(self.folder / "out" / "000001.png"))[:, :, 2]
+        document = json.loads((self.folder / "out.json").read_text())
+        segments = document["annotations"][1]["segments_info"]
+        self.assertEqual([s["category_id"] for s in segments], [7, 26, 26])
+        self.assertNotEqual(ids[45, 55], ids[45, 175])
+        self.assertEqual(ids[10, 10], 1)
+        for segment in segments:
+            self.assertEqual(segment["area"], np.count_nonzero(ids == segment["id"]))
+        self.assertAlmostEqual(segments[1]["area"], 30 * 50, delta=300)
+        self.assertEqual(self.segment(network)["frames"], 0)
+
+    def test_a_component_is_split_where_disparity_steps(self):
+        mask = np.zeros((40, 100), bool)
+        mask[10:30, 20:80] = True
+        disparity = np.where(np.arange(100) < 50, 10.0, 30.0)[None].repeat(40, 0)
+        parts = segment_onnx.split(mask, disparity)
+        self.assertEqual(len(np.unique(parts[mask])), 2)
+        self.assertTrue((parts[mask] > 0).all())
+        self.assertNotEqual(parts[20, 30], parts[20, 70])
+        self.assertEqual(len(np.unique(segment_onnx.split(mask, None)[mask])), 1)
+
+    def test_wrong_settings_are_named(self):
+        for changes, text in (({"classes": ["road", "spaceship"]}, "spaceship"),
+                              ({"output": {"kind": "guess"}}, "output.kind"),
+                              ({"input": {}}, "input.size"), ({"file": "none.onnx"}, "none.onnx")):
+            with self.assertRaises(SystemExit) as caught:
+                segment_onnx.Network(write_network(self.folder, **changes))
+            self.assertIn(text, str(caught.exception))
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_from_images_to_prior_files(self):
+        sequence = write_sequence(self.folder / "sequence")
+        command = [sys.executable, str(ROOT / "tools" / "perception" / "make_priors.py"),
+                   str(sequence), "--model", str(write_network(self.folder)), "--builder", BUILDER,
+                   "--output", str(self.folder / "made")]
+        for built in ("3 built, 0 kept", "0 built, 3 kept"):
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn(built, done.stdout)
+        frame = kysp.read(self.folder / "made" / "priors" / "000001.kysp")
+        self.assertEqual(frame.label_space, "cityscapes_19")
+        self.assertEqual(len(frame.cameras), 2)
+        left = frame.cameras[0]
+        self.assertEqual(set(left.segments["label"].tolist()), {0, 13})
+        self.assertNotEqual(left.segment_map[45, 55], left.segment_map[45, 175])
+        for row, column in ((45, 55), (45, 175)):
+            segment = left.segments[left.segment_map[row, column] - 1]
+            self.assertGreater(segment["area"], 0.7 * 30 * 50)
+        times = json.loads((self.folder / "made" / "times.json").read_text())
+        self.assertIn("network", times)
+
+    @unittest.skipUnless((REAL / "espnetv2_cityscapes_384x1248.onnx").exists(),
+                         "the real network is not there")
+    def test_real_network_finds_the_road(self):
+        images = segment_onnx.common.list_images(REAL.parent / "kitti_06_clip" / "image_0")[:1]
+        network = segment_onnx.Network(
+            ROOT / "tools" / "perception" / "models" / "espnetv2_cityscapes.yaml",
+            REAL / "espnetv2_cityscapes_384x1248.onnx")
+        segment_onnx.segment_folder(network, images, self.folder / "out")
+        document = json.loads((self.folder / "out.json").read_text())
+        area = {}
+        for segment in document["annotations"][0]["segments_info"]:
+            category = segment["category_id"]
+            area[category] = area.get(category, 0) + segment["area"]
+        size = 1226 * 370
+        self.assertGreater(area[7], 0.15 * size, "road")
+        self.assertGreater(area[26], 0.005 * size, "cars")
+
+
+if __name__ == "__main__":
+    unittest.main()
