@@ -35,6 +35,14 @@ def main():
                 content = file.read()
             assert content.startswith(b"\x89PNG") and len(content) > 10000, len(content)
             os.unlink(picture)
+        # A name that matplotlib would take for a formula, and a summary that is nested too deeply.
+        odd = os.path.join(folder, "a$b$c_{x}")
+        os.mkdir(odd)
+        for name, content in (("trajectory.tum", text), ("summary.json", "[" * 100000)):
+            with open(os.path.join(odd, name), "w", encoding="utf-8") as file:
+                file.write(content)
+        result = run(script, odd)
+        assert result.returncode == 0, result.stderr
         # Moving objects are drawn into the picture: it changes.
         objects = os.path.join(folder, "objects.csv")
         pictures = []

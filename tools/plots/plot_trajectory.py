@@ -115,7 +115,7 @@ def read_summary(run):
         with open(os.path.join(run, "summary.json"), encoding="utf-8") as file:
             summary = json.load(file)
         return summary if isinstance(summary, dict) else {}
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):  # the last: nested too deeply
         return {}
 
 
