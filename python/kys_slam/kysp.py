@@ -192,7 +192,7 @@ def decode(data, name="prior file"):
 def _check_segments(segments, c, name):
     flags, instance = segments["flags"], segments["instance"]
     _check((segments["label"] != VOID_LABEL).all(), name, "a segment has the void label")
-    _check((flags & ~np.uint16(THING | DYNAMIC | RADIAL_ONLY) == 0).all(), name,
+    _check((flags & ~np.uint16(THING | DYNAMIC | RADIAL_ONLY | NOT_JUDGED) == 0).all(), name,
            "a segment has unknown flags")
     _check((flags[flags & RADIAL_ONLY != 0] & DYNAMIC != 0).all(), name,
            "a segment is radial-only but not dynamic")

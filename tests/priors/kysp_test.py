@@ -23,7 +23,7 @@ def example(seed=0, width=211, height=57):
     for c in range(2):
         segments = np.zeros(5, kysp.SEGMENT)
         segments["label"] = [100, 101, 2, 2, 7]
-        segments["flags"] = [0, 0, 1, 3, 7]
+        segments["flags"] = [0, 9, 1, 3, 7]
         segments["instance"] = np.arange(5) + c * kysp.RIGHT_INSTANCES
         segments["scale"] = [1e6, 2e6, 300, 0, 12.5]
         segments["score"] = [0, 0, 0, 55, 3]

@@ -266,6 +266,13 @@ TEST(PriorFile, HostileContentWithAValidChecksumNeverReadsOutside) {
   }
 }
 
+TEST(PriorFolder, ALabelSpaceGivenByPathIsExpectedByItsName) {
+  const fs::path path = fs::path(KYS_SOURCE_DIR) / "kys" / "data" / "cityscapes_19";
+  const ExpectedPriors expected = expected_priors(StereoCamera{}, path.string());
+  EXPECT_EQ(expected.label_space, "cityscapes_19") << "that is what prior files hold";
+  EXPECT_EQ(expected.label_count, 19u);
+}
+
 TEST(PriorFolder, MissingFilesAreCountedAndWarnedOnce) {
   const fs::path folder =
       fs::temp_directory_path() / ("kys_prior_source_test_" + std::to_string(::getpid()));
