@@ -19,6 +19,8 @@ using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by insta
 constexpr double kFarDepth = 1000;  // m, of keypoints without disparity
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
+constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
+constexpr double kFullWeight = 0.7;           // p_static above which it does in full
 constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
 
 Eigen::Vector3d back_project(const StereoCamera& camera, const FrameFeatures& features,
@@ -87,15 +89,21 @@ double InstanceTracker::p_static(std::int32_t instance) const {
   return at != things_.end() ? probability(at->second.log_odds) : 1.0;
 }
 
+double InstanceTracker::log_odds(std::int32_t instance) const {
+  const auto at = things_.find(instance);
+  return at != things_.end() ? at->second.log_odds : 0.0;
+}
+
 kys::Prior InstanceTracker::believed(const kys::Prior& prior) const {
   const Thing* thing = find(prior);
   return thing != nullptr ? kys::believed(prior, probability(thing->log_odds)) : prior;
 }
 
 float InstanceTracker::weight(const kys::Prior& prior) const {
+  if (!follows(prior)) return 1.0f;
   const Thing* thing = find(prior);
-  if (thing != nullptr) return static_cast<float>(probability(thing->log_odds));
-  return follows(prior) ? kys::p_static(prior) : 1.0f;
+  const double p = thing != nullptr ? probability(thing->log_odds) : kys::p_static(prior);
+  return static_cast<float>(std::clamp((p - kNoWeight) / (kFullWeight - kNoWeight), 0.0, 1.0));
 }
 
 std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {

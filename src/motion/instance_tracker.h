@@ -90,6 +90,8 @@ class InstanceTracker {
 
   /// 1 for whatever is not followed.
   [[nodiscard]] double p_static(std::int32_t instance) const;
+  /// Of standing still, nats; 0 for whatever is not followed.
+  [[nodiscard]] double log_odds(std::int32_t instance) const;
   /// A landmark's or keypoint's prior with belief as it is now; stuff as it is.
   [[nodiscard]] kys::Prior believed(const kys::Prior& prior) const;
   /// The same as weight of an observation.

@@ -14,6 +14,8 @@ struct ConsensusOptions {
   double clear = 3;      ///< factor on the bound of the error beyond which one is an outlier here
   double tolerance = 2;  ///< factor on the bound of the error within which area supports a pose
   double reach = 5;      ///< the same for poses that are not refined yet
+  double cell_evidence = 2.5;  ///< nats, what one cell of the fixed scene says for a pose
+  bool by_class = true;        ///< things that can move count as things, not by their area
   double margin = 1.02;  ///< factor by which a rival has to have more support
   double max_acceleration = 20;  ///< m/s^2, of the camera
   int samples = 300;             ///< of three matches from three cells
@@ -22,9 +24,14 @@ struct ConsensusOptions {
 
 struct ConsensusResult {
   PoseResult pose;
-  double area = 0;         ///< of the observations, in cells
   bool contested = false;  ///< rivals were looked for
   bool overruled = false;  ///< the pose is not the one that most matches agree on
+};
+
+/// What an observation is on, known apart from the pose.
+struct Vote {
+  std::int32_t thing = -1;  ///< of those that can move; -1: of the fixed scene, or nobody knows
+  float log_odds = 0;       ///< nats, of the thing standing still
 };
 
 /// Where a constant velocity puts the camera.
@@ -51,8 +58,15 @@ enum class Start : std::uint8_t {
 /// MSAC, Torr and Zisserman 2000, weighted by area), and from the initial pose. Support counts less
 /// the more acceleration a pose needs from what is `expected`. When a rival has more support, the
 /// pose is refined over all matches that it explains, each at full weight.
+///
+/// With `votes`, only the fixed scene counts by area. A thing that can move counts once, whatever
+/// its size, by the log-odds of its standing still: a pose to which it stands still gains
+/// log_odds / cell_evidence cells, or loses them. A pose is refined without the things that do not
+/// stand still to it.
+/// \param votes one per observation, or none
 ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                               std::span<const PoseObservation> observations,
+                              std::span<const Vote> votes,
                               const std::optional<ExpectedPose>& expected,
                               const ConsensusOptions& options, Start start = Start::kGuess,
                               const PoseOptions& pose = {});

@@ -1,7 +1,10 @@
 #include "optimization/pose_optimization.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "geometry/reprojection.h"
@@ -163,6 +166,7 @@ class PoseProblem {
               const PoseOptions& options)
       : camera_{camera.fx, camera.fy, camera.cx, camera.cy, camera.bf()},
         observations_(observations),
+        prior_(options.prior),
         lanes_((observations.size() + kLanes - 1) / kLanes) {
     for (std::size_t i = 0; i < observations.size(); ++i) pack(i, options);
   }
@@ -179,6 +183,7 @@ class PoseProblem {
       result.gradient[row] = lane_sum(sums.gradient[row]);
     }
     result.cost = lane_sum(sums.cost);
+    if (prior_) add_prior(T_c_w, result);
     return result;
   }
 
@@ -241,8 +246,23 @@ class PoseProblem {
     to.share[lane] = from.share;
   }
 
+  /// Error [w; v] of T_c_w = [exp(w), v] T_prior, in the increment of the camera frame: |v| is the
+  /// distance of the two camera centres.
+  void add_prior(const Rigid3& T_c_w, NormalEquations& sums) const {
+    const Rigid3 away = T_c_w * prior_->T_c_w.inverse();
+    Vector6d error;
+    error << so3_log(away.rotation), away.translation;
+    Vector6d weight;
+    weight.head<3>().setConstant(1 / (prior_->sigma_rotation * prior_->sigma_rotation));
+    weight.tail<3>().setConstant(1 / (prior_->sigma_position * prior_->sigma_position));
+    sums.hessian.diagonal() += weight;
+    sums.gradient += weight.cwiseProduct(error);
+    sums.cost += 0.5 * weight.dot(error.cwiseAbs2());
+  }
+
   CameraNumbers camera_;
   std::span<const PoseObservation> observations_;
+  std::optional<PosePrior> prior_;
   std::vector<ObservationLanes> lanes_;
 };
 
@@ -321,6 +341,20 @@ PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial
   result.information =
       information_of_plus(problem.linearise(result.T_c_w, false).hessian, result.T_c_w.translation);
   return result;
+}
+
+double position_sigma(const PoseResult& pose) {
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  // Of the increment v of plus(); the centre moves by v + hat(t) w.
+  const Eigen::LDLT<Matrix6d> factor(pose.information);
+  if (!(factor.vectorD().minCoeff() > 0)) return kUnknown;
+  Eigen::Matrix<double, 6, 3> J = Eigen::Matrix<double, 6, 3>::Zero();
+  J.topRows<3>() = hat(pose.T_c_w.translation).transpose();
+  J.bottomRows<3>().setIdentity();
+  const Eigen::Matrix3d covariance = J.transpose() * factor.solve(J);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance, Eigen::EigenvaluesOnly);
+  const double largest = eigen.eigenvalues().maxCoeff();
+  return largest > 0 ? std::sqrt(largest) : kUnknown;
 }
 
 }  // namespace kys_slam

@@ -4,6 +4,7 @@
 #include <kys_slam/stereo_camera.h>
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,11 +20,19 @@ struct PoseObservation {
   float share = 1;      ///< 0..1, factor on its information; chi-square bounds do not depend on it
 };
 
+/// Where a frame is expected, as a term of its cost beside the observations.
+struct PosePrior {
+  Rigid3 T_c_w;
+  double sigma_position = 1;  ///< m, of the camera's place
+  double sigma_rotation = 1;  ///< rad
+};
+
 struct PoseOptions {
   int rounds = 4;              ///< outliers are classified anew after each
   int iterations = 10;         ///< per round, at most
   double chi2_mono = 5.991;    ///< 95 %, 2 degrees of freedom
   double chi2_stereo = 7.815;  ///< 95 %, 3 degrees of freedom
+  std::optional<PosePrior> prior;
 };
 
 struct PoseResult {
@@ -31,7 +40,8 @@ struct PoseResult {
   std::vector<std::uint8_t> outlier;  ///< per observation, 1 = outlier
   int inliers = 0;
   Eigen::Matrix<double, 6, 6> information =
-      Eigen::Matrix<double, 6, 6>::Zero();  ///< J^T W J at the solution, [rotation; translation]
+      Eigen::Matrix<double, 6, 6>::Zero();  ///< J^T W J at the solution, [rotation; translation];
+                                            ///< the prior's share included
 };
 
 /// Pose of a frame from landmarks of fixed position: Huber-weighted reprojection error, outliers
@@ -41,5 +51,9 @@ struct PoseResult {
 PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                          std::span<const PoseObservation> observations,
                          const PoseOptions& options = {});
+
+/// Standard deviation of the camera's place in the direction that its observations tell least of, m;
+/// infinite where they do not tell it.
+double position_sigma(const PoseResult& pose);
 
 }  // namespace kys_slam

@@ -38,9 +38,32 @@ kys::DistanceModel make_model(const SettingsData& settings) {
   }
 }
 
+/// Modes whose poses ask priors what can move: those that use all that a prior file says.
+bool asks_what_moves(const SettingsData& settings) {
+  switch (settings.kys.mode) {
+    case kys::Mode::kKys:
+    case kys::Mode::kMask:
+    case kys::Mode::kVerified:
+      return !kys::kPriorsOff && settings.tracking.consensus.enabled &&
+             settings.tracking.consensus.by_class;
+    default:
+      return false;
+  }
+}
+
 kys::BeliefStart make_belief_start(const SettingsData& settings, const kys::DistanceModel& model) {
-  if (!model.wants_belief()) return {};
-  return {settings.belief, kys::load_label_space(settings.control.label_space)};
+  if (!model.wants_belief() && !asks_what_moves(settings)) return {};
+  try {
+    return {settings.belief, kys::load_label_space(settings.control.label_space)};
+  } catch (const kys::Error& error) {
+    throw InputError(error.what());
+  }
+}
+
+TrackerOptions tracker_options(const SettingsData& settings) {
+  TrackerOptions options = settings.tracking;
+  options.consensus.by_class = asks_what_moves(settings);
+  return options;
 }
 
 /// What prior and map files call the label space of a setting, which may be a path. One that cannot
@@ -132,7 +155,7 @@ struct System::Impl {
         priors(std::move(priors_in)),
         scales(options.orb.scale_factor, options.orb.levels),
         front_end(camera, options.orb, options.stereo, model, priors.get()),
-        tracker(camera, scales, options.tracking, model, make_belief_start(options, model)),
+        tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay),
         objects(options.objects) {}

@@ -19,6 +19,16 @@ namespace {
 // matches that led to it.
 constexpr double kDoubtfulShare = 0.4;
 
+// The expected pose joins the observations where they leave the camera's place this much of the
+// uncertainty that it has without them.
+constexpr double kStarved = 0.5;
+
+// s; the motion model goes on so long where frames are lost.
+constexpr double kLongestGuess = 0.5;
+
+// nats; what is believed of a thing was judged by earlier poses, which may have been wrong.
+constexpr double kMaxVote = 3;
+
 // A camera that gives a picture more often than that stands still.
 constexpr int kMostRepeats = 3;
 
@@ -76,6 +86,7 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       scales_(scales),
       options_(options),
       model_(&model),
+      start_(start),
       close_depth_(static_cast<float>(options.close_baselines * camera.baseline)) {
   options.check();
   if (model.wants_belief()) {
@@ -87,7 +98,8 @@ Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
                                    std::shared_ptr<const FrameFeatures> features) {
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
-    const Rigid3 expected = velocity_ ? *velocity_ * T_last_w : T_last_w;
+    const std::optional<ExpectedPose> motion = expected_pose(timestamp);
+    const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors = instances_->believe(timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
@@ -109,10 +121,10 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
   Stopwatch watch;
   if (last_) refresh_last_frame();
   Frame frame = make_frame(frame_index, timestamp, std::move(features));
-  const std::optional<Rigid3> moving = velocity_;
+  const std::optional<Velocity> moving = velocity_;
   const bool repeated = last_ && repeats(*frame.features, *last_->features);
   repeats_ = repeated ? repeats_ + 1 : 0;
-  if (repeated && velocity_) velocity_ = Rigid3();
+  if (repeated && velocity_) velocity_->T_c_last = Rigid3();
   if (!last_) {
     if (replica_.keyframes().empty()) {
       start_map(frame, result);
@@ -126,7 +138,6 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
   tracked = tracked && track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
   if (!tracked) {
-    velocity_.reset();
     lose_instances();
     return result;
   }
@@ -141,6 +152,7 @@ void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   result.status = TrackingStatus::kTracked;
   if (result.overruled) result.reason += "; image area against most matches";
+  if (result.held) result.reason += "; held by constant velocity";
   if (instances_) judge_instances(frame, result);
   if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
@@ -161,12 +173,15 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (replica_.landmarks().contains(place.landmarks[i])) frame.landmarks[i] = place.landmarks[i];
   }
+  // Where it was before may be another sub-map, with another world.
+  const std::optional<Velocity> velocity = std::exchange(velocity_, std::nullopt);
   refine_pose(frame, result);
   const KeyFrameId before = std::exchange(reference_, place.reference);
   const bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
   if (!tracked) {
     reference_ = before;
+    velocity_ = velocity;
     return result;
   }
   if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
@@ -212,7 +227,7 @@ void Tracker::leave(Frame frame, TrackResult& result) {
   result.pose = frame.pose;
   result.T_c_w = frame.T_c_w;
   if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked) {
-    velocity_ = frame.T_c_w * last_->T_c_w.inverse();
+    velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), frame.timestamp - last_->timestamp};
   } else {
     velocity_.reset();
   }
@@ -284,7 +299,7 @@ KeyFrameId Tracker::submap(KeyFrameId keyframe) const {
 }
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
-  if (!velocity_ || !predict_by_motion(frame, result)) return predict_by_reference(frame, result);
+  if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) return predict_by_reference(frame, result);
   if (!doubtful_) return true;
   // A camera that turns back at once is far from where it was expected: what is found there fits by
   // chance. Without a prediction more of the keyframe fits.
@@ -301,13 +316,28 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   return true;
 }
 
+/// Constant velocity since the last frame with a pose, for as long as that means something.
+std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
+  if (!velocity_ || !last_) return std::nullopt;
+  const double interval = timestamp - last_->timestamp;
+  if (interval > std::max(kLongestGuess, 1.5 * velocity_->interval)) return std::nullopt;
+  const double times = interval / velocity_->interval;
+  // Time stamps jitter more than vehicles do: only missing frames make a longer step.
+  if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, interval};
+  const Rigid3& step = velocity_->T_c_last;
+  const Rigid3 longer(so3_exp(times * so3_log(step.rotation)), times * step.translation);
+  return ExpectedPose{longer * last_->T_c_w, interval};
+}
+
 /// Constant velocity, and the last frame's landmarks searched where it puts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
-  const Rigid3 expected = *velocity_ * last_->T_c_w;
+  const Rigid3 expected = expected_pose(frame.timestamp)->T_c_w;
+  const auto since = static_cast<float>(frame.index - last_->index);
+  const float radius = options_.motion_radius * std::min(since, 3.0f);
   frame.T_c_w = expected;
-  int matches = match_last_frame(frame, options_.motion_radius, result);
+  int matches = match_last_frame(frame, radius, result);
   if (matches < options_.min_motion_matches) {
-    matches = match_last_frame(frame, 2 * options_.motion_radius, result);
+    matches = match_last_frame(frame, 2 * radius, result);
   }
   if (matches < options_.min_motion_matches) {
     result.reason = "motion model: " + std::to_string(matches) + " matches";
@@ -408,27 +438,53 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
 
 /// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers.
 int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
+  result.held = false;
   std::vector<PoseObservation> observations;
+  std::vector<Vote> votes;
   std::vector<std::size_t> features;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (!frame.landmarks[i].valid()) continue;
     const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
     const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
     const float share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
+    if (options_.consensus.by_class) votes.push_back(vote(frame.features->prior(i), landmark.prior));
+
     observations.push_back({landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
   }
-  std::optional<ExpectedPose> expected;
-  if (velocity_) expected = {*velocity_ * last_->T_c_w, frame.timestamp - last_->timestamp};
-  const ConsensusResult consensus =
-      estimate_pose(camera_, frame.T_c_w, observations, expected, options_.consensus,
-                    result.overruled ? Start::kConsensus : Start::kGuess);
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  const Start start = result.overruled ? Start::kConsensus : Start::kGuess;
+  const auto estimate = [&](const Rigid3& T_c_w, Start from, const PoseOptions& pose) {
+    return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, from,
+                         pose);
+  };
+  ConsensusResult consensus = estimate(frame.T_c_w, start, {});
+  if (expected && options_.acceleration > 0) {
+    const double square = expected->interval * expected->interval;
+    const PosePrior prior{expected->T_c_w, options_.acceleration * square,
+                          options_.turn_acceleration * square};
+    if (position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
+      PoseOptions held;
+      held.prior = prior;
+      consensus = estimate(expected->T_c_w, start, held);
+      result.held = true;
+    }
+  }
   frame.T_c_w = consensus.pose.T_c_w;
   result.overruled |= consensus.overruled;
   for (std::size_t k = 0; k < features.size(); ++k) {
     if (consensus.pose.outlier[k] != 0) frame.landmarks[features[k]] = {};
   }
   return consensus.pose.inliers;
+}
+
+/// What a match says about the pose by being on a thing that can move. The frame knows better than
+/// the landmark, which speaks where the frame has no prior.
+Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
+  const kys::Prior& prior = keypoint.label != kys::kVoidLabel ? keypoint : landmark;
+  if (start_.mobility(prior.label) == kys::Mobility::kFixed || prior.instance < 0) return {};
+  const double odds = instances_ ? instances_->log_odds(prior.instance) : start_.log_odds(prior);
+  return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
 }
 
 bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
@@ -445,7 +501,9 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (frame.landmarks[i].valid()) counts_.at(frame.landmarks[i]).found += 1;
   }
-  if (result.inliers >= options_.min_local_inliers) return true;
+  if (result.inliers >= (result.held ? options_.min_held_inliers : options_.min_local_inliers)) {
+    return true;
+  }
   result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
   return false;
 }

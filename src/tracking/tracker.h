@@ -30,11 +30,14 @@ struct TrackerOptions {
   int min_reference_matches = 15;
   int min_pose_inliers = 10;      ///< after the first pose of a frame
   int min_local_inliers = 30;     ///< after the local map; fewer: lost
+  int min_held_inliers = 15;      ///< the same where the expected pose holds it as well
   float local_radius = 1;         ///< factor on the search radius of local landmarks
   float local_ratio = 0.8f;       ///< best / second best
   float max_distance = 100;       ///< bits
   float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
+  double acceleration = 3;       ///< m/s^2, standard deviation: holds a pose that little else does; 0: off
+  double turn_acceleration = 3;  ///< rad/s^2, the same of the rotation
   ConsensusOptions consensus;  ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model wants belief
@@ -72,6 +75,7 @@ struct TrackResult {
   FramePose pose;
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
+  bool held = false;                     ///< the expected pose joined the matches
   bool overruled = false;                ///< image area decided against the number of matches
   std::vector<InstanceState> instances;  ///< things in the frame, when belief is kept
   TrackTimes times;
@@ -84,7 +88,7 @@ struct TrackResult {
 class Tracker {
  public:
   /// \param model has to outlive the tracker
-  /// \param start where belief starts; used when the model wants belief
+  /// \param start which things can move, and where belief in their standing still starts
   Tracker(const StereoCamera& camera, const ScaleLevels& scales, const TrackerOptions& options,
           const kys::DistanceModel& model, const kys::BeliefStart& start = {});
 
@@ -143,6 +147,7 @@ class Tracker {
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
   int refine_pose(Frame& frame, TrackResult& result) const;
+  [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;
   KeyFrameMessage make_keyframe(Frame& frame);
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);
@@ -160,19 +165,25 @@ class Tracker {
     return !instances_ || model_->admits(instances_->believed(prior), kys::Context::kTemporal);
   }
   void count_visible(LandmarkId id);
+  [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   void leave(Frame frame, TrackResult& result);
 
   StereoCamera camera_;
   ScaleLevels scales_;
   TrackerOptions options_;
   const kys::DistanceModel* model_;
+  kys::BeliefStart start_;
   float close_depth_;  // m
 
   Replica replica_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;           // the pose predicted by motion
   std::optional<Frame> last_;       // last frame with a pose
-  std::optional<Rigid3> velocity_;  // T_c_last of the last two tracked frames
+  struct Velocity {
+    Rigid3 T_c_last;
+    double interval = 0;  // s
+  };
+  std::optional<Velocity> velocity_;  // of the last two tracked frames
   int repeats_ = 0;                 // frames in a row that show the last one's picture again
   KeyFrameId reference_;            // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Eigenvalues>
+
 #include "geometry/so3.h"
 #include "synthetic_scene.h"
 
@@ -69,7 +71,7 @@ TEST(PoseConsensus, AreaWinsOverMatches) {
     const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
     EXPECT_GT(position_error(street, votes.T_c_w), 0.5) << "the lorry has three of four matches";
     const ConsensusResult area =
-        estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {});
+        estimate_pose(kitti_camera(), {}, street.observations, {}, std::nullopt, {});
     EXPECT_TRUE(area.contested);
     EXPECT_TRUE(area.overruled);
     EXPECT_LT(position_error(street, area.pose.T_c_w), 0.02) << "seed " << seed;
@@ -83,7 +85,7 @@ TEST(PoseConsensus, StaticSceneIsNotTouched) {
   const Street street = make_street(400, 0, 3, 0.1);
   const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
   const ConsensusResult area =
-      estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {});
+      estimate_pose(kitti_camera(), {}, street.observations, {}, std::nullopt, {});
   EXPECT_FALSE(area.contested);
   EXPECT_EQ(area.pose.T_c_w.translation, votes.T_c_w.translation);
   EXPECT_EQ(area.pose.T_c_w.rotation.coeffs(), votes.T_c_w.rotation.coeffs());
@@ -93,7 +95,7 @@ TEST(PoseConsensus, StaticSceneIsNotTouched) {
 TEST(PoseConsensus, SameAnswerTwice) {
   const Street street = make_street(150, 450, 5, 0.2);
   const auto run = [&] {
-    return estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, {}).pose.T_c_w;
+    return estimate_pose(kitti_camera(), {}, street.observations, {}, std::nullopt, {}).pose.T_c_w;
   };
   EXPECT_EQ(run().translation, run().translation);
 }
@@ -114,7 +116,7 @@ TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
   const auto error = [&](const std::optional<ExpectedPose>& expected) {
     const Rigid3 start = expected ? expected->T_c_w : Rigid3{};
     return position_error(
-        street, estimate_pose(camera, start, street.observations, expected, {}).pose.T_c_w);
+        street, estimate_pose(camera, start, street.observations, {}, expected, {}).pose.T_c_w);
   };
   EXPECT_GT(error(std::nullopt), 0.5);
   ExpectedPose expected{street.T_c_w, 0.1};
@@ -127,19 +129,154 @@ TEST(PoseConsensus, OffIsThePlainPose) {
   ConsensusOptions off;
   off.enabled = false;
   const ConsensusResult result =
-      estimate_pose(kitti_camera(), {}, street.observations, std::nullopt, off);
+      estimate_pose(kitti_camera(), {}, street.observations, {}, std::nullopt, off);
   const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
   EXPECT_EQ(result.pose.T_c_w.translation, votes.T_c_w.translation);
   EXPECT_FALSE(result.contested);
 }
 
+/// A vehicle that fills most of the view and moves with the camera.
+Street make_full_view(std::uint64_t seed) {
+  const StereoCamera camera = kitti_camera();
+  Random random(seed);
+  Street street;
+  street.T_c_w.translation = {0, 0, -0.9};
+  for (int i = 0; i < 500; ++i) {
+    const double u = random.uniform(0, camera.width);
+    const bool mover = u > 450;
+    const Eigen::Vector3d p_c =
+        camera.back_project(u, random.uniform(0, camera.height), mover ? 6 : random.uniform(5, 40));
+    street.see(camera, mover ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
+  }
+  return street;
+}
+
+/// The vehicle as thing 7, with the log-odds of its standing still that a prior file gives it.
+std::vector<Vote> votes_of(const Street& street, float log_odds) {
+  std::vector<Vote> votes;
+  for (const PoseObservation& o : street.observations) {
+    votes.push_back(o.u > 450 ? Vote{7, log_odds} : Vote{});
+  }
+  return votes;
+}
+
+TEST(PoseConsensus, AThingCountsOnceHoweverLargeItIs) {
+  const Street street = make_full_view(7);
+  const auto pose = [&](std::span<const Vote> votes) {
+    return estimate_pose(kitti_camera(), {}, street.observations, votes, std::nullopt, {}).pose;
+  };
+  EXPECT_GT(position_error(street, pose({}).T_c_w), 0.5) << "most of the area is the vehicle's";
+  for (const float log_odds : {-1.0f, 0.0f, 1.0f}) {  // flagged, nobody knows, not flagged
+    const PoseResult found = pose(votes_of(street, log_odds));
+    EXPECT_LT(position_error(street, found.T_c_w), 0.02) << "log-odds " << log_odds;
+    for (std::size_t i = 0; i < street.observations.size(); ++i) {
+      if (street.observations[i].u > 450) {
+        EXPECT_EQ(found.outlier[i], 1);
+      }
+    }
+  }
+}
+
+TEST(PoseConsensus, AParkedThingCalledMovingStaysWhereItFits) {
+  const Street street = make_street(400, 0, 3, 0.1);
+  std::vector<Vote> votes;
+  for (const PoseObservation& o : street.observations) {
+    votes.push_back(o.u > 450 ? Vote{7, -1.0f} : Vote{});
+  }
+  const PoseResult plain = optimize_pose(kitti_camera(), {}, street.observations);
+  const ConsensusResult result =
+      estimate_pose(kitti_camera(), {}, street.observations, votes, std::nullopt, {});
+  EXPECT_FALSE(result.overruled);
+  EXPECT_EQ(result.pose.outlier, plain.outlier);
+}
+
+TEST(PoseConsensus, ThingsDecideWhereTheFixedSceneCannot) {
+  // Nothing but two vehicles of equal size in view; the prior files call one of them moving.
+  const StereoCamera camera = kitti_camera();
+  Random random(3);
+  Street street;
+  street.T_c_w.translation = {0, 0, -0.9};
+  std::vector<Vote> votes;
+  for (int i = 0; i < 300; ++i) {
+    const bool mover = i < 150;
+    const double u = mover ? random.uniform(0, 600) : random.uniform(640, 1240);
+    const Eigen::Vector3d p_c =
+        camera.back_project(u, random.uniform(0, camera.height), random.uniform(6, 8));
+    street.see(camera, mover ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
+    votes.push_back(mover ? Vote{1, -1.0f} : Vote{2, 1.0f});
+  }
+  const auto error = [&](const Rigid3& start) {
+    return position_error(street, estimate_pose(camera, start, street.observations, votes,
+                                                std::nullopt, {}).pose.T_c_w);
+  };
+  EXPECT_LT(error({}), 0.02);
+  EXPECT_LT(error(street.T_c_w), 0.02);
+}
+
+TEST(PoseOptimization, PriorAndObservationsWeighByTheirInformation) {
+  const Street street = make_street(60, 0, 4);
+  PoseOptions options;
+  const PoseResult alone = optimize_pose(kitti_camera(), street.T_c_w, street.observations);
+  PosePrior prior{alone.T_c_w, 0.002, 0.0002};
+  prior.T_c_w.translation += Eigen::Vector3d(0.005, -0.003, 0.01);
+  options.prior = prior;
+  const PoseResult both = optimize_pose(kitti_camera(), street.T_c_w, street.observations, options);
+  ASSERT_EQ(both.outlier, alone.outlier);
+  // Both are quadratic here: x = (H + W)^-1 W e, in the increment p_c -> exp(w) p_c + v.
+  Eigen::Matrix<double, 6, 6> change = Eigen::Matrix<double, 6, 6>::Identity();
+  change.bottomLeftCorner<3, 3>() = -hat(alone.T_c_w.translation);
+  const Eigen::Matrix<double, 6, 6> H = change.transpose() * alone.information * change;
+  Eigen::Matrix<double, 6, 1> W;
+  W.head<3>().setConstant(1 / (0.0002 * 0.0002));
+  W.tail<3>().setConstant(1 / (0.002 * 0.002));
+  Eigen::Matrix<double, 6, 1> e;
+  e << Eigen::Vector3d::Zero(), prior.T_c_w.translation - alone.T_c_w.translation;
+  const Eigen::Matrix<double, 6, 1> x =
+      (H + Eigen::Matrix<double, 6, 6>(W.asDiagonal())).ldlt().solve(W.cwiseProduct(e));
+  const Rigid3 expected(so3_exp(x.head<3>()) * alone.T_c_w.rotation,
+                        so3_exp(x.head<3>()) * alone.T_c_w.translation + x.tail<3>());
+  EXPECT_GT(x.tail<3>().norm(), 0.001) << "the prior has a say";
+  EXPECT_LT((both.T_c_w.inverse_t() - expected.inverse_t()).norm(), 0.02 * x.tail<3>().norm());
+}
+
+TEST(PoseOptimization, PositionSigmaIsTheSpreadOfPositions) {
+  constexpr int kTrials = 300;
+  std::vector<Eigen::Vector3d> centres;
+  double sigma = 0;
+  for (int k = 0; k < kTrials; ++k) {
+    // The same landmarks with other noise.
+    Street street = make_street(80, 0, 11);
+    Random random(1000 + static_cast<std::uint64_t>(k));
+    std::vector<PoseObservation> seen;
+    Street again{street.T_c_w, {}};
+    for (const PoseObservation& o : street.observations) {
+      again.see(kitti_camera(), o.p_w, street.T_c_w * o.p_w, random);
+    }
+    PoseOptions all;  // no outliers: the formula is that of least squares
+    all.chi2_stereo = 1e9;
+    const PoseResult pose = optimize_pose(kitti_camera(), street.T_c_w, again.observations, all);
+    centres.push_back(pose.T_c_w.inverse_t());
+    sigma += position_sigma(pose) / kTrials;
+  }
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& c : centres) mean += c / kTrials;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& c : centres) {
+    covariance += (c - mean) * (c - mean).transpose() / (kTrials - 1);
+  }
+  const double spread =
+      std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().z());
+  EXPECT_NEAR(sigma / spread, 1, 0.15) << "of 300 samples the spread is known to 4 %";
+  EXPECT_TRUE(std::isinf(position_sigma(PoseResult{})));
+}
+
 TEST(PoseConsensus, ToleratesNothingUsable) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_EQ(estimate_pose(kitti_camera(), {}, {}, std::nullopt, {}).pose.inliers, 0);
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, {}, {}, std::nullopt, {}).pose.inliers, 0);
   std::vector<PoseObservation> bad(30, PoseObservation{{0, 0, -1}, 10, 10, nan, 1});
-  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, std::nullopt, {}).pose.inliers, 0);
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, {}, std::nullopt, {}).pose.inliers, 0);
   for (PoseObservation& o : bad) o.u = nan;
-  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, std::nullopt, {}).pose.inliers, 0);
+  EXPECT_EQ(estimate_pose(kitti_camera(), {}, bad, {}, std::nullopt, {}).pose.inliers, 0);
 }
 
 TEST(PoseOptimization, ShareIsAFactorOnTheInformation) {

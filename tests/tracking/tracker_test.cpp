@@ -103,18 +103,59 @@ TEST_F(TrackerTest, AnotherPlaceIsLostWithAReasonAndFoundAgain) {
       4, std::make_shared<const FrameFeatures>(testing::kitti_camera(), FeatureSet{},
                                                std::vector<float>{}, std::vector<kys::Prior>{}));
   EXPECT_EQ(nothing.status, TrackingStatus::kLost);
-  EXPECT_EQ(nothing.reason, "reference keyframe: 0 matches") << "the velocity went with the loss";
+  EXPECT_EQ(nothing.reason, "motion model: 0 matches; reference keyframe: 0 matches");
 
-  const TrackResult again = track_world(5, 1.2);
+  const TrackResult again = track_world(5, 2.0);
+  EXPECT_EQ(again.status, TrackingStatus::kTracked);
+  EXPECT_EQ(again.reason, "motion model") << "constant velocity goes on where frames are lost";
+  EXPECT_LT((again.T_c_w.inverse().t() - truth(2.0).t()).norm(), 2e-3);
+}
+
+TEST_F(TrackerTest, TheMotionModelEndsHalfASecondAfterTheLastPose) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  const auto nothing = std::make_shared<const FrameFeatures>(
+      testing::kitti_camera(), FeatureSet{}, std::vector<float>{}, std::vector<kys::Prior>{});
+  for (int i = 3; i < 8; ++i) EXPECT_EQ(track(i, nothing).status, TrackingStatus::kLost);
+  const TrackResult again = track_world(8, 1.2);
   EXPECT_EQ(again.status, TrackingStatus::kTracked);
   EXPECT_EQ(again.reason, "reference keyframe");
-  EXPECT_LT((again.T_c_w.inverse().t() - truth(1.2).t()).norm(), 2e-3);
+}
+
+/// Far landmarks alone do not tell how far the camera goes: its last velocity does.
+TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
+  const auto far_only = [&](std::int64_t index, double metres) {
+    const auto seen = see(world_, index, weaving_pose(metres));
+    FeatureSet far;
+    std::vector<float> u_right;
+    for (std::size_t i = 0; i < seen.features->size() && far.keypoints.size() < 40; ++i) {
+      if (seen.features->depth(i) < 35) continue;
+      far.keypoints.push_back(seen.features->keypoint(i));
+      far.descriptors.push_back(seen.features->descriptor(i));
+      u_right.push_back(seen.features->u_right(i));
+    }
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(far),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  };
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  const TrackResult result = track(3, far_only(3, 1.2));
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_TRUE(result.held);
+  EXPECT_EQ(result.reason, "motion model; held by constant velocity");
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(1.2).t()).norm(), 0.03);
+  EXPECT_FALSE(track_world(4, 1.6).held) << "not where enough else holds it";
 }
 
 TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
+  TrackerOptions options;
+  options.acceleration = 0;
+  tracker_ = Tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), options, model_);
   track_world(0, 0);
   track_world(1, 0.4);
-  // Twenty-five of the features are all that is seen.
+  // Twenty-five of the features are all that is seen, and nothing else holds the pose.
   const auto seen = see(world_, 2, weaving_pose(0.8));
   FeatureSet few{{seen.features->keypoints().begin(), seen.features->keypoints().begin() + 25},
                  {seen.features->descriptors().begin(), seen.features->descriptors().begin() + 25}};

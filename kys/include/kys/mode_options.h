@@ -55,7 +55,7 @@ struct ModeOptions {
   bool continuous = true;                          ///< false: gates only, pairs that pass keep d
 
   // Mode verified: the structure, lambda and continuous of kys, with
-  double gate_belief = 0.8;  ///< largest 1 - p_static that may be matched between frames
+  double gate_belief = 0.7;  ///< largest 1 - p_static that may be matched between frames
 
   /// Throws Error, naming the key, when a value makes no sense.
   void check() const;
