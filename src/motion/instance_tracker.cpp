@@ -16,7 +16,7 @@ namespace {
 
 using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by instance
 
-constexpr double kFarDepth = 1000;  // m, of keypoints without disparity
+constexpr double kFarDepth = 1000;            // m, of keypoints without disparity
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
 constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
@@ -131,8 +131,8 @@ std::vector<kys::Prior> InstanceTracker::believe(double timestamp, const FrameFe
   return priors;
 }
 
-/// Every keypoint of the last frame is moved on to where it should be seen now; a keypoint takes the
-/// prior of the nearest one, if it is near and as far away.
+/// Every keypoint of the last frame is moved on to where it should be seen now; a keypoint takes
+/// the prior of the nearest one, if it is near and as far away.
 void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
                               const Rigid3& T_now_last, const Rigid3& T_last_w,
                               std::vector<kys::Prior>& priors) {
@@ -184,8 +184,8 @@ void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors)
       thing.log_odds = thing.settled;
       thing.first_seen = timestamp;
     } else {
-      thing.log_odds = after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp,
-                                  options_.belief);
+      thing.log_odds =
+          after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp, options_.belief);
     }
     if (probability(thing.log_odds) >= kSurelyMoving) thing.moving_since = timestamp;
     thing.label = prior.label;
@@ -240,13 +240,12 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   std::vector<std::size_t> sources;
   for (const auto& [instance, members] : keypoints) {
     const Thing& thing = things_.at(instance);
-    const Eigen::Vector3d shift =
-        thing.velocity ? Eigen::Vector3d(T_now_w.rotation * (*thing.velocity * dt))
-                       : Eigen::Vector3d(Eigen::Vector3d::Zero());
+    const Eigen::Vector3d shift = thing.velocity
+                                      ? Eigen::Vector3d(T_now_w.rotation * (*thing.velocity * dt))
+                                      : Eigen::Vector3d(Eigen::Vector3d::Zero());
     for (const std::size_t i :
          choose(members, last.back, static_cast<std::size_t>(options_.max_matches))) {
-      const Eigen::Vector3d p =
-          T_now_last * back_project(camera_, *last.features, i) + shift;
+      const Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i) + shift;
       if (p.z() <= 0.1) continue;
       const Eigen::Vector3d pixel = camera_.project_stereo(p);
       const Keypoint& seen = last.features->keypoint(i);
@@ -365,8 +364,7 @@ void InstanceTracker::learn(const InstanceState& state, const Rigid3& T_c_w) {
   if (state.span <= 0) return;
   Thing& thing = things_.at(state.instance);
   thing.log_odds = after_evidence(thing.log_odds, state.log_ratio, options_.belief);
-  if (probability(thing.log_odds) < kMoving &&
-      2 * state.motion.inliers > state.matches) {
+  if (probability(thing.log_odds) < kMoving && 2 * state.motion.inliers > state.matches) {
     thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
   } else if (probability(thing.log_odds) >= kMoving) {
     thing.velocity.reset();

@@ -25,18 +25,18 @@ namespace kys_slam {
 struct InstanceTrackerOptions {
   InstanceMotionOptions motion;
   BeliefUpdateOptions belief;
-  int max_frames = 5;             ///< frames back over which an instance is compared
-  double kept_share = 0.6;        ///< of the matches to the last frame that a longer span keeps
-  int max_matches = 60;           ///< keypoints of one instance followed from frame to frame
-  double max_speed = 15;          ///< m/s, of things not seen to move before
-  double max_turn = 0.5;          ///< rad/s
-  double search_radius = 5;       ///< px at octave 0, around a predicted keypoint
-  double max_search = 60;         ///< px, largest radius for things of unknown motion
-  double descriptor_distance = 80;///< bits
-  double descriptor_ratio = 0.85; ///< best / second best
-  double inherit_radius = 0.015;  ///< of the image's width: keypoints without a prior file take that
-                                  ///< of the nearest predicted one
-  double memory = 1.5;            ///< s without a file after which nothing is inherited any more
+  int max_frames = 5;               ///< frames back over which an instance is compared
+  double kept_share = 0.6;          ///< of the matches to the last frame that a longer span keeps
+  int max_matches = 60;             ///< keypoints of one instance followed from frame to frame
+  double max_speed = 15;            ///< m/s, of things not seen to move before
+  double max_turn = 0.5;            ///< rad/s
+  double search_radius = 5;         ///< px at octave 0, around a predicted keypoint
+  double max_search = 60;           ///< px, largest radius for things of unknown motion
+  double descriptor_distance = 80;  ///< bits
+  double descriptor_ratio = 0.85;   ///< best / second best
+  double inherit_radius = 0.015;    ///< of the image's width: keypoints without a prior file take
+                                  ///< that of the nearest predicted one
+  double memory = 1.5;  ///< s without a file after which nothing is inherited any more
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
@@ -106,18 +106,18 @@ class InstanceTracker {
  private:
   struct Thing {
     std::uint16_t label = kys::kVoidLabel;
-    double log_odds = 0;       // of standing still
-    double settled = 0;        // where the file puts it
-    double timestamp = 0;      // of log_odds
-    double first_seen = 0;     // s
-    double moving_since = 0;   // s, when p_static fell below kSurelyMoving; meaningful below it
-    bool changed = true;       // since take_changed_beliefs
+    double log_odds = 0;      // of standing still
+    double settled = 0;       // where the file puts it
+    double timestamp = 0;     // of log_odds
+    double first_seen = 0;    // s
+    double moving_since = 0;  // s, when p_static fell below kSurelyMoving; meaningful below it
+    bool changed = true;      // since take_changed_beliefs
     std::optional<Eigen::Vector3d> velocity;  // m/s in the world; of what moves
   };
   struct Frame {
     double timestamp = 0;
     std::shared_ptr<const FrameFeatures> features;
-    std::vector<std::int32_t> back;  // per feature: its match in the frame before; -1: none
+    std::vector<std::int32_t> back;   // per feature: its match in the frame before; -1: none
     std::optional<PoseWithout> pose;  // none: exact, it defines the world
   };
 
@@ -128,9 +128,8 @@ class InstanceTracker {
               kys::Statistics& statistics) const;
   void rename(const Frame& now);
   [[nodiscard]] InstanceState judge_one(std::int32_t instance,
-                                        const std::vector<std::size_t>& keypoints,
-                                        const Frame& now, const Rigid3& T_c_w,
-                                        std::span<const Rigid3> past) const;
+                                        const std::vector<std::size_t>& keypoints, const Frame& now,
+                                        const Rigid3& T_c_w, std::span<const Rigid3> past) const;
   [[nodiscard]] const Thing* find(const kys::Prior& prior) const;
   void learn(const InstanceState& state, const Rigid3& T_c_w);
 
@@ -140,8 +139,8 @@ class InstanceTracker {
   kys::BeliefStart start_;
   const kys::DistanceModel* model_;
   std::map<std::int32_t, Thing> things_;
-  std::deque<Frame> frames_;  // latest first
-  double last_file_ = -1e300;    // s
+  std::deque<Frame> frames_;   // latest first
+  double last_file_ = -1e300;  // s
   std::vector<InstanceState> states_;
 };
 

@@ -17,12 +17,12 @@ namespace kys_slam {
 namespace {
 
 constexpr std::size_t kSample = 3;
-constexpr std::size_t kRefined = 5;  // samples that are refined
-constexpr int kRefinements = 4;      // of one sample, while its support grows
+constexpr std::size_t kRefined = 5;    // samples that are refined
+constexpr int kRefinements = 4;        // of one sample, while its support grows
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
-constexpr double kSureMembers = 4;   // observations from which a thing has its whole say
-constexpr double kStands = 0.5;      // share of its observations that fit, of a thing that stands
-constexpr double kKept = 0.95;       // share of the support that the last refinement has to keep
+constexpr double kSureMembers = 4;     // observations from which a thing has its whole say
+constexpr double kStands = 0.5;        // share of its observations that fit, of a thing that stands
+constexpr double kKept = 0.95;         // share of the support that the last refinement has to keep
 constexpr double kImpossible =
     0.25;  // factor on the support of a pose that no acceleration explains
 
@@ -32,7 +32,7 @@ using CellMembers = std::vector<std::vector<std::size_t>>;
 class SceneCells {
  public:
   SceneCells(const StereoCamera& camera, std::span<const PoseObservation> observations,
-         std::span<const Vote> votes, const ConsensusOptions& options)
+             std::span<const Vote> votes, const ConsensusOptions& options)
       : weight_(observations.size()), share_(observations.size()) {
     const ImageCells cells(camera, options.columns);
     members_.resize(cells.size());

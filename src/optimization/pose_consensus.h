@@ -14,9 +14,9 @@ struct ConsensusOptions {
   double clear = 3;      ///< factor on the bound of the error beyond which one is an outlier here
   double tolerance = 2;  ///< factor on the bound of the error within which area supports a pose
   double reach = 5;      ///< the same for poses that are not refined yet
-  double cell_evidence = 2.5;  ///< nats, what one cell of the fixed scene says for a pose
-  bool by_class = true;        ///< things that can move count as things, not by their area
-  double margin = 1.02;  ///< factor by which a rival has to have more support
+  double cell_evidence = 2.5;    ///< nats, what one cell of the fixed scene says for a pose
+  bool by_class = true;          ///< things that can move count as things, not by their area
+  double margin = 1.02;          ///< factor by which a rival has to have more support
   double max_acceleration = 20;  ///< m/s^2, of the camera
   int samples = 300;             ///< of three matches from three cells
   std::uint64_t seed = 0;        ///< of the samples

@@ -52,8 +52,8 @@ PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial
                          std::span<const PoseObservation> observations,
                          const PoseOptions& options = {});
 
-/// Standard deviation of the camera's place in the direction that its observations tell least of, m;
-/// infinite where they do not tell it.
+/// Standard deviation of the camera's place in the direction that its observations tell least of,
+/// m; infinite where they do not tell it.
 double position_sigma(const PoseResult& pose);
 
 }  // namespace kys_slam

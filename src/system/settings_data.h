@@ -83,8 +83,9 @@ void visit_settings(Data& s, Visitor&& visit) {
         "inliers of a predicted pose below which it is dropped");
   visit("tracking.min_local_inliers", s.tracking.min_local_inliers, {3, 60000}, "",
         "inliers with the local map below which a frame is lost");
-  visit("tracking.min_held_inliers", s.tracking.min_held_inliers, {3, 60000}, "",
-        "the same where constant velocity holds the pose as well (tracking.acceleration)");
+  visit(
+      "tracking.min_held_inliers", s.tracking.min_held_inliers, {3, 60000}, "",
+      "the same where the pose is one that constant velocity leads to (tracking.acceleration > 0)");
   visit("tracking.local_radius", s.tracking.local_radius, {0.1, 100}, "",
         "factor on the search radius of local landmarks (2.5 or 4 px, octave 0)");
   visit("tracking.local_ratio", s.tracking.local_ratio, {0.1, 10}, "",
@@ -111,9 +112,10 @@ void visit_settings(Data& s, Visitor&& visit) {
         "share of the area held by outliers from which other motions are tried");
   visit("tracking.consensus_tolerance", c.tolerance, {0.1, 100}, "",
         "factor on the bound of the error within which area supports a pose");
-  visit("tracking.consensus_priors", c.by_class, "",
-        "modes kys, mask and verified: things that can move count once, by what the priors say, not "
-        "by their area");
+  visit(
+      "tracking.consensus_priors", c.by_class, "",
+      "modes kys, mask and verified: things that can move count once, by what the priors say, not "
+      "by their area");
   visit("tracking.cell_evidence", c.cell_evidence, {0.01, 100}, "nats",
         "what one cell of the fixed scene says for a pose, beside the priors of things");
   visit("tracking.consensus_samples", c.samples, {0, 100000}, "",

@@ -299,7 +299,9 @@ KeyFrameId Tracker::submap(KeyFrameId keyframe) const {
 }
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
-  if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) return predict_by_reference(frame, result);
+  if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
+    return predict_by_reference(frame, result);
+  }
   if (!doubtful_) return true;
   // A camera that turns back at once is far from where it was expected: what is found there fits by
   // chance. Without a prediction more of the keyframe fits.
@@ -447,7 +449,8 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
     const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
     const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
     const float share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
-    if (options_.consensus.by_class) votes.push_back(vote(frame.features->prior(i), landmark.prior));
+    if (options_.consensus.by_class)
+      votes.push_back(vote(frame.features->prior(i), landmark.prior));
 
     observations.push_back({landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
@@ -478,6 +481,14 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   return consensus.pose.inliers;
 }
 
+/// Whether the camera can have come to the frame's pose from its last motion.
+bool Tracker::is_expected(const Frame& frame) const {
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  if (!expected || options_.acceleration <= 0) return false;
+  const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+  return away <= options_.consensus.max_acceleration * expected->interval * expected->interval;
+}
+
 /// What a match says about the pose by being on a thing that can move. The frame knows better than
 /// the landmark, which speaks where the frame has no prior.
 Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
@@ -501,9 +512,8 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (frame.landmarks[i].valid()) counts_.at(frame.landmarks[i]).found += 1;
   }
-  if (result.inliers >= (result.held ? options_.min_held_inliers : options_.min_local_inliers)) {
-    return true;
-  }
+  const int wanted = is_expected(frame) ? options_.min_held_inliers : options_.min_local_inliers;
+  if (result.inliers >= wanted) return true;
   result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
   return false;
 }

@@ -30,15 +30,16 @@ struct TrackerOptions {
   int min_reference_matches = 15;
   int min_pose_inliers = 10;      ///< after the first pose of a frame
   int min_local_inliers = 30;     ///< after the local map; fewer: lost
-  int min_held_inliers = 15;      ///< the same where the expected pose holds it as well
+  int min_held_inliers = 15;      ///< the same where the pose is where constant velocity leads
   float local_radius = 1;         ///< factor on the search radius of local landmarks
   float local_ratio = 0.8f;       ///< best / second best
   float max_distance = 100;       ///< bits
   float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
-  double acceleration = 3;       ///< m/s^2, standard deviation: holds a pose that little else does; 0: off
+  double acceleration =
+      3;  ///< m/s^2, standard deviation: holds a pose that little else does; 0: off
   double turn_acceleration = 3;  ///< rad/s^2, the same of the rotation
-  ConsensusOptions consensus;  ///< the pose by image area, not by matches
+  ConsensusOptions consensus;    ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model wants belief
 
@@ -166,6 +167,7 @@ class Tracker {
   }
   void count_visible(LandmarkId id);
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
+  [[nodiscard]] bool is_expected(const Frame& frame) const;
   void leave(Frame frame, TrackResult& result);
 
   StereoCamera camera_;
@@ -177,15 +179,15 @@ class Tracker {
 
   Replica replica_;
   LocalMapGatherer local_map_gatherer_;
-  bool doubtful_ = false;           // the pose predicted by motion
-  std::optional<Frame> last_;       // last frame with a pose
+  bool doubtful_ = false;      // the pose predicted by motion
+  std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
     Rigid3 T_c_last;
     double interval = 0;  // s
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames
-  int repeats_ = 0;                 // frames in a row that show the last one's picture again
-  KeyFrameId reference_;            // keyframe that shares most with the last frame
+  int repeats_ = 0;                   // frames in a row that show the last one's picture again
+  KeyFrameId reference_;              // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
   std::int64_t last_keyframe_frame_ = 0;

@@ -206,8 +206,9 @@ TEST(PoseConsensus, ThingsDecideWhereTheFixedSceneCannot) {
     votes.push_back(mover ? Vote{1, -1.0f} : Vote{2, 1.0f});
   }
   const auto error = [&](const Rigid3& start) {
-    return position_error(street, estimate_pose(camera, start, street.observations, votes,
-                                                std::nullopt, {}).pose.T_c_w);
+    return position_error(
+        street,
+        estimate_pose(camera, start, street.observations, votes, std::nullopt, {}).pose.T_c_w);
   };
   EXPECT_LT(error({}), 0.02);
   EXPECT_LT(error(street.T_c_w), 0.02);
