@@ -11,6 +11,7 @@ from ._core import InputError, StereoCamera
 from .record import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
 
 _CAMERA, _IMAGE = "world/camera", "world/camera/image"
+_DOT = -1.5  # negative: px on the screen, not m
 
 
 def _blueprint(rr):
@@ -87,7 +88,7 @@ class RerunSink(Sink):
         log(_CAMERA, self._transform(d.pose))
         self.path.append(d.pose[:3, 3])
         if d.keyframe:
-            log(_CAMERA + "/points", rr.Points3D(d.points, colors=d.point_colours, radii=0.02))
+            log(_CAMERA + "/points", rr.Points3D(d.points, colors=d.point_colours, radii=_DOT))
             log("world/path/tracked", rr.LineStrips3D([np.array(self.path)], colors=TRACKED))
 
     def end(self, d: EndDrawing, classes: List[str]) -> None:
@@ -102,7 +103,7 @@ class RerunSink(Sink):
                     quaternion=[quaternion(pose[:3, :3]) for pose in d.poses]))
             self.recording.set_time("time", timestamp=float(d.timestamps[-1]))
         log("world/final/path", rr.LineStrips3D([d.poses[:, :3, 3]], colors=FINAL))
-        log("world/final/landmarks", rr.Points3D(d.points, colors=d.colours, radii=0.02))
+        log("world/final/landmarks", rr.Points3D(d.points, colors=d.colours, radii=_DOT))
         log("world/final/keyframes", rr.LineStrips3D(d.graph, colors=GRAPH))
         log("world/final/loops", rr.LineStrips3D(d.loop_edges, colors=LOOP, radii=0.03))
         if d.objects is not None:
