@@ -19,8 +19,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import common  # noqa: E402
 from panoptic import read_label_space  # noqa: E402
 
-MIN_PIXELS = 50        # of an instance found by connected components
-DISPARITY_STEP = 3.0   # px between neighbours that belong to different instances
+MIN_PIXELS = 150       # of an instance found by connected components
+DISPARITY_STEP = 4.0   # px between neighbours that belong to different instances; and
+RELATIVE_STEP = 0.2    # of the disparity
 KINDS = ("semantic", "classes", "panoptic", "instances")
 
 
@@ -129,27 +130,45 @@ def class_map(network, values, size):
     return labels
 
 
-def split(mask, disparity):
-    """Connected components (label image, 0 none) of a mask, apart where disparity steps."""
+def components(mask):
+    """Connected components (label image, 0 none) of at least MIN_PIXELS."""
     import cv2
 
-    inside = mask.astype(np.uint8)
-    if disparity is not None:
-        # Narrow cuts along the steps; the cut pixels go to the nearest part afterwards.
-        across = np.abs(np.diff(disparity, axis=1, prepend=disparity[:, :1])) > DISPARITY_STEP
-        down = np.abs(np.diff(disparity, axis=0, prepend=disparity[:1])) > DISPARITY_STEP
-        inside[(across | down) & mask] = 0
-    count, parts, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=4)
-    for part in range(1, count):
-        if stats[part, cv2.CC_STAT_AREA] < MIN_PIXELS:
-            parts[parts == part] = 0
-    if disparity is not None and (parts > 0).any():
-        _, nearest = cv2.distanceTransformWithLabels((parts == 0).astype(np.uint8), cv2.DIST_L2, 3,
-                                                     labelType=cv2.DIST_LABEL_PIXEL)
-        owner = np.zeros(int(nearest.max()) + 1, parts.dtype)
-        owner[nearest[parts > 0]] = parts[parts > 0]
-        parts = np.where(mask & (parts == 0), owner[nearest], parts)
-    return parts
+    count, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    large = stats[:, cv2.CC_STAT_AREA] >= MIN_PIXELS
+    large[0] = False
+    return np.where(large, np.arange(count), 0)[parts]
+
+
+def split(mask, disparity):
+    """Connected components (label image, 0 none) of a mask, apart where disparity steps. Smaller
+    ones are left out; small parts behind a step stay with what they touch.
+    """
+    import cv2
+
+    whole = components(mask)
+    if disparity is None or not whole.any():
+        return whole
+    step = np.maximum(DISPARITY_STEP, RELATIVE_STEP * disparity)
+    across = np.abs(np.diff(disparity, axis=1, prepend=disparity[:, :1])) > step
+    down = np.abs(np.diff(disparity, axis=0, prepend=disparity[:1])) > step
+    # Unknown disparity (0) is no step.
+    known = disparity > 0
+    cuts = (across & known & np.roll(known, 1, axis=1)) | (down & known & np.roll(known, 1, axis=0))
+    parts = components((whole > 0) & ~cuts)
+    if not parts.any():
+        return whole
+    # Cut and small parts go to the nearest part of the same component.
+    _, nearest = cv2.distanceTransformWithLabels((parts == 0).astype(np.uint8), cv2.DIST_L2, 3,
+                                                 labelType=cv2.DIST_LABEL_PIXEL)
+    owner = np.zeros(int(nearest.max()) + 1, parts.dtype)
+    owner[nearest[parts > 0]] = parts[parts > 0]
+    component = np.zeros(int(parts.max()) + 1, whole.dtype)
+    component[parts[parts > 0]] = whole[parts > 0]
+    filled = np.where((whole > 0) & (parts == 0), owner[nearest], parts)
+    astray = (filled > 0) & (component[filled] != whole)
+    filled[astray] = parts.max() + whole[astray]
+    return filled
 
 
 def coarse_disparity(left, right, mirrored):
