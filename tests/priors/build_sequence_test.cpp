@@ -225,5 +225,28 @@ TEST_F(BuildSequenceTest, MoreSegmentsThanCanBeToldApartAreRefused) {
   }
 }
 
+TEST_F(BuildSequenceTest, ZeroIsAClassWhereTheLabelSpaceHasOneAndVoidElsewhere) {
+  GrayImage classes(3, 1);
+  classes.at(0, 0) = 0;
+  classes.at(1, 0) = 1;
+  classes.at(2, 0) = 255;
+  write_png(root_ / "pan" / "classes.png", classes);
+  const auto space = [](std::int32_t first) {
+    return kys::LabelSpace("two", {{first, "road", "road"}, {1 + first, "car", "car", true}},
+                           {0, 100, 100, 0});
+  };
+  const kys::LabelSpace from_zero = space(0), from_one = space(1);
+  const PanopticMap with = PanopticReader(root_ / "pan", from_zero, PanopticEncoding::kClassMap)
+                               .read("classes", 3, 1);
+  ASSERT_EQ(with.segments.size(), 2u);
+  EXPECT_EQ(with.map.at(0, 0), 1) << "road";
+  EXPECT_EQ(with.map.at(2, 0), 0) << "void";
+  const PanopticMap without = PanopticReader(root_ / "pan", from_one, PanopticEncoding::kClassMap)
+                                  .read("classes", 3, 1);
+  ASSERT_EQ(without.segments.size(), 1u);
+  EXPECT_EQ(without.map.at(0, 0), 0) << "void";
+  EXPECT_EQ(without.map.at(1, 0), 1);
+}
+
 }  // namespace
 }  // namespace kys_slam
