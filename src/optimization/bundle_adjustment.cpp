@@ -38,12 +38,13 @@ class Errors {
            problem_.T_c_w[o.pose].is_finite();
   }
   /// Squared error over variance; `in_front` tells on which side of the camera the point is.
-  [[nodiscard]] double chi2(const Observation& o, bool& in_front) const {
+  [[nodiscard]] double chi2(const Observation& o, double disparity_weight, bool& in_front) const {
     const Eigen::Vector3d p_c =
         rotations_[o.pose] * problem_.points[o.point] + problem_.T_c_w[o.pose].translation;
     in_front = p_c.z() >= kMinDepth;
     const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-    const double sum = std::isnan(o.u_right) ? e.head<2>().squaredNorm() : e.squaredNorm();
+    double sum = e.head<2>().squaredNorm();
+    if (!std::isnan(o.u_right)) sum += disparity_weight * e.z() * e.z();
     return sum * o.inv_sigma * o.inv_sigma;
   }
 
@@ -60,7 +61,7 @@ std::vector<std::uint8_t> usable_observations(const BundleProblem& problem) {
     const Observation& o = problem.observations[i];
     bool in_front = false;
     if (!errors.is_finite(o)) continue;
-    static_cast<void>(errors.chi2(o, in_front));
+    static_cast<void>(errors.chi2(o, 1, in_front));
     active[i] = in_front ? 1 : 0;
   }
   return active;
@@ -74,7 +75,7 @@ std::vector<std::uint8_t> find_outliers(const BundleProblem& problem,
     const Observation& o = problem.observations[i];
     if (!errors.is_finite(o)) continue;
     bool in_front = false;
-    const double chi2 = errors.chi2(o, in_front);
+    const double chi2 = errors.chi2(o, options.disparity_weight, in_front);
     const double bound = std::isnan(o.u_right) ? options.chi2_mono : options.chi2_stereo;
     outlier[i] = in_front && chi2 <= bound ? 0 : 1;
   }
@@ -115,6 +116,12 @@ BundleRoundSummary run_round(BundleProblem& problem, const BundleOptions& option
 
 BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options) {
   check(problem);
+  if (!(options.disparity_weight > 0)) {
+    throw std::invalid_argument("adjust_bundle: disparity_weight must be positive");
+  }
+  if (options.solver == BundleSolver::kCeres && options.disparity_weight != 1) {
+    throw std::invalid_argument("adjust_bundle: disparity_weight is not for Ceres");
+  }
   BundleSummary summary;
   const std::vector<std::uint8_t> usable = usable_observations(problem);
   const BundleRoundSummary first =

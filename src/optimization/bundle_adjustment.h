@@ -39,11 +39,12 @@ inline constexpr int kDenseMaxPoses = 150;
 
 struct BundleOptions {
   BundleSolver solver = BundleSolver::kAuto;
-  int iterations = 5;                       ///< of the robust round
-  int refine_iterations = 10;               ///< after outliers are set aside; 0: no second round
-  double chi2_mono = 5.991;                 ///< 95 %, 2 degrees of freedom
-  double chi2_stereo = 7.815;               ///< 95 %, 3 degrees of freedom
-  bool robust = true;                       ///< Huber loss in the first round
+  int iterations = 5;           ///< of the robust round
+  int refine_iterations = 10;   ///< after outliers are set aside; 0: no second round
+  double chi2_mono = 5.991;     ///< 95 %, 2 degrees of freedom
+  double chi2_stereo = 7.815;   ///< 95 %, 3 degrees of freedom
+  bool robust = true;           ///< Huber loss in the first round
+  double disparity_weight = 1;  ///< information of a disparity over that of u and v; not for kCeres
   double function_tolerance = 1e-4;         ///< stop when the cost falls by less than this share
   int threads = 1;                          ///< kCeres only; more give no reproducible sums
   const std::atomic<bool>* stop = nullptr;  ///< asked every few ms to 100 ms

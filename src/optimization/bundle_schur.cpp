@@ -289,7 +289,7 @@ class SchurBundle {
             o.v,
             stereo ? o.u_right : 0,
             weight,
-            stereo ? weight : 0,
+            stereo ? weight * options_.disparity_weight : 0,
             o.weight * (stereo ? options_.chi2_stereo : options_.chi2_mono)};
   }
 
