@@ -20,7 +20,7 @@ set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME kys-slam)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
 set(CPACK_COMPONENT_PROGRAMS_GROUP programs)
-set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "Programs that track stereo recordings (KITTI, Virtual KITTI 2, EuRoC), build
+set(CPACK_DEBIAN_PROGRAMS_DESCRIPTION "Programs that track stereo recordings (KITTI, Virtual KITTI 2, EuRoC), build
 and check prior files, render simulated worlds and evaluate trajectories.")
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libkys-slam-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
@@ -29,9 +29,8 @@ set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
   "libeigen3-dev, libopencv-dev, libceres-dev, libyaml-cpp-dev, libspdlog-dev, libfmt-dev, nlohmann-json3-dev, libspng-dev, libdeflate-dev, libturbojpeg0-dev")
 set(CPACK_COMPONENT_KYS_GROUP dev)
 set(CPACK_COMPONENT_KYS_SLAM_GROUP dev)
-set(CPACK_COMPONENT_GROUP_DEV_DESCRIPTION "Headers, static libraries and CMake packages of the SLAM library kys_slam and
+set(CPACK_DEBIAN_DEV_DESCRIPTION "Headers, static libraries and CMake packages of the SLAM library kys_slam and
 of the matching library kys.")
-set(CPACK_COMPONENT_GROUP_PROGRAMS_DESCRIPTION "${CPACK_COMPONENT_PROGRAMS_DESCRIPTION}")
 
 # What Debian asks every package for: copyright, and a changelog that is compressed without a date.
 foreach(package kys-slam libkys-slam-dev)
