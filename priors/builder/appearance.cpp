@@ -8,13 +8,13 @@
 namespace kys_slam {
 namespace {
 
-constexpr int kRadius = 3;           // px, of a patch
-constexpr int kSlack = 2;            // px, by which a prediction may be off
+constexpr int kRadius = 3;  // px, of a patch
+constexpr int kSlack = 2;   // px, by which a prediction may be off
 constexpr int kMargin = kRadius + 1;
 constexpr std::size_t kPatches = 150;  // per segment
 constexpr double kCandidates = 2000;   // pixels per segment that are looked at
-constexpr double kCorner = 30;        // squared grey levels, least eigenvalue of the gradients' mean
-constexpr double kAlike = 0.8;         // correlation
+constexpr double kCorner = 30;  // squared grey levels, least eigenvalue of the gradients' mean
+constexpr double kAlike = 0.8;  // correlation
 
 struct Patch {
   int x, y;         // px
@@ -75,10 +75,12 @@ int looks_alike(const GrayImage& now, const Patch& patch, const GrayImage& next,
 
 }  // namespace
 
-std::vector<AppearanceEvidence> compare_appearance(
-    const GrayImage& now, const GrayImage& next, const EgoMotion& motion, const FlowField& flow,
-    const ImageOf<float>& disparity, const InverseDepth& inverse_depth, const SegmentRuns& runs,
-    const std::vector<std::uint8_t>& is_stuff) {
+std::vector<AppearanceEvidence> compare_appearance(const GrayImage& now, const GrayImage& next,
+                                                   const EgoMotion& motion, const FlowField& flow,
+                                                   const ImageOf<float>& disparity,
+                                                   const InverseDepth& inverse_depth,
+                                                   const SegmentRuns& runs,
+                                                   const std::vector<std::uint8_t>& is_stuff) {
   std::vector<std::vector<Patch>> patches(is_stuff.size());
   std::vector<std::uint32_t> area(is_stuff.size(), 0);
   for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
@@ -109,9 +111,7 @@ std::vector<AppearanceEvidence> compare_appearance(
       const auto x = static_cast<float>(patch.x), y = static_cast<float>(patch.y);
       float u = 0, v = 0;
       std::visit(
-          [&](const auto& row) {
-            row.at(x, inverse_depth(disparity.at(patch.x, patch.y)), u, v);
-          },
+          [&](const auto& row) { row.at(x, inverse_depth(disparity.at(patch.x, patch.y)), u, v); },
           motion.flow_row(patch.y));
       const int a = looks_alike(now, patch, next, x + u, y + v);
       if (a < 0) continue;

@@ -18,9 +18,11 @@ namespace kys_slam {
 /// images differ much (near things, things behind a pole); what stands still then still looks the
 /// same where the static flow puts it.
 /// \param is_stuff by segment number. \return by segment number.
-std::vector<AppearanceEvidence> compare_appearance(
-    const GrayImage& now, const GrayImage& next, const EgoMotion& motion, const FlowField& flow,
-    const ImageOf<float>& disparity, const InverseDepth& inverse_depth, const SegmentRuns& runs,
-    const std::vector<std::uint8_t>& is_stuff);
+std::vector<AppearanceEvidence> compare_appearance(const GrayImage& now, const GrayImage& next,
+                                                   const EgoMotion& motion, const FlowField& flow,
+                                                   const ImageOf<float>& disparity,
+                                                   const InverseDepth& inverse_depth,
+                                                   const SegmentRuns& runs,
+                                                   const std::vector<std::uint8_t>& is_stuff);
 
 }  // namespace kys_slam

@@ -144,8 +144,8 @@ class SequenceBuilder {
   /// A frame before it is fused.
   struct Prepared {
     FramePerception perception;
-    std::vector<std::vector<SegmentShape>> shapes;   // by camera
-    std::shared_ptr<const FrameFeatures> features;   // null: keypoints are not asked for
+    std::vector<std::vector<SegmentShape>> shapes;  // by camera
+    std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
     FrameEvidence evidence;  // of the frame with those before it; then with the next one
   };
 
@@ -263,7 +263,8 @@ class SequenceBuilder {
     const std::vector<std::int32_t> found = associators_[c].next_frame(things);
     std::vector<std::int32_t> identities;
     std::size_t next = 0;
-    for (const InputSegment& s : panoptic.segments) identities.push_back(s.thing ? found[next++] : 0);
+    for (const InputSegment& s : panoptic.segments)
+      identities.push_back(s.thing ? found[next++] : 0);
     return instances_of(c, panoptic, identities);
   }
 
@@ -480,7 +481,8 @@ class SequenceBuilder {
     std::istringstream in(row);
     for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
     if (fields.size() < 5) return;
-    belief_->restore(time_of(t), static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
+    belief_->restore(time_of(t),
+                     static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
                      std::strtod(fields.back().c_str(), nullptr));
   }
 
@@ -499,8 +501,7 @@ class SequenceBuilder {
     bool without_motion = false;
     BuildTimes& times = measured.times;
     for (std::size_t c = 0; c < measured.cameras.size(); ++c) {
-      const CameraFusion fusion =
-          export_camera(settings_.options, std::move(measured.cameras[c]));
+      const CameraFusion fusion = export_camera(settings_.options, std::move(measured.cameras[c]));
       if (settings_.debug_images) {
         write_png(settings_.output / "debug" / (name + (c == 0 ? "_left.png" : "_right.png")),
                   draw_stages(c == 0 ? measured.now.first : measured.now.second, fusion,
@@ -536,22 +537,22 @@ class SequenceBuilder {
       if (!s.thing) continue;
       const SegmentStatistics& m = f.statistics[k];
       const MotionDecision& d = f.decisions[k];
-      std::snprintf(line, sizeof line,
-                    "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
-                    "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%s,%.17g\n", name.c_str(),
-                    camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
-                    m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test,
-                    d.radial_test, d.rho, d.score,
-                    m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0, m.median.length,
-                    m.median.coherent, m.median.scatter, m.median.parallax, m.median.disparity,
-                    m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
-                    m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
-                    m.appearance.flow_patches, m.appearance.still, m.appearance.flow,
-                    d.evidence_flow, d.evidence_appearance, d.evidence_keypoints,
-                    d.dynamic  ? "moving"
-                    : d.judged ? "static"
-                               : "not_judged",
-                    d.log_odds);
+      std::snprintf(
+          line, sizeof line,
+          "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
+          "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%s,%.17g\n",
+          name.c_str(), camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
+          m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test,
+          d.rho, d.score, m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0,
+          m.median.length, m.median.coherent, m.median.scatter, m.median.parallax,
+          m.median.disparity, m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
+          m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
+          m.appearance.flow_patches, m.appearance.still, m.appearance.flow, d.evidence_flow,
+          d.evidence_appearance, d.evidence_keypoints,
+          d.dynamic  ? "moving"
+          : d.judged ? "static"
+                     : "not_judged",
+          d.log_odds);
       rows += line;
     }
     if (!f.ego_motion) return rows;
@@ -613,7 +614,7 @@ class SequenceBuilder {
   std::unique_ptr<KeypointMotion> keypoints_;
   std::deque<Prepared> prepared_;  ///< frames that are read and not yet built
   std::size_t read_ = 0;           ///< frames
-  std::mutex mutex_;  ///< of what follows, while frames are built
+  std::mutex mutex_;               ///< of what follows, while frames are built
   BuildSummary summary_;
   std::size_t done_ = 0;  ///< frames
 };

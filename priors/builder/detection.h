@@ -63,8 +63,8 @@ struct MotionDecision {
   bool radial_test = false;
   bool dynamic = false;
   bool radial_only = false;
-  double rho = 0;    ///< residual over background, 0..100
-  double score = 0;  ///< m_k, 0..100; of detection.method robust: 100 times probability
+  double rho = 0;       ///< residual over background, 0..100
+  double score = 0;     ///< m_k, 0..100; of detection.method robust: 100 times probability
   bool judged = false;  ///< false: nothing was measured that could tell
   double log_odds = 0;  ///< of moving, robust only; and what this frame said, nats:
   double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0;

@@ -157,8 +157,8 @@ MeasuredCamera measure_camera(const BuilderOptions& options, const StereoCamera&
                             : moments(sums, is_stuff);
     if (robust) medians = residuals.medians(is_stuff, sums);
     if (robust && in.now != nullptr && in.next != nullptr) {
-      appearance = compare_appearance(*in.now, *in.next, *fusion.ego_motion, *in.flow,
-                                      in.disparity, inverse_depth, runs, is_stuff);
+      appearance = compare_appearance(*in.now, *in.next, *fusion.ego_motion, *in.flow, in.disparity,
+                                      inverse_depth, runs, is_stuff);
     }
     const double floor = options.detection.reference_floor;
     fusion.background.m_bg = std::max(fusion.background.m_bg, floor);

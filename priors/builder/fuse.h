@@ -54,9 +54,9 @@ struct CameraFusion {
 
 /// One camera and frame, measured but not decided.
 struct MeasuredCamera {
-  CameraFusion fusion;      ///< priors and decisions are still to come
-  CameraPerception input;   ///< what is left of it
-  ImageOf<float> lengths;   ///< px, of the corrected residuals of things
+  CameraFusion fusion;     ///< priors and decisions are still to come
+  CameraPerception input;  ///< what is left of it
+  ImageOf<float> lengths;  ///< px, of the corrected residuals of things
 };
 
 /// Secs. 3.2 and 3.3 up to the statistics of the segments.

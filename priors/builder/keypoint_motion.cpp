@@ -14,16 +14,16 @@
 namespace kys_slam {
 namespace {
 
-constexpr double kNearRadius = 20;    // px at octave 0, around where the last motion puts it
-constexpr double kWideRadius = 80;    // px, when that does not lead anywhere
-constexpr int kFewMatches = 40;       // below this the wider search is tried
-constexpr int kFewestInliers = 15;    // below this the camera's motion is not known
-constexpr double kPointShare = 0.5;   // of a point's information: it has noise in both frames
-constexpr double kSearchRadius = 4;   // px at octave 0, around a prediction
-constexpr double kMaxSearch = 80;     // px, where a thing of unknown motion is looked for
-constexpr double kSameShift = 0.35;   // m, between keypoints of one thing; and
+constexpr double kNearRadius = 20;        // px at octave 0, around where the last motion puts it
+constexpr double kWideRadius = 80;        // px, when that does not lead anywhere
+constexpr int kFewMatches = 40;           // below this the wider search is tried
+constexpr int kFewestInliers = 15;        // below this the camera's motion is not known
+constexpr double kPointShare = 0.5;       // of a point's information: it has noise in both frames
+constexpr double kSearchRadius = 4;       // px at octave 0, around a prediction
+constexpr double kMaxSearch = 80;         // px, where a thing of unknown motion is looked for
+constexpr double kSameShift = 0.35;       // m, between keypoints of one thing; and
 constexpr double kSameShiftDepth = 0.02;  // of their depth
-constexpr double kKeptShare = 0.6;    // of the matches to the next frame that a longer span keeps
+constexpr double kKeptShare = 0.6;  // of the matches to the next frame that a longer span keeps
 
 OrbOptions orb_options(const BuilderOptions::Keypoints& options) {
   OrbOptions orb;
@@ -40,8 +40,8 @@ std::uint16_t segment_at(const CameraSegments& camera, float u, float v) {
 }
 
 /// Of the shifts of a thing's keypoints the one that most others agree with.
-std::optional<Eigen::Vector3d> common_shift(const std::vector<std::pair<Eigen::Vector3d, double>>&
-                                                shifts) {
+std::optional<Eigen::Vector3d> common_shift(
+    const std::vector<std::pair<Eigen::Vector3d, double>>& shifts) {
   std::size_t best = 0, votes = 0;
   for (std::size_t i = 0; i < shifts.size(); ++i) {
     std::size_t count = 0;
@@ -65,11 +65,8 @@ std::optional<Eigen::Vector3d> common_shift(const std::vector<std::pair<Eigen::V
 
 }  // namespace
 
-KeypointMotion::KeypointMotion(const StereoCamera& camera,
-                               const BuilderOptions::Keypoints& options)
-    : camera_(camera),
-      scales_(OrbOptions{}.scale_factor, OrbOptions{}.levels),
-      options_(options) {}
+KeypointMotion::KeypointMotion(const StereoCamera& camera, const BuilderOptions::Keypoints& options)
+    : camera_(camera), scales_(OrbOptions{}.scale_factor, OrbOptions{}.levels), options_(options) {}
 
 std::shared_ptr<const FrameFeatures> KeypointMotion::extract(const GrayImage& left,
                                                              const GrayImage& right) const {
@@ -80,10 +77,9 @@ std::shared_ptr<const FrameFeatures> KeypointMotion::extract(const GrayImage& le
   extractors[0].extract(left, features[0]);
   extractors[1].extract(right, features[1]);
   kys::Statistics statistics;
-  std::vector<float> u_right =
-      match_stereo(camera_, scales_, {&features[0], {}, &extractors[0].pyramid()},
-                   {&features[1], {}, &extractors[1].pyramid()}, StereoOptions{}, model_,
-                   statistics);
+  std::vector<float> u_right = match_stereo(
+      camera_, scales_, {&features[0], {}, &extractors[0].pyramid()},
+      {&features[1], {}, &extractors[1].pyramid()}, StereoOptions{}, model_, statistics);
   return std::make_shared<const FrameFeatures>(camera_, std::move(features[0]), std::move(u_right),
                                                std::vector<kys::Prior>{});
 }
@@ -227,8 +223,7 @@ void KeypointMotion::follow(Frame& now) const {
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (!before.has_stereo(i) || !on_thing(last, i)) continue;
     const Keypoint& seen = before.keypoint(i);
-    const Eigen::Vector3d p =
-        T_now_last_ * camera_.back_project(seen.x, seen.y, before.depth(i));
+    const Eigen::Vector3d p = T_now_last_ * camera_.back_project(seen.x, seen.y, before.depth(i));
     if (p.z() > 0.1) candidates.push_back({i, p});
   }
   if (candidates.empty()) return;
@@ -284,7 +279,8 @@ void KeypointMotion::link(const Frame& now, SegmentLinks& links) const {
     return c == 0 ? frame.features->keypoint(i).x : frame.features->u_right(i);
   };
   for (std::size_t i = 0; i < now.back.size(); ++i) {
-    if (!now.features->has_stereo(i) || now.segments[0].empty() || now.segments[1].empty()) continue;
+    if (!now.features->has_stereo(i) || now.segments[0].empty() || now.segments[1].empty())
+      continue;
     const std::uint16_t left = now.segments[0][i], right = now.segments[1][i];
     if (now.things[0][left] && now.things[1][right]) ++links.in_stereo[{left, right}];
   }
@@ -350,16 +346,15 @@ KeypointEvidence KeypointMotion::judge(const Frame& now, std::size_t c,
   const Frame& before = frames_[span - 1];
   std::vector<InstanceMatch> matches;
   for (const auto& [then, i] : spans[span - 1]) {
-    matches.push_back({before.features->stereo_pixel(then, scales_),
-                       now.features->stereo_pixel(i, scales_)});
+    matches.push_back(
+        {before.features->stereo_pixel(then, scales_), now.features->stereo_pixel(i, scales_)});
   }
   const double dt = now.timestamp - before.timestamp;
   const MotionRange range{0.5 * options_.max_speed * dt, 0.25 * dt};
   CameraMotion ego = camera_motion(before.T_c_w, PoseIncrement{}, now.T_c_w, now.error);
   add_common_error(matches, ego);
   for (std::size_t s = 0; s + 1 < span; ++s) ego.covariance += frames_[s].error.covariance;
-  const InstanceMotion motion =
-      estimate_instance_motion(camera_, matches, ego, range, test_);
+  const InstanceMotion motion = estimate_instance_motion(camera_, matches, ego, range, test_);
   if (motion.matches < test_.min_matches) return evidence;
   evidence.matches = motion.matches;
   evidence.inliers = motion.inliers;

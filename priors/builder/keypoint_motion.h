@@ -82,7 +82,8 @@ class KeypointMotion {
   void follow(Frame& now) const;
   void link(const Frame& now, SegmentLinks& links) const;
   void add_common_error(const std::vector<InstanceMatch>& matches, CameraMotion& ego) const;
-  [[nodiscard]] KeypointEvidence judge(const Frame& now, std::size_t c, std::uint16_t segment) const;
+  [[nodiscard]] KeypointEvidence judge(const Frame& now, std::size_t c,
+                                       std::uint16_t segment) const;
 
   StereoCamera camera_;
   ScaleLevels scales_;

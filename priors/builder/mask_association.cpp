@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kLeastGain = 0.15;  // of overlap and keypoints: below, it is another object
 constexpr double kKeypointGain = 0.5;
-constexpr int kFewVotes = 2;       // keypoints, below which they do not count
+constexpr int kFewVotes = 2;        // keypoints, below which they do not count
 constexpr double kSmoothing = 0.5;  // of the speed in the image
 
 /// Share of a segment's keypoints that were found on each other segment.
@@ -118,8 +118,8 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
     const bool known = !view.mask.empty();
     if (known) {
       const auto seen = links.shifts[c].find(view.segment);
-      const bool followed = view.missed == 1 && seen != links.shifts[c].end() &&
-                            seen->second.count >= kFewVotes;
+      const bool followed =
+          view.missed == 1 && seen != links.shifts[c].end() && seen->second.count >= kFewVotes;
       const double du = followed ? seen->second.u : (shapes[k].u - view.u) / view.missed;
       const double dv = followed ? seen->second.v : (shapes[k].v - view.v) / view.missed;
       view.speed_u += kSmoothing * (du - view.speed_u);

@@ -27,9 +27,9 @@ struct SegmentLinks {
 
 /// Gives thing segments of both cameras identities that persist, and one object the same identity
 /// in both: assignment by the overlap of masks, those of the past moved to where they are expected,
-/// and by keypoints found on both. A track is remembered over `max_missed_frames` frames and moves on
-/// with its last speed in the image. Whatever moves by itself may change its class (networks call a
-/// far car a person), other things may not.
+/// and by keypoints found on both. A track is remembered over `max_missed_frames` frames and moves
+/// on with its last speed in the image. Whatever moves by itself may change its class (networks
+/// call a far car a person), other things may not.
 class MaskAssociator {
  public:
   /// \param pooled by label: classes that one object may change between
@@ -48,11 +48,11 @@ class MaskAssociator {
     std::int32_t y, x0, x1;
   };
   struct View {
-    std::vector<MaskRun> mask;  ///< empty: never seen by this camera
-    std::uint16_t segment = 0;  ///< its number in the frame it was last seen in
-    double u = 0, v = 0;        ///< px, centroid
+    std::vector<MaskRun> mask;        ///< empty: never seen by this camera
+    std::uint16_t segment = 0;        ///< its number in the frame it was last seen in
+    double u = 0, v = 0;              ///< px, centroid
     double speed_u = 0, speed_v = 0;  ///< px per frame
-    int missed = 0;             ///< frames since
+    int missed = 0;                   ///< frames since
   };
   struct Track {
     std::int32_t identity = 0;
@@ -62,9 +62,10 @@ class MaskAssociator {
   [[nodiscard]] int group_of(std::uint16_t label) const {
     return label < pooled_.size() && pooled_[label] ? -1 : label;
   }
-  [[nodiscard]] std::map<std::uint16_t, double> overlaps(
-      const View& view, std::size_t c, const PanopticMap& map,
-      const std::vector<SegmentShape>& shapes, const SegmentLinks& links) const;
+  [[nodiscard]] std::map<std::uint16_t, double> overlaps(const View& view, std::size_t c,
+                                                         const PanopticMap& map,
+                                                         const std::vector<SegmentShape>& shapes,
+                                                         const SegmentLinks& links) const;
   void associate(std::size_t c, const PanopticMap& map, const SegmentLinks& links,
                  const std::vector<std::vector<std::int32_t>>& given,
                  std::vector<std::int32_t>& identities);

@@ -12,19 +12,21 @@ namespace kys_slam {
 namespace {
 
 // Limits of one frame's evidence by source, nats; and of what a camera and the keypoints say.
-constexpr double kMaxFlow = 2.5, kMaxAppearance = 3, kMaxKeypoints = 3, kMaxCamera = 4, kMaxFrame = 5;
-constexpr double kFlowSlope = 3;           // nats per e-fold of residual over threshold
-constexpr double kParallaxError = 0.03;    // of the flow due to depth, added to the threshold
-constexpr double kMinValid = 0.1;          // share of a segment's pixels with a residual
-constexpr double kMinValidArea = 50;       // px, the same
-constexpr double kScattered = 0.5;         // scatter over length: residuals that do not agree
-constexpr double kScatteredFlow = 0.5;     // nats, at most then
+constexpr double kMaxFlow = 2.5, kMaxAppearance = 3, kMaxKeypoints = 3, kMaxCamera = 4,
+                 kMaxFrame = 5;
+constexpr double kFlowSlope = 3;         // nats per e-fold of residual over threshold
+constexpr double kParallaxError = 0.03;  // of the flow due to depth, added to the threshold
+constexpr double kMinValid = 0.1;        // share of a segment's pixels with a residual
+constexpr double kMinValidArea = 50;     // px, the same
+constexpr double kScattered = 0.5;       // scatter over length: residuals that do not agree
+constexpr double kScatteredFlow = 0.5;   // nats, at most then
 constexpr int kFewPatches = 8, kManyPatches = 30;
-constexpr double kAppearanceSlope = 8;     // nats per share of patches
-constexpr double kStillShare = 0.4;        // of patches that look the same: says nothing
-constexpr double kAlone = 0.3;             // nats, of appearance that nothing else supports
-constexpr double kSameShift = 2.2, kOtherShift = 3.7;  // px: shifts that patches cannot and can tell
-constexpr double kContradicted = -0.3;     // nats of appearance that void the flow's
+constexpr double kAppearanceSlope = 8;  // nats per share of patches
+constexpr double kStillShare = 0.4;     // of patches that look the same: says nothing
+constexpr double kAlone = 0.3;          // nats, of appearance that nothing else supports
+constexpr double kSameShift = 2.2,
+                 kOtherShift = 3.7;     // px: shifts that patches cannot and can tell
+constexpr double kContradicted = -0.3;  // nats of appearance that void the flow's
 
 std::int32_t object_of(std::int32_t instance) {
   return instance % prior_format::kRightInstances;
@@ -37,8 +39,8 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
                                const BackgroundReferences& background) {
   MotionEvidence e;
   const MedianResidual& m = segment.median;
-  const bool enough = segment.flow_count >= kMinValidArea &&
-                      segment.flow_count >= kMinValid * segment.area;
+  const bool enough =
+      segment.flow_count >= kMinValidArea && segment.flow_count >= kMinValid * segment.area;
   // Where there is no stuff around, only a residual far above every drift says something.
   const double alone = segment.coverage < options.min_coverage ? options.uncovered_factor : 1;
   if (enough && m.length > 0 && alone > 0) {

@@ -24,8 +24,8 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
                                const SegmentStatistics& segment,
                                const BackgroundReferences& background);
 
-/// Log-odds of moving of every thing, over time: evidence of both cameras adds up, and belief returns
-/// to where it began as the tracker's does (motion/belief.h).
+/// Log-odds of moving of every thing, over time: evidence of both cameras adds up, and belief
+/// returns to where it began as the tracker's does (motion/belief.h).
 class MotionBelief {
  public:
   explicit MotionBelief(const BuilderOptions::Detection& options) : options_(options) {}

@@ -13,8 +13,8 @@
 namespace kys_slam {
 namespace {
 
-using Target = std::variant<double*, int*, bool*, EgoMotionModel*, References*,
-                            DetectionMethod*, AssociationMethod*>;
+using Target = std::variant<double*, int*, bool*, EgoMotionModel*, References*, DetectionMethod*,
+                            AssociationMethod*>;
 
 /// Name and place of every option, in the order of the documentation.
 std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {

@@ -87,9 +87,9 @@ struct BuilderOptions {
   } detection;
 
   struct Keypoints {
-    int features = 4000;     ///< per image
-    double max_speed = 30;   ///< m/s, of things
-    int max_frames = 5;      ///< frames back over which a segment is compared
+    int features = 4000;                   ///< per image
+    double max_speed = 30;                 ///< m/s, of things
+    int max_frames = 5;                    ///< frames back over which a segment is compared
     double common_error = 0.5;             ///< px, shared by all keypoints of a segment
     double common_disparity_error = 0.25;  ///< px, likewise
   } keypoints;

@@ -245,8 +245,8 @@ PanopticMap PanopticReader::read_class_map(const std::string& name) const {
   const ImageOf<std::uint8_t> classes = read_indexed(path);
   // Keys begin at 1: of a data set that has a class 0, 0 is that class.
   const auto& known = labels_->classes();
-  const bool has_zero = std::any_of(known.begin(), known.end(),
-                                    [](const kys::LabelClass& c) { return c.id == 0; });
+  const bool has_zero =
+      std::any_of(known.begin(), known.end(), [](const kys::LabelClass& c) { return c.id == 0; });
   auto keys = ImageOf<std::uint32_t>::for_overwrite(classes.width(), classes.height());
   for (std::size_t i = 0; i < classes.size(); ++i) {
     const std::uint32_t id = classes.data()[i];

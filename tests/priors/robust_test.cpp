@@ -24,7 +24,8 @@ const BackgroundReferences kBackground{0.5, 0, 0.5, 10000};
 TEST(MotionEvidence, FlowCountsByItsRatioToTheThreshold) {
   const BuilderOptions::Detection options;
   EXPECT_NEAR(motion_evidence(options, segment(0.85 * std::exp(0.5)), kBackground).flow, 1.5, 1e-9);
-  EXPECT_NEAR(motion_evidence(options, segment(0.85 / std::exp(0.5)), kBackground).flow, -1.5, 1e-9);
+  EXPECT_NEAR(motion_evidence(options, segment(0.85 / std::exp(0.5)), kBackground).flow, -1.5,
+              1e-9);
   EXPECT_EQ(motion_evidence(options, segment(100), kBackground).flow, 2.5) << "limited";
   SegmentStatistics few = segment(100);
   few.flow_count = 90;
@@ -187,9 +188,8 @@ TEST(Appearance, TellsAParkedCarFromOneThatMoves) {
   }
   EgoMotion motion;
   motion.camera = camera;
-  const std::vector<AppearanceEvidence> evidence =
-      compare_appearance(now, next, motion, flow, disparity, InverseDepth(camera.bf(), 255),
-                         map.runs, {0, 0, 0});
+  const std::vector<AppearanceEvidence> evidence = compare_appearance(
+      now, next, motion, flow, disparity, InverseDepth(camera.bf(), 255), map.runs, {0, 0, 0});
   EXPECT_GT(evidence[1].patches, 100);
   EXPECT_GT(evidence[1].still, 0.9);
   EXPECT_LT(evidence[1].flow, 0.1);

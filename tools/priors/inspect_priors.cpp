@@ -62,7 +62,8 @@ Reasons read_reasons(const fs::path& folder) {
     if (row["magnitude_test"] == "1") reason += ", magnitude";
     if (row["radial_test"] == "1") reason += ", radial";
     if (number("log_odds") != 0) {
-      std::snprintf(text, sizeof text, ", flow %+.1f appearance %+.1f keypoints %+.1f nats, belief %+.1f",
+      std::snprintf(text, sizeof text,
+                    ", flow %+.1f appearance %+.1f keypoints %+.1f nats, belief %+.1f",
                     number("evidence_flow"), number("evidence_appearance"),
                     number("evidence_keypoints"), number("log_odds"));
       reason += text;
@@ -94,13 +95,12 @@ void print(const fs::path& path, const PriorFile& file, const Reasons& reasons,
               static_cast<unsigned long long>(file.calibration_hash()), file.file_size(),
               file.has_motion() ? "" : ", no motion");
   for (std::size_t c = 0; c < file.camera_count(); ++c) {
-    std::printf("  %s\n  %8s %11s %-16s %9s %12s %6s %s\n", c == 0 ? "left" : "right",
-                "segment", "instance", "label", "area", "scale", "score", "flags");
+    std::printf("  %s\n  %8s %11s %-16s %9s %12s %6s %s\n", c == 0 ? "left" : "right", "segment",
+                "instance", "label", "area", "scale", "score", "flags");
     const auto& segments = file.segments(static_cast<CameraSide>(c));
     for (std::size_t k = 0; k < segments.size(); ++k) {
       const PriorSegment& s = segments[k];
-      const std::string label =
-          s.label < names.size() ? names[s.label] : std::to_string(s.label);
+      const std::string label = s.label < names.size() ? names[s.label] : std::to_string(s.label);
       const auto reason =
           reasons.find(reason_key(path.stem().string(), c == 0 ? "left" : "right", s.instance));
       std::printf("  %8zu %11d %-16s %9u %12.0f %6.1f %s%s%s%s%s\n", k + 1, s.instance,
