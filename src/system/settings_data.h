@@ -98,8 +98,9 @@ void visit_settings(Data& s, Visitor&& visit) {
         "best over second best distance without prediction");
 
   visit("tracking.acceleration", s.tracking.acceleration, {0, 1e6}, "m/s^2",
-        "standard deviation about constant velocity, which holds poses that few matches hold; 0: "
-        "matches alone");
+        "standard deviation about constant velocity, which holds poses that few matches hold and "
+        "goes "
+        "on where frames are lost; 0: matches alone");
   visit("tracking.turn_acceleration", s.tracking.turn_acceleration, {1e-3, 1e6}, "rad/s^2",
         "the same of the rotation");
 
@@ -112,10 +113,9 @@ void visit_settings(Data& s, Visitor&& visit) {
         "share of the area held by outliers from which other motions are tried");
   visit("tracking.consensus_tolerance", c.tolerance, {0.1, 100}, "",
         "factor on the bound of the error within which area supports a pose");
-  visit(
-      "tracking.consensus_priors", c.by_class, "",
-      "modes kys, mask and verified: things that can move count once, by what the priors say, not "
-      "by their area");
+  visit("tracking.consensus_priors", c.by_class, "",
+        "modes kys and verified: things that can move count once, by what the priors say, not by "
+        "their area");
   visit("tracking.cell_evidence", c.cell_evidence, {0.01, 100}, "nats",
         "what one cell of the fixed scene says for a pose, beside the priors of things");
   visit("tracking.consensus_samples", c.samples, {0, 100000}, "",

@@ -38,11 +38,11 @@ kys::DistanceModel make_model(const SettingsData& settings) {
   }
 }
 
-/// Modes whose poses ask priors what can move: those that use all that a prior file says.
+/// Modes whose poses ask priors what can move: those that use all that a prior file says. Mode
+/// mask, the control, drops keypoints and is stock otherwise.
 bool asks_what_moves(const SettingsData& settings) {
   switch (settings.kys.mode) {
     case kys::Mode::kKys:
-    case kys::Mode::kMask:
     case kys::Mode::kVerified:
       return !kys::kPriorsOff && settings.tracking.consensus.enabled &&
              settings.tracking.consensus.by_class;

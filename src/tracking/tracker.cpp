@@ -326,6 +326,7 @@ std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
   const double times = interval / velocity_->interval;
   // Time stamps jitter more than vehicles do: only missing frames make a longer step.
   if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, interval};
+  if (options_.acceleration <= 0) return std::nullopt;
   const Rigid3& step = velocity_->T_c_last;
   const Rigid3 longer(so3_exp(times * so3_log(step.rotation)), times * step.translation);
   return ExpectedPose{longer * last_->T_c_w, interval};
@@ -466,7 +467,12 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
     const double square = expected->interval * expected->interval;
     const PosePrior prior{expected->T_c_w, options_.acceleration * square,
                           options_.turn_acceleration * square};
-    if (position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
+    // A camera that turns back at once is not where it was expected: predict() tells.
+    const double away = (consensus.pose.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+    const bool doubtful =
+        consensus.pose.inliers < kDoubtfulShare * static_cast<double>(observations.size()) &&
+        away > options_.consensus.max_acceleration * square;
+    if (!doubtful && position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
       PoseOptions held;
       held.prior = prior;
       consensus = estimate(expected->T_c_w, start, held);
@@ -512,7 +518,8 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (frame.landmarks[i].valid()) counts_.at(frame.landmarks[i]).found += 1;
   }
-  const int wanted = is_expected(frame) ? options_.min_held_inliers : options_.min_local_inliers;
+  const bool sure = is_expected(frame) && result.inliers >= kDoubtfulShare * result.matches;
+  const int wanted = sure ? options_.min_held_inliers : options_.min_local_inliers;
   if (result.inliers >= wanted) return true;
   result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
   return false;

@@ -271,7 +271,8 @@ void explain_mistake(const std::filesystem::path& path) {
     throw InputError(name + ": a prior file; give the sequence, and its folder to --priors");
   }
   std::error_code ignored;
-  if (path_exists(path / "summary.json") && path_exists(path / "trajectory.tum")) {
+  if (std::filesystem::exists(path / "summary.json", ignored) &&
+      std::filesystem::exists(path / "trajectory.tum", ignored)) {
     throw InputError(name + ": the results of a run; evaluate_trajectory reads them");
   }
   for (std::filesystem::path above = std::filesystem::absolute(path, ignored);
