@@ -8,6 +8,7 @@
 #include "features/orb_extractor.h"
 #include "matching/landmark_search.h"
 #include "matching/stereo_matcher.h"
+#include "motion/follow_back.h"
 #include "optimization/pose_optimization.h"
 #include "util/median.h"
 
@@ -129,16 +130,9 @@ std::optional<KeypointMotion::Step> KeypointMotion::camera_step(const Frame& now
     const Eigen::Vector3d p = expected * point;
     if (p.z() <= 0.1) continue;
     const Eigen::Vector3d pixel = camera_.project_stereo(p);
-    SearchQuery query;
-    query.u = static_cast<float>(pixel.x());
-    query.v = static_cast<float>(pixel.y());
+    SearchQuery query = query_for_feature(before, i, pixel, scales_);
     query.u_right = std::numeric_limits<float>::quiet_NaN();
     query.radius = static_cast<float>(radius * scales_.scale[seen.octave]);
-    query.min_octave = std::max(0, seen.octave - 1);
-    query.max_octave = std::min(scales_.levels() - 1, seen.octave + 1);
-    query.angle = seen.angle;
-    query.descriptor = &before.descriptor(i);
-    query.prior = &before.prior(i);
     queries.push_back(query);
     points.push_back(point);
   }
@@ -185,20 +179,12 @@ std::vector<SearchMatch> KeypointMotion::search(const Frame& now,
     const std::size_t i = candidates[n].keypoint;
     const Eigen::Vector3d p = candidates[n].still + shifts[n];
     const Keypoint& seen = before.keypoint(i);
-    SearchQuery query;
     const double z = std::max(p.z(), 0.1);
     const Eigen::Vector3d pixel = camera_.project_stereo({p.x(), p.y(), z});
-    query.u = static_cast<float>(pixel.x());
-    query.v = static_cast<float>(pixel.y());
-    query.u_right = static_cast<float>(pixel.z());
+    SearchQuery query = query_for_feature(before, i, pixel, scales_);
     const double radius = kSearchRadius * scales_.scale[seen.octave];
     query.radius = static_cast<float>(
         wide ? std::min(radius + camera_.fx * options_.max_speed * dt / z, kMaxSearch) : radius);
-    query.min_octave = std::max(0, seen.octave - 1);
-    query.max_octave = std::min(scales_.levels() - 1, seen.octave + 1);
-    query.angle = seen.angle;
-    query.descriptor = &before.descriptor(i);
-    query.prior = &before.prior(i);
     queries.push_back(query);
   }
   std::vector<std::uint8_t> flat(now.features->size());
@@ -329,26 +315,19 @@ void KeypointMotion::add_common_error(const std::vector<InstanceMatch>& matches,
 KeypointEvidence KeypointMotion::judge(const Frame& now, std::size_t c,
                                        std::uint16_t segment) const {
   KeypointEvidence evidence;
-  std::vector<std::vector<std::pair<std::size_t, std::size_t>>> spans(frames_.size());
+  std::vector<std::size_t> keypoints;
   for (std::size_t i = 0; i < now.back.size(); ++i) {
-    std::int32_t at = now.back[i];
-    if (at < 0 || frames_[0].segments[c][static_cast<std::size_t>(at)] != segment) continue;
-    for (std::size_t s = 0; s < frames_.size() && at >= 0; ++s) {
-      spans[s].emplace_back(static_cast<std::size_t>(at), i);
-      at = frames_[s].back[static_cast<std::size_t>(at)];
+    const std::int32_t at = now.back[i];
+    if (at >= 0 && frames_[0].segments[c][static_cast<std::size_t>(at)] == segment) {
+      keypoints.push_back(i);
     }
   }
-  const double enough = std::max(static_cast<double>(test_.min_matches),
-                                 kKeptShare * static_cast<double>(spans[0].size()));
-  std::size_t span = frames_.size();
-  while (span > 0 && static_cast<double>(spans[span - 1].size()) < enough) --span;
+  const Followed followed = follow_back(keypoints, now, frames_, test_.min_matches, kKeptShare);
+  const std::size_t span = followed.frames;
   if (span == 0) return evidence;
   const Frame& before = frames_[span - 1];
-  std::vector<InstanceMatch> matches;
-  for (const auto& [then, i] : spans[span - 1]) {
-    matches.push_back(
-        {before.features->stereo_pixel(then, scales_), now.features->stereo_pixel(i, scales_)});
-  }
+  std::vector<InstanceMatch> matches =
+      matches_of(followed, *before.features, *now.features, scales_);
   const double dt = now.timestamp - before.timestamp;
   const MotionRange range{0.5 * options_.max_speed * dt, 0.25 * dt};
   CameraMotion ego = camera_motion(before.T_c_w, PoseIncrement{}, now.T_c_w, now.error);

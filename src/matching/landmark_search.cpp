@@ -93,6 +93,21 @@ std::vector<std::uint8_t> consistent_rotations(std::span<const float> turns) {
   return kept;
 }
 
+SearchQuery query_for_feature(const FrameFeatures& features, std::size_t i,
+                              const Eigen::Vector3d& pixel, const ScaleLevels& scales) {
+  const Keypoint& seen = features.keypoint(i);
+  SearchQuery query;
+  query.u = static_cast<float>(pixel.x());
+  query.v = static_cast<float>(pixel.y());
+  query.u_right = static_cast<float>(pixel.z());
+  query.min_octave = std::max(0, seen.octave - 1);
+  query.max_octave = std::min(scales.levels() - 1, seen.octave + 1);
+  query.angle = seen.angle;
+  query.descriptor = &features.descriptor(i);
+  query.prior = &features.prior(i);
+  return query;
+}
+
 std::vector<SearchMatch> search_features(const FrameFeatures& features, const ScaleLevels& scales,
                                          std::span<const SearchQuery> queries,
                                          const SearchOptions& options,

@@ -24,6 +24,12 @@ struct SearchQuery {
   const kys::Prior* prior = nullptr;
 };
 
+/// A query for feature `i` of another frame where it should be seen now: in its own octave and the
+/// two beside, with its orientation, descriptor and prior. The radius is left to the caller.
+/// \param pixel u, v, u_right, px
+SearchQuery query_for_feature(const FrameFeatures& features, std::size_t i,
+                              const Eigen::Vector3d& pixel, const ScaleLevels& scales);
+
 struct SearchOptions {
   float max_distance = 100;     ///< bits, largest modulated distance accepted
   float ratio = 1.0f;           ///< best / second best of the same octave; 1: not tested

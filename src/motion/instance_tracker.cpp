@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "matching/landmark_search.h"
+#include "motion/follow_back.h"
 
 namespace kys_slam {
 
@@ -249,18 +250,10 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
       if (p.z() <= 0.1) continue;
       const Eigen::Vector3d pixel = camera_.project_stereo(p);
       const Keypoint& seen = last.features->keypoint(i);
-      SearchQuery query;
-      query.u = static_cast<float>(pixel.x());
-      query.v = static_cast<float>(pixel.y());
-      query.u_right = static_cast<float>(pixel.z());
+      SearchQuery query = query_for_feature(*last.features, i, pixel, scales_);
       double radius = options_.search_radius * scales_.scale[seen.octave];
       if (!thing.velocity) radius += camera_.fx * options_.max_speed * dt / p.z();
       query.radius = static_cast<float>(std::min(radius, options_.max_search));
-      query.min_octave = std::max(0, seen.octave - 1);
-      query.max_octave = std::min(scales_.levels() - 1, seen.octave + 1);
-      query.angle = seen.angle;
-      query.descriptor = &last.features->descriptor(i);
-      query.prior = &last.features->prior(i);
       queries.push_back(query);
       sources.push_back(i);
     }
@@ -324,27 +317,13 @@ InstanceState InstanceTracker::judge_one(std::int32_t instance,
   state.keypoints = static_cast<int>(keypoints.size());
   if (frames_.empty()) return state;
 
-  // Where each keypoint was in the earlier frames, as far as it can be followed back.
-  std::vector<std::vector<std::pair<std::size_t, std::size_t>>> spans(frames_.size());
-  for (const std::size_t i : keypoints) {
-    std::int32_t at = now.back[i];
-    for (std::size_t s = 0; s < frames_.size() && at >= 0; ++s) {
-      spans[s].emplace_back(static_cast<std::size_t>(at), i);
-      at = frames_[s].back[static_cast<std::size_t>(at)];
-    }
-  }
-  const double enough = std::max(static_cast<double>(options_.motion.min_matches),
-                                 options_.kept_share * static_cast<double>(spans[0].size()));
-  std::size_t span = frames_.size();
-  while (span > 0 && static_cast<double>(spans[span - 1].size()) < enough) --span;
+  const Followed followed =
+      follow_back(keypoints, now, frames_, options_.motion.min_matches, options_.kept_share);
+  const std::size_t span = followed.frames;
   if (span == 0) return state;
-
   const Frame& before = frames_[span - 1];
-  std::vector<InstanceMatch> matches;
-  for (const auto& [then, i] : spans[span - 1]) {
-    matches.push_back(
-        {before.features->stereo_pixel(then, scales_), now.features->stereo_pixel(i, scales_)});
-  }
+  const std::vector<InstanceMatch> matches =
+      matches_of(followed, *before.features, *now.features, scales_);
   const double dt = now.timestamp - before.timestamp;
   const MotionRange range{0.5 * options_.max_speed * dt, 0.5 * options_.max_turn * dt};
   const auto without = [&](const Frame& frame) {

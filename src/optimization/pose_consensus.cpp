@@ -241,8 +241,9 @@ class Consensus {
   /// The few samples with most support, best first.
   [[nodiscard]] std::vector<Rival> best_samples(const Rigid3& T_c_w_votes) const {
     std::vector<Rival> best;
-    const std::array<CellMembers, 2> cells = {unexplained(T_c_w_votes, true),
-                                              unexplained(T_c_w_votes, false)};
+    std::array<CellMembers, 2> cells;
+    cells[1] = unexplained(T_c_w_votes, false);
+    cells[0] = scene_.things().empty() ? cells[1] : unexplained(T_c_w_votes, true);
     std::mt19937_64 random(options_.seed);
     for (int k = 0; k < options_.samples; ++k) {
       const CellMembers& from = cells[static_cast<std::size_t>(k) % cells.size()];
@@ -325,18 +326,20 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
     result.contested = result.overruled = true;
     return result;
   }
-  const double own_support = consensus.judged(result.pose.T_c_w, options.tolerance).support;
   const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear, false);
-  Rival best{result.pose.T_c_w, options.margin * own_support};
-  if (scene && scene->support > best.support + 1) best = *scene;
   result.contested = consensus.area() == 0 ||  // nothing but things that can move
                      explained < (1 - options.contested) * consensus.area();
+  if (!scene && !result.contested) return result;
+  const double wanted =
+      options.margin * consensus.judged(result.pose.T_c_w, options.tolerance).support;
+  Rival best{result.pose.T_c_w, wanted};
+  if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
     const Rival rival = consensus.best_rival(result.pose.T_c_w, T_c_w_initial);
     if (rival.support > best.support) best = rival;
   }
-  if (best.support <= options.margin * own_support) return result;
+  if (best.support <= wanted) return result;
   result.overruled = true;
   result.pose = consensus.final_pose(best);
   return result;

@@ -458,11 +458,11 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   }
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   const Start start = result.overruled ? Start::kConsensus : Start::kGuess;
-  const auto estimate = [&](const Rigid3& T_c_w, Start from, const PoseOptions& pose) {
-    return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, from,
+  const auto estimate = [&](const Rigid3& T_c_w, const PoseOptions& pose) {
+    return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, start,
                          pose);
   };
-  ConsensusResult consensus = estimate(frame.T_c_w, start, {});
+  ConsensusResult consensus = estimate(frame.T_c_w, {});
   if (expected && options_.acceleration > 0) {
     const double square = expected->interval * expected->interval;
     const PosePrior prior{expected->T_c_w, options_.acceleration * square,
@@ -475,7 +475,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
     if (!doubtful && position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
       PoseOptions held;
       held.prior = prior;
-      consensus = estimate(expected->T_c_w, start, held);
+      consensus = estimate(expected->T_c_w, held);
       result.held = true;
     }
   }

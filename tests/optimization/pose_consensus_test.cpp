@@ -100,10 +100,10 @@ TEST(PoseConsensus, SameAnswerTwice) {
   EXPECT_EQ(run().translation, run().translation);
 }
 
-/// A vehicle so near that it holds the larger part of the area: the past motion decides.
-TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
+/// A vehicle that fills most of the view and moves with the camera.
+Street make_full_view(std::uint64_t seed) {
   const StereoCamera camera = kitti_camera();
-  Random random(7);
+  Random random(seed);
   Street street;
   street.T_c_w.translation = {0, 0, -0.9};
   for (int i = 0; i < 500; ++i) {
@@ -113,6 +113,13 @@ TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
         camera.back_project(u, random.uniform(0, camera.height), mover ? 6 : random.uniform(5, 40));
     street.see(camera, mover ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
   }
+  return street;
+}
+
+/// A vehicle so near that it holds the larger part of the area: the past motion decides.
+TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
+  const StereoCamera camera = kitti_camera();
+  const Street street = make_full_view(7);
   const auto error = [&](const std::optional<ExpectedPose>& expected) {
     const Rigid3 start = expected ? expected->T_c_w : Rigid3{};
     return position_error(
@@ -133,22 +140,6 @@ TEST(PoseConsensus, OffIsThePlainPose) {
   const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
   EXPECT_EQ(result.pose.T_c_w.translation, votes.T_c_w.translation);
   EXPECT_FALSE(result.contested);
-}
-
-/// A vehicle that fills most of the view and moves with the camera.
-Street make_full_view(std::uint64_t seed) {
-  const StereoCamera camera = kitti_camera();
-  Random random(seed);
-  Street street;
-  street.T_c_w.translation = {0, 0, -0.9};
-  for (int i = 0; i < 500; ++i) {
-    const double u = random.uniform(0, camera.width);
-    const bool mover = u > 450;
-    const Eigen::Vector3d p_c =
-        camera.back_project(u, random.uniform(0, camera.height), mover ? 6 : random.uniform(5, 40));
-    street.see(camera, mover ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
-  }
-  return street;
 }
 
 /// The vehicle as thing 7, with the log-odds of its standing still that a prior file gives it.

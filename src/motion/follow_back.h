@@ -1,0 +1,52 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "map/frame_features.h"
+#include "motion/instance_motion.h"
+
+namespace kys_slam {
+
+/// Keypoints of a frame and what they were in an earlier one.
+struct Followed {
+  std::size_t frames = 0;  ///< how many frames back; 0: not followed
+  std::vector<std::pair<std::size_t, std::size_t>> keypoints;  ///< then, now
+};
+
+/// Follows keypoints back from frame to frame, over as many frames as `kept_share` of those of the
+/// frame before, and at least `min_matches`, can be followed.
+/// \param now frame with `back`: per keypoint its match in the frame before; -1: none
+/// \param frames those before it, latest first, with `back` as well; at least one
+template <typename Frame, typename Frames>
+Followed follow_back(std::span<const std::size_t> keypoints, const Frame& now, const Frames& frames,
+                     int min_matches, double kept_share) {
+  std::vector<std::vector<std::pair<std::size_t, std::size_t>>> spans(frames.size());
+  for (const std::size_t i : keypoints) {
+    std::int32_t at = now.back[i];
+    for (std::size_t s = 0; s < frames.size() && at >= 0; ++s) {
+      spans[s].emplace_back(static_cast<std::size_t>(at), i);
+      at = frames[s].back[static_cast<std::size_t>(at)];
+    }
+  }
+  const double enough =
+      std::max(static_cast<double>(min_matches), kept_share * static_cast<double>(spans[0].size()));
+  std::size_t span = frames.size();
+  while (span > 0 && static_cast<double>(spans[span - 1].size()) < enough) --span;
+  if (span == 0) return {};
+  return {span, std::move(spans[span - 1])};
+}
+
+inline std::vector<InstanceMatch> matches_of(const Followed& followed, const FrameFeatures& before,
+                                             const FrameFeatures& now, const ScaleLevels& scales) {
+  std::vector<InstanceMatch> matches;
+  for (const auto& [then, i] : followed.keypoints) {
+    matches.push_back({before.stereo_pixel(then, scales), now.stereo_pixel(i, scales)});
+  }
+  return matches;
+}
+
+}  // namespace kys_slam
