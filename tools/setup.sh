@@ -4,6 +4,7 @@
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
 #   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
 #   tools/setup.sh --python   and what the Python package and its tests need in it
+#   tools/setup.sh --view        the same, and Rerun, to see and record runs (0.6 GB)
 #   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
@@ -50,13 +51,13 @@ case "${1:-}" in
       install_python numpy matplotlib 'scipy>=1.15' 'snakemake>=8,<10' pyyaml
     fi
     ;;
-  --python)
-    if ! .venv/bin/python -c 'import cv2, foxglove_schemas_protobuf, matplotlib, mcap_protobuf, nanobind, pytest, rerun, rosbags, scikit_build_core, shtab, yaml' 2>/dev/null; then
+  --python | --view)
+    if ! .venv/bin/python -c 'import cv2, evo, foxglove_schemas_protobuf, matplotlib, mcap_protobuf, nanobind, pytest, rosbags, scikit_build_core, shtab, yaml' 2>/dev/null; then
       make_environment
       install_python numpy matplotlib nanobind scikit-build-core pytest pyyaml \
-        opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf rerun-sdk \
-        shtab
+        opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf evo shtab
     fi
+    if [ "$1" = --view ]; then install_python rerun-sdk; fi
     ;;
   --onnx)
     make_environment

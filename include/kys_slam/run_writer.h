@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,8 @@ struct RunInfo {
   std::string end_reason;               ///< why, when it is not complete
   std::int64_t missing_priors = 0;      ///< frames without a prior file
   std::vector<std::string> warnings;    ///< what the user was told, e.g. by PairWatch
+  /// What the input holds and was not used, counts by what it is ("frames that came too fast").
+  std::map<std::string, std::int64_t> left_out;
 };
 
 /// What came of a run, worked out once.

@@ -13,6 +13,7 @@ import numpy as np
 
 import kys_slam
 from kys_slam import InputError
+from kys_slam.live import POLICIES, Playback
 
 BAD_INPUT, TRACKING_FAILED = 2, 3
 INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
@@ -67,6 +68,13 @@ def _add_run(commands) -> None:
                       help="one setting, may be repeated; kys-slam settings lists them")
     slam.add_argument("--schedule", default="pipelined",
                       choices=("pipelined", "sequential", "realtime"))
+    slam.add_argument("--late", default="wait", choices=POLICIES, metavar="POLICY",
+                      help="with --schedule realtime: what becomes of frames that come faster than "
+                      "they are tracked: wait (default), drop-oldest, drop-newest")
+    slam.add_argument("--queue", type=int, default=2, metavar="N",
+                      help="with --late: frames that may wait (default: 2)")
+    slam.add_argument("--speed", type=float, default=1, metavar="X",
+                      help="with --schedule realtime: play X times as fast as recorded")
     slam.add_argument("--start", type=int, default=0, metavar="N", help="first frame")
     slam.add_argument("--frames", type=int, metavar="N", help="number of frames")
     slam.add_argument("--load-map", metavar="FILE", help="go on with this map")
@@ -98,8 +106,11 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--json", action="store_true")
     p.set_defaults(command=_evaluate)
 
-    p = commands.add_parser("plot", help="paths of one or several runs, with their ground truth")
+    p = commands.add_parser("plot", help="paths and errors of one or several runs over ground truth")
     p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or TUM files")
+    p.add_argument("--reference", metavar="FILE",
+                   help="TUM file of the same camera (default: each run's ground_truth.tum)")
+    p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
     p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
     p.set_defaults(command=_plot)
 
@@ -271,16 +282,15 @@ def _check_pair(frame) -> None:
         raise InputError(f"frame {frame.name}: {check.problem} (--no-check to go on)")
 
 
-def _open_recorders(args, slam, camera) -> list:
+def _open_recorders(args, slam) -> list:
     if not args.view and not args.record:
         return []
     from kys_slam.record import VIEWER, open_recorder
-    space = slam.settings.get("control.label_space")
     targets = args.record + ([VIEWER] if args.view else [])
     for target in args.record:
         if Path(target).exists() and not args.overwrite:
             raise InputError(f"{target}: is there already; --overwrite, or another --record")
-    return [open_recorder(target, camera, space) for target in targets]
+    return [open_recorder(target, slam) for target in targets]
 
 
 def _run(args) -> int:
@@ -289,6 +299,11 @@ def _run(args) -> int:
     settings = _make_settings(args, recording.layout)
     if args.localize_only and not args.load_map:
         raise InputError("--localize-only needs --load-map")
+    if args.schedule != "realtime" and (args.late, args.speed) != ("wait", 1):
+        raise InputError("--late and --speed need --schedule realtime: elsewhere frames are read as "
+                         "fast as they are tracked")
+    if not 0 < args.speed < 1e6 or args.queue < 1:
+        raise InputError("--speed must be above 0, --queue at least 1")
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")
@@ -301,23 +316,19 @@ def _run(args) -> int:
                            strict_priors=args.strict_priors)
     if args.load_map:
         slam.load_map(args.load_map, args.localize_only)
-    recorders = _open_recorders(args, slam, recording.camera)
+    recorders = _open_recorders(args, slam)
     progress = _Progress(len(recording), args.quiet)
-    end_reason, done, left = "", 0, None
-    if recorders:
-        slam.set_observer(lambda seen: [r.add(seen, left) for r in recorders])
+    end_reason, done = "", 0
     start_up_s = time.monotonic() - began
     wall, cpu = time.monotonic(), time.process_time()
+    frames = recording
+    if args.schedule == "realtime":
+        frames = Playback(recording, args.late, args.queue, args.speed)
     try:
-        for frame in recording:
+        for frame in frames:
             if done == 0 and not args.no_check and frame.left is not None:
                 _check_pair(frame)
-            if args.schedule == "realtime":
-                if done == 0:
-                    first = frame.timestamp - (time.monotonic() - wall)
-                time.sleep(max(0, frame.timestamp - first - (time.monotonic() - wall)))
             mask = masks(frame.name) if masks else None
-            left = frame.left
             if isinstance(frame, kys_slam.StereoFrame):
                 slam.feed_frame(frame, masks=mask)
             else:
@@ -335,16 +346,17 @@ def _run(args) -> int:
     slam.finish()
     result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
                             wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
-                            end_reason=end_reason)
+                            end_reason=end_reason, left_out=_left_out(recording, frames, masks))
     if args.save_map:
         slam.save_map(args.save_map)
-    for recorder in recorders:
-        recorder.close(slam)
     if not args.quiet:
         print(result["table"], end="")
-        for what, count in _counts(recording, masks).items():
-            print(f"  {what:<28} {count}")
         print(f"\nresults in {output}")
+    for recorder in recorders:
+        recorder.close()
+        if recorder.skipped:
+            print(f"kys-slam: {recorder.skipped} frames were not shown, the viewer was behind",
+                  file=sys.stderr)
     if end_reason and end_reason != "interrupted":
         print(f"kys-slam: {end_reason}", file=sys.stderr)
         return BAD_INPUT
@@ -355,28 +367,21 @@ def _run(args) -> int:
     return 0
 
 
-def _counts(recording, masks) -> dict:
+def _left_out(recording, frames, masks) -> dict:
+    """Counts of what the recording holds and was not used, by what it is."""
     counts = dict(getattr(recording, "counts", {}))
-    if getattr(recording, "dropped", 0):
-        counts["images without a partner"] = recording.dropped
-    if masks and masks.missing:
-        counts["frames without a mask"] = masks.missing
-    return {what: count for what, count in counts.items() if count}
+    counts["images without a partner"] = getattr(recording, "dropped", 0)
+    counts["frames that came too fast"] = frames.dropped if isinstance(frames, Playback) else 0
+    counts["frames without a mask"] = masks.missing if masks else 0
+    return {what: int(count) for what, count in counts.items() if count}
 
 
 # evaluate, plot, calibrate, priors, settings
 
-def _trajectory_of(path: str):
-    path = Path(path)
-    if path.is_dir() and not (path / "trajectory.tum").exists():
-        raise InputError(f"{path}: not the folder of a run (no trajectory.tum); "
-                         f"kys-slam run {path} tracks a recording")
-    return kys_slam.read_tum(path / "trajectory.tum" if path.is_dir() else path)
-
-
 def _evaluate(args) -> int:
+    from kys_slam.plot import read_trajectory
     reference = args.reference
-    estimate = _trajectory_of(args.estimate)
+    estimate = read_trajectory(Path(args.estimate))
     if reference is None:
         reference = Path(args.estimate) / "ground_truth.tum"
         if not reference.exists():
@@ -401,30 +406,16 @@ def _evaluate(args) -> int:
 
 
 def _plot(args) -> int:
-    try:
-        import matplotlib
-        matplotlib.use("Agg")
-        from matplotlib import pyplot as plt
-    except ImportError:
-        raise InputError("plots need matplotlib: pip install matplotlib") from None
-    from kys_slam.report import aligned_truth
-    figure, axes = plt.subplots(figsize=(7, 7))
-    truth_drawn = False
-    for run in args.runs:
-        _, poses = _trajectory_of(run)
-        axes.plot(poses[:, 0, 3], poses[:, 2, 3], label=Path(run).name, linewidth=1.2)
-        truth = Path(run) / "ground_truth.tum"
-        if truth.exists() and not truth_drawn:
-            times, poses = _trajectory_of(run)
-            aligned = aligned_truth(kys_slam.read_tum(truth), times, poses)
-            axes.plot(aligned[:, 0], aligned[:, 2], "k--", label="ground truth", linewidth=0.9)
-            truth_drawn = True
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("z, m")
-    axes.set_aspect("equal", "datalim")
-    axes.legend()
-    axes.grid(alpha=0.3)
-    figure.savefig(args.output, dpi=150, bbox_inches="tight")
+    from kys_slam.plot import draw, load_run
+    reference = Path(args.reference) if args.reference else None
+    runs = [load_run(Path(run), reference, args.align) for run in args.runs]
+    if any(run.figures for run in runs):
+        print(f"  {'position error, m':<28} {'rmse':>9} {'mean':>9} {'median':>9} {'max':>9}   poses")
+    for run in runs:
+        if run.figures:
+            values = " ".join(f"{run.figures[key]:9.4f}" for key in ("rmse", "mean", "median", "max"))
+            print(f"  {run.name:<28} {values}   {len(run.errors)}")
+    draw(runs, Path(args.output))
     print(f"wrote {args.output}")
     return 0
 

@@ -6,7 +6,7 @@ from typing import List
 import numpy as np
 
 from ._core import InputError, StereoCamera
-from .record import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
+from .drawing import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
 
 _WORLD, _CAMERA = "world", "camera"
 _NUMBER = {"type": "number"}
@@ -98,6 +98,10 @@ class McapSink(Sink):
             image = self._new("CompressedImage", t, _CAMERA)
             image.format, image.data = "jpeg", d.jpeg
             self._write("/camera/image", t, image)
+        if d.segments is not None:
+            image = self._new("CompressedImage", t, _CAMERA)
+            image.format, image.data = "png", d.segments
+            self._write("/camera/segments", t, image)
         self._annotate(d)
         self._write_json("/frame", _REPORT, t, {"index": d.index, "name": d.name,
                                                 "status": d.status, **d.numbers})

@@ -8,7 +8,7 @@ from typing import List, Optional
 import numpy as np
 
 from ._core import InputError, StereoCamera
-from .record import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
+from .drawing import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
 
 _CAMERA, _IMAGE = "world/camera", "world/camera/image"
 _DOT = -1.5  # negative: px on the screen, not m
@@ -71,6 +71,11 @@ class RerunSink(Sink):
         self.recording.set_time("time", timestamp=d.timestamp)
         if d.jpeg is not None:
             log(_IMAGE, rr.EncodedImage(contents=d.jpeg, media_type="image/jpeg"))
+        if d.segments is not None:
+            log(_IMAGE + "/segments", rr.EncodedImage(contents=d.segments, media_type="image/png",
+                                                      draw_order=1))
+        else:
+            log(_IMAGE + "/segments", rr.Clear(recursive=False))
         log(_IMAGE + "/keypoints", rr.Points2D(d.keypoints, colors=d.colours, radii=2))
         log(_IMAGE + "/stereo", rr.LineStrips2D(d.stereo, colors=(120, 190, 255, 90), radii=0.5))
         if d.boxes:

@@ -121,6 +121,10 @@ def write_report(folders: List[Path], output: Path) -> None:
         if not run.summary.get("complete", True):
             parts.append(f"<p>{html.escape(run.name)} is not complete: "
                          f"{html.escape(str(run.summary.get('end_reason')))}</p>")
+        left_out = run.summary.get("left_out") or {}
+        if left_out:
+            counts = ", ".join(f"{what} {count}" for what, count in left_out.items())
+            parts.append(f"<p>{html.escape(run.name)}, not used: {html.escape(counts)}</p>")
     for caption, png in _pictures(runs).items():
         parts.append(f"<h2>{html.escape(caption)}</h2>"
                      f"<img alt='{html.escape(caption)}' src='data:image/png;base64,{png}'>")

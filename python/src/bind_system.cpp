@@ -2,18 +2,25 @@
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
 #include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <atomic>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <tuple>
+#include <vector>
 
 #include "arrays.h"
 #include "bind.h"
+#include "observation_pipe.h"
 
 namespace kys_slam {
 
@@ -86,35 +93,42 @@ class Slam {
     frame.name = name;
     frame.timestamp = timestamp;
     std::optional<PriorFile> given = parse(segments);
+    const auto bytes = bytes_of(segments);
     const nb::gil_scoped_release released;
     frame.left = to_gray(l);
     frame.right = to_gray(r);
-    return feed_released(std::move(frame), std::move(given), masks);
+    const std::lock_guard lock(mutex_);
+    frame.index = fed_;
+    return feed_locked(frame, std::move(given), bytes, masks);
   }
 
   FrameReport feed_frame(const StereoFrame& frame, const std::optional<nb::bytes>& segments,
                          const std::tuple<MaybeArray, MaybeArray>& masks) {
     std::optional<PriorFile> given = parse(segments);
+    const auto bytes = bytes_of(segments);
     const nb::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
-    priors_->given = std::move(given);
-    ++fed_;
-    return system_->feed(frame, {mask_of(std::get<0>(masks), "left mask"),
-                                 mask_of(std::get<1>(masks), "right mask")});
+    return feed_locked(frame, std::move(given), bytes, masks);
   }
 
   void set_observer(nb::object callback) {
-    const bool nobody = callback.is_none();
+    has_callback_ = !callback.is_none();
     callback_ = std::move(callback);
-    if (nobody) {
-      system_->set_observer({});
-      return;
+    observe();
+  }
+  /// What is fed from now on goes into `pipe` as well.
+  void add_pipe(std::shared_ptr<ObservationPipe> pipe) {
+    {
+      const nb::gil_scoped_release released;
+      const std::lock_guard lock(mutex_);
+      pipes_.push_back(std::move(pipe));
     }
-    system_->set_observer([this](const FrameObservation& seen) {
-      const nb::gil_scoped_acquire acquired;
-      const nb::object callback = callback_;  // it may put another one in its place
-      if (callback.is_valid() && !callback.is_none()) callback(observation(seen));
-    });
+    observe();
+  }
+  void remove_pipe(const std::shared_ptr<ObservationPipe>& pipe) {
+    const nb::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    std::erase(pipes_, pipe);
   }
   /// For the garbage collector: an observer often refers to its system.
   [[nodiscard]] const nb::object& callback() const { return callback_; }
@@ -155,15 +169,38 @@ class Slam {
     return PriorFile::parse({begin, begin + segments->size()}, "segments", expected_);
   }
 
-  FrameReport feed_released(StereoFrame frame, std::optional<PriorFile> given,
-                            const std::tuple<MaybeArray, MaybeArray>& masks) {
-    const std::lock_guard lock(mutex_);
-    frame.index = fed_;
+  static std::span<const std::uint8_t> bytes_of(const std::optional<nb::bytes>& segments) {
+    if (!segments) return {};
+    return {static_cast<const std::uint8_t*>(segments->data()), segments->size()};
+  }
+
+  FrameReport feed_locked(const StereoFrame& frame, std::optional<PriorFile> given,
+                          std::span<const std::uint8_t> segments,
+                          const std::tuple<MaybeArray, MaybeArray>& masks) {
     priors_->given = std::move(given);
+    left_ = &frame.left;
+    segments_ = segments;
     FrameReport report = system_->feed(frame, {mask_of(std::get<0>(masks), "left mask"),
                                                mask_of(std::get<1>(masks), "right mask")});
     ++fed_;
     return report;
+  }
+
+  /// Has the system tell pipes and callback, as far as there are any.
+  void observe() {
+    const nb::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    if (pipes_.empty() && !has_callback_) {
+      system_->set_observer({});
+      return;
+    }
+    system_->set_observer([this](const FrameObservation& seen) {  // called with the lock
+      for (const auto& pipe : pipes_) pipe->put(seen, *left_, segments_);
+      if (!has_callback_) return;
+      const nb::gil_scoped_acquire acquired;
+      const nb::object callback = callback_;  // it may put another one in its place
+      if (callback.is_valid() && !callback.is_none()) callback(observation(seen));
+    });
   }
 
   static nb::dict observation(const FrameObservation& seen) {
@@ -199,10 +236,14 @@ class Slam {
   Settings settings_;
   Schedule schedule_;
   ExpectedPriors expected_;
-  Priors* priors_ = nullptr;  // the system's
-  std::mutex mutex_;          // of feeding
+  Priors* priors_ = nullptr;    // the system's
+  std::recursive_mutex mutex_;  // of feeding and of what follows; an observer may come back here
   std::int64_t fed_ = 0;
-  nb::object callback_;  // read and written with the GIL
+  std::vector<std::shared_ptr<ObservationPipe>> pipes_;
+  const GrayImage* left_ = nullptr;         // of the frame being fed
+  std::span<const std::uint8_t> segments_;  // given with it
+  nb::object callback_;                     // read and written with the GIL
+  std::atomic<bool> has_callback_ = false;
   std::unique_ptr<System> system_;
 };
 
@@ -351,9 +392,19 @@ void bind_report(nb::module_& m) {
 
 }  // namespace
 
+void bind_pipe(nb::module_& m) {
+  const auto released = nb::call_guard<nb::gil_scoped_release>();
+  nb::class_<ObservationPipe>(m, "_ObservationPipe", "See python/src/observation_pipe.h.")
+      .def(nb::init<int, bool>(), "descriptor"_a, "wait"_a)
+      .def("finish", &ObservationPipe::finish, released)
+      .def_prop_ro("broken", &ObservationPipe::broken)
+      .def_prop_ro("skipped", &ObservationPipe::skipped);
+}
+
 void bind_system(nb::module_& m) {
   bind_settings(m);
   bind_report(m);
+  bind_pipe(m);
   nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
                     const std::optional<std::filesystem::path>&, bool>(),
@@ -361,12 +412,13 @@ void bind_system(nb::module_& m) {
       .def("_feed", &Slam::feed)
       .def("_feed_frame", &Slam::feed_frame)
       .def("_set_observer", &Slam::set_observer, "callback"_a.none())
+      .def("_add_pipe", &Slam::add_pipe)
+      .def("_remove_pipe", &Slam::remove_pipe)
       .def(
           "finish", [](Slam& s) { without_gil([&] { s.system().finish(); }); },
           "Waits for the back end; what follows is final. No frame can be fed afterwards.")
       .def(
-          "reports",
-          [](Slam& s) { return without_gil([&] { return s.reports(); }); },
+          "reports", [](Slam& s) { return without_gil([&] { return s.reports(); }); },
           "FrameReports of all frames fed; what the back end did is complete after finish().")
       .def("_objects",
            [](Slam& s) {
@@ -437,7 +489,8 @@ void bind_system(nb::module_& m) {
       .def("_write_run",
            [](Slam& s, const std::filesystem::path& folder, const std::string& sequence,
               const std::optional<std::tuple<Times, Poses>>& truth, double start_up_s,
-              double wall_s, double cpu_s, const std::string& end_reason) {
+              double wall_s, double cpu_s, const std::string& end_reason,
+              const std::map<std::string, std::int64_t>& left_out) {
              RunInfo info;
              info.sequence = sequence;
              info.start_up_s = start_up_s;
@@ -445,6 +498,7 @@ void bind_system(nb::module_& m) {
              info.cpu_s = cpu_s;
              info.complete = end_reason.empty();
              info.end_reason = end_reason;
+             info.left_out = left_out;
              if (truth) info.ground_truth = to_poses(std::get<0>(*truth), std::get<1>(*truth));
              return s.write_run(folder, std::move(info));
            });

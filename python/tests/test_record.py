@@ -11,7 +11,9 @@ import pytest
 import kys_slam
 from conftest import ROOT, run_program
 from kys_slam import cli
-from kys_slam.record import class_colours, quaternion
+from kys_slam.drawing import belief_colour, class_colours, quaternion, segment_picture
+from kys_slam.priors import RIGHT_INSTANCES, SEGMENT, THING, PriorCamera
+from kys_slam.record import open_recorder
 
 WORLDS = Path(os.environ.get("KYS_WORLDS", ROOT / "build/release/regression/data"))
 COUNTS = ("keypoints", "stereo_matches", "matches", "inliers", "masked")
@@ -64,17 +66,22 @@ def test_recording_changes_nothing(block, tmp_path):
         assert (folder / "run" / name).read_bytes() == (tmp_path / name).read_bytes()
 
 
-def test_mcap_reads_back(block, truth):
+def read_mcap(file):
+    """[(time ns, message)] by topic."""
     reader_module = pytest.importorskip("mcap.reader")
-    decoder = pytest.importorskip("mcap_protobuf.decoder")
-    rows, (times, poses) = truth
+    decoder = pytest.importorskip("mcap_protobuf.decoder").DecoderFactory()
     messages = {}
-    with open(block[0] / "run.mcap", "rb") as stream:
-        reader = reader_module.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
-        for schema, channel, message in reader.iter_messages():
+    with open(file, "rb") as stream:
+        for schema, channel, message in reader_module.make_reader(stream).iter_messages():
             value = (json.loads(message.data) if channel.message_encoding == "json" else
-                     decoder.DecoderFactory().decoder_for("protobuf", schema)(message.data))
+                     decoder.decoder_for("protobuf", schema)(message.data))
             messages.setdefault(channel.topic, []).append((message.log_time, value))
+    return messages
+
+
+def test_mcap_reads_back(block, truth):
+    rows, (times, poses) = truth
+    messages = read_mcap(block[0] / "run.mcap")
     final = messages["/pose/final"]
     assert [t for t, _ in final] == [round(t * 1e9) for t in times]
     for (_, message), pose in zip(final, poses):
@@ -152,14 +159,107 @@ def test_quaternions():
         assert abs(abs(quaternion(r) @ (x, y, z, w)) - 1) < 1e-12
 
 
-def test_wrong_recordings_say_so(tmp_path, corridor_camera, capsys):
-    from kys_slam.record import open_recorder
+def test_wrong_recordings_say_so(tmp_path, corridor_camera):
+    slam = kys_slam.System(corridor_camera)
     with pytest.raises(kys_slam.InputError, match="rrd or FILE.mcap"):
-        open_recorder(tmp_path / "run.avi", corridor_camera)
+        open_recorder(tmp_path / "run.avi", slam)
     for name in ("run.mcap", "run.rrd"):
         pytest.importorskip("mcap_protobuf" if name == "run.mcap" else "rerun")
         with pytest.raises(kys_slam.InputError, match="cannot write"):
-            open_recorder(tmp_path / "no" / name, corridor_camera)
+            open_recorder(tmp_path / "no" / name, slam)
+
+
+def test_a_full_disk_costs_the_recording_alone(corridor, corridor_camera):
+    pytest.importorskip("mcap_protobuf")
+    link = Path("/dev/full")
+    if not link.exists():
+        pytest.skip("no /dev/full")
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    # A file whose name ends as it has to, on a full device.
+    folder = Path(os.environ.get("TMPDIR", "/tmp")) / f"kys_full_{os.getpid()}"
+    folder.mkdir()
+    try:
+        (folder / "run.mcap").symlink_to(link)
+        recorder = open_recorder(folder / "run.mcap", slam)
+        for left, right, time, _ in corridor:
+            slam.feed(left, right, time)
+        slam.finish()
+        with pytest.raises(kys_slam.InputError, match="cannot be written"):
+            recorder.close()
+        assert len(slam.trajectory().timestamps) == len(corridor)
+    finally:
+        (folder / "run.mcap").unlink()
+        folder.rmdir()
+
+
+def test_segments_given_with_a_frame_are_recorded(tmp_path, corridor, corridor_camera):
+    """A thing that moves is red in the picture of the segments, one that stands still green."""
+    cv2 = pytest.importorskip("cv2")
+    pytest.importorskip("mcap_protobuf")
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+    car, road = space.names.index("car"), space.names.index("road")
+    table = np.zeros(3, SEGMENT)
+    table["label"], table["flags"] = [car, car, road], [THING | 2, THING, 0]  # 2: DYNAMIC
+    table["instance"], table["score"], table["scale"] = [1, 2, 3], [100, 0, 0], 1000
+    right = table.copy()
+    right["instance"] += RIGHT_INSTANCES
+    height, width = corridor_camera.height, corridor_camera.width
+    where = np.zeros((height, width), np.uint16)
+    where[10:40, 20:60], where[10:40, 100:150], where[150:, :] = 1, 2, 3
+    motion = np.where(where == 1, 100, 0).astype(np.float32)
+    frame = kys_slam.PriorFrame("coco_panoptic_133", [
+        PriorCamera(table, where, motion), PriorCamera(right, where, motion)], has_motion=True)
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600, "kys.mode": "verified"})
+    recorder = open_recorder(tmp_path / "run.mcap", slam)
+    for left, right, time, _ in corridor:
+        slam.feed(left, right, time, segments=frame)
+    slam.finish()
+    recorder.close()
+    messages = read_mcap(tmp_path / "run.mcap")
+    assert len(messages["/camera/segments"]) == len(corridor)
+    picture = cv2.imdecode(np.frombuffer(messages["/camera/segments"][0][1].data, np.uint8),
+                           cv2.IMREAD_UNCHANGED)  # BGRA
+    assert picture.shape == (height, width, 4)
+    moving, still = picture[20, 30], picture[20, 120]
+    assert moving[2] > 200 > moving[1] and moving[3] > 100
+    assert still[1] > 150 > still[2] and picture[100, 100, 3] == 0
+    assert picture[200, 200, 3] > 0
+    texts = [t.text for t in messages["/camera/annotations"][0][1].texts]
+    assert any(t.startswith("car 1, moving") for t in texts)
+    assert any(t.startswith("car 2, moving 0.") for t in texts)
+
+
+def test_pictures_of_many_segments():
+    """More colours than a palette has are still a sound picture."""
+    cv2 = pytest.importorskip("cv2")
+    table = np.zeros(400, SEGMENT)
+    table["label"] = np.arange(400)
+    where = np.arange(401, dtype=np.uint16).repeat(5).reshape(5, 401)
+    picture = cv2.imdecode(np.frombuffer(segment_picture(
+        PriorCamera(table, where), np.full(400, np.nan)), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (5, 401, 4)
+    assert belief_colour(1.0) == (230, 50, 50) and belief_colour(0.0) == (70, 220, 90)
+
+
+def test_observers_and_recorders_go_together(tmp_path, corridor, corridor_camera):
+    """An observer that asks for reports, and puts itself out, beside a recording."""
+    pytest.importorskip("mcap_protobuf")
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    recorder, told = open_recorder(tmp_path / "run.mcap", slam), []
+
+    def observer(seen):
+        told.append(len(slam.reports()))
+        if len(told) == 3:
+            slam.set_observer(None)
+
+    slam.set_observer(observer)
+    for left, right, time, _ in corridor:
+        slam.feed(left, right, time)
+    slam.finish()
+    recorder.close()
+    recorder.close()  # does nothing
+    assert told == [1, 2, 3]
+    assert len(read_mcap(tmp_path / "run.mcap")["/frame"]) == len(corridor)
 
 
 def test_map_of_the_street_has_the_simulators_classes(tmp_path):

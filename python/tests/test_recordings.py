@@ -1,6 +1,8 @@
 """Folders, videos and bags give what the sequence they were made of gives."""
 
+import json
 import shutil
+import threading
 
 import numpy as np
 import pytest
@@ -246,6 +248,37 @@ def test_wrong_turns(tmp_path, corridor, capsys):
     says("no such", *pair, *calibration)
 
 
+def plot_says_what_evaluate_says(tmp_path, capsys):
+    """evo under `plot` and our own evaluation: the same figures; several runs in one picture."""
+    pytest.importorskip("evo")
+    from kys_slam.plot import load_run
+    own = kys_slam.evaluate(*kys_slam.read_tum(tmp_path / "run" / "ground_truth.tum"),
+                            *kys_slam.read_tum(tmp_path / "run" / "trajectory.tum"))
+    evo = load_run(tmp_path / "run", None)
+    for key in ("rmse", "mean", "median", "max"):
+        assert abs(evo.figures[key] - own["ate_m"][key]) < 1e-6, key
+    assert np.abs(np.linalg.norm(evo.path.poses[:, :3, 3] - evo.truth.poses[:, :3, 3], axis=1) -
+                  evo.errors).max() < 1e-9  # the path that is drawn is the aligned one
+    # A second run, half as large: sim3 takes that back, se3 does not.
+    times, poses = kys_slam.read_tum(tmp_path / "run" / "trajectory.tum")
+    poses[:, :3, 3] /= 2
+    kys_slam.write_tum(tmp_path / "half.tum", times, poses)
+    reference = tmp_path / "run" / "ground_truth.tum"
+    se3, sim3 = (load_run(tmp_path / "half.tum", reference, align) for align in ("se3", "sim3"))
+    assert se3.figures["rmse"] > 0.1 and abs(sim3.figures["rmse"] - own["ate_m"]["rmse"]) < 0.01
+    capsys.readouterr()
+    assert cli.main(["plot", str(tmp_path / "run"), str(tmp_path / "half.tum"), "--reference",
+                     str(reference), "--output", str(tmp_path / "p.png")]) == 0
+    printed = capsys.readouterr().out
+    assert f"{own['ate_m']['rmse']:.4f}" in printed and "half.tum" in printed
+    assert (tmp_path / "p.png").stat().st_size > 5000
+    times += 1000
+    kys_slam.write_tum(tmp_path / "later.tum", times, poses)
+    assert cli.main(["plot", str(tmp_path / "later.tum"), "--reference", str(reference)]) == 2
+    assert "no times in common" in capsys.readouterr().err
+    assert cli.main(["plot", str(tmp_path / "half.tum"), "--output", str(tmp_path / "q.png")]) == 0
+
+
 def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
     pytest.importorskip("matplotlib")
     slam = kys_slam.System(corridor_camera, {"orb.features": 600})
@@ -257,8 +290,7 @@ def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
     slam.write_run(tmp_path / "run", "corridor", (np.array([c[2] for c in corridor]), poses))
     assert cli.main(["evaluate", str(tmp_path / "run")]) == 0
     assert "ATE, rmse" in capsys.readouterr().out
-    assert cli.main(["plot", str(tmp_path / "run"), "--output", str(tmp_path / "p.png")]) == 0
-    assert (tmp_path / "p.png").stat().st_size > 5000
+    plot_says_what_evaluate_says(tmp_path, capsys)
     assert cli.main(["demo", "--frames", "5"]) == 0
     page = tmp_path / "report.html"
     assert cli.main(["report", str(tmp_path / "run"), "--output", str(page)]) == 0
@@ -276,3 +308,71 @@ def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
     kys_slam.write_tum(tmp_path / "again.tum", times, read)
     assert (tmp_path / "again.tum").read_bytes() == (tmp_path / "run" /
                                                      "trajectory.tum").read_bytes()
+
+
+def test_what_becomes_of_late_frames():
+    """Five frames come while three may wait and none is fetched."""
+    from kys_slam.live import FrameQueue
+    for policy, kept in (("drop-oldest", [2, 3, 4]), ("drop-newest", [0, 1, 2])):
+        frames = FrameQueue(policy, 3)
+        taken = [frames.put(i) for i in range(5)]
+        assert taken == [True] * 5 if policy == "drop-oldest" else [True] * 3 + [False] * 2
+        frames.close()
+        assert list(frames) == kept
+        assert (frames.received, frames.dropped) == (5, 2)
+        assert not frames.put(6)
+    frames = FrameQueue("wait", 3)
+    writer = threading.Thread(target=lambda: [frames.put(i) for i in range(50)] + [frames.close()])
+    writer.start()
+    assert list(frames) == list(range(50)) and frames.dropped == 0
+    writer.join()
+    with pytest.raises(kys_slam.InputError, match="no policy"):
+        FrameQueue("drop")
+    with pytest.raises(kys_slam.InputError, match="at least one"):
+        FrameQueue(capacity=0)
+
+
+def test_errors_of_a_recording_come_after_its_frames():
+    from kys_slam.live import Playback
+
+    class Frame:
+        timestamp = 0.0
+
+    def broken():
+        yield from (Frame(), Frame())
+        raise kys_slam.InputError("the third is broken")
+
+    seen = []
+    with pytest.raises(kys_slam.InputError, match="third"):
+        for frame in Playback(broken()):
+            seen.append(frame)
+    assert len(seen) == 2
+    # Who stops early ends the thread that reads.
+    endless = (Frame() for _ in iter(int, 1))
+    for frame in Playback(endless):
+        break
+
+
+def test_frames_that_come_too_fast_are_counted(shots, camchain, tmp_path, capsys):
+    """A flight played at 1000 times its pace: every frame is tracked or counted."""
+    bag = tmp_path / "flight.bag"
+    write_bag(bag, "ros1", shots, "mono8")
+    base = ["run", str(bag), "--calibration", str(camchain), "--schedule", "realtime", "--speed", "1000"]
+    for policy in ("drop-oldest", "drop-newest", "wait"):
+        out = tmp_path / policy
+        status = cli.main([*base, "--late", policy, "--output", str(out)])
+        printed = capsys.readouterr().out
+        summary = json.loads((out / "summary.json").read_text())
+        dropped = summary["left_out"].get("frames that came too fast", 0)
+        assert summary["frames"] + dropped == len(shots)
+        if policy == "wait":
+            assert status == 0 and dropped == 0
+        else:
+            assert dropped > 0 and f"frames that came too fast    {dropped}" in printed
+        assert len((out / "frames.csv").read_text().splitlines()) == 1 + summary["frames"]
+    assert cli.main([*base[:4], "--late", "drop-oldest", "--output", str(tmp_path / "x")]) == 2
+    assert "--schedule realtime" in capsys.readouterr().err
+    pytest.importorskip("matplotlib")
+    assert cli.main(["report", str(tmp_path / "drop-oldest"), "--output",
+                     str(tmp_path / "page.html")]) == 0
+    assert "frames that came too fast" in (tmp_path / "page.html").read_text()

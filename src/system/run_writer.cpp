@@ -154,7 +154,8 @@ void append_bytes(std::string& out, T value) {
   out.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/// A colour that a class keeps in every run; grey without one. Neighbours in the label space differ.
+/// A colour that a class keeps in every run; grey without one. Neighbours in the label space
+/// differ.
 std::array<std::uint8_t, 3> class_colour(std::uint16_t label) {
   if (label == kys::kVoidLabel) return {150, 150, 150};
   std::uint32_t h = label + 1U;
@@ -223,6 +224,8 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["frames_connected"] = outcome.connected.size();
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
+  json["left_out"] = nlohmann::ordered_json::object();
+  for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
   for (const std::string& warning : info.warnings) json["warnings"].push_back(printable(warning));
   if (const auto& a = outcome.accuracy) {
@@ -359,6 +362,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
     row("RPE per frame, rmse",
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
+  for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
   for (const Stage& stage : kStages) {
     const Spread s = spread(system.reports(), stage);
     if (s.mean <= 0) continue;

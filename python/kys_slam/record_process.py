@@ -1,0 +1,122 @@
+"""The process that draws and writes a recording: frames come in by its standard input, what became
+of it goes out as lines of JSON (kys_slam.record starts it)."""
+
+import json
+import os
+import pickle
+import struct
+import sys
+from pathlib import Path
+from typing import BinaryIO, Optional, Tuple
+
+import numpy as np
+
+from ._core import InputError, LabelSpace, StereoCamera
+from .drawing import Artist, End, Seen, Sink
+from .priors import PriorCamera, decode_prior, read_prior
+from .record import VIEWER
+
+
+def read_message(stream: BinaryIO) -> Optional[Tuple[bytes, bytes]]:
+    """Kind (b"P": a pickle, b"F": a frame) and content; None at the end, also of a broken one."""
+    head = stream.read(9)
+    if len(head) < 9:
+        return None
+    size = struct.unpack("<Q", head[1:])[0]
+    content = stream.read(size)
+    return (head[:1], content) if len(content) == size else None
+
+
+def decode_frame(content: bytes) -> Tuple[Seen, bytes]:
+    """What was seen, and the bytes of the prior file that came with the frame (python/src/
+    observation_pipe.cpp writes them)."""
+    size = struct.unpack_from("<I", content)[0]
+    report = json.loads(content[4:4 + size])
+    at, n = 4 + size, report["n"]
+
+    def take(kind: str, count: int) -> np.ndarray:
+        nonlocal at
+        values = np.frombuffer(content, kind, count, at)
+        at += values.nbytes
+        return values
+
+    priors = report["priors"]
+    keypoints, depths = take("<f4", 2 * n).reshape(n, 2), take("<f4", n)
+    instances, motions, labels = take("<i4", priors), take("<f4", priors), take("<u2", priors)
+    tiers = take("u1", n)
+    pixels = take("u1", report["width"] * report["height"])
+    left = pixels.reshape(report["height"], report["width"]) if pixels.size else None
+    segments = take("u1", report["segments"]).tobytes()
+    p_moving = {i[0]: i[2] for i in report["instances"]}
+    if not priors:
+        labels = instances = motions = None
+    return Seen(report, keypoints, depths, tiers, labels, instances, motions, p_moving, left), segments
+
+
+def _open_sink(target: str) -> Sink:
+    if target.endswith(".mcap"):
+        from .record_mcap import McapSink
+        return McapSink(target)
+    from .record_rerun import RerunSink
+    return RerunSink(None if target == VIEWER else target)
+
+
+def _prior_of(name: str, given: bytes, folder: Optional[str]) -> Optional[PriorCamera]:
+    """The left camera's; the system has read the file already and said what is wrong with it."""
+    try:
+        if given:
+            return decode_prior(given).cameras[0]
+        return read_prior(Path(folder) / f"{name}.kysp").cameras[0] if folder else None
+    except (InputError, IndexError):
+        return None
+
+
+def _record(stream: BinaryIO, say) -> None:
+    config = pickle.loads(read_message(stream)[1])
+    if config["target"] != VIEWER:
+        os.nice(10)  # tracking goes first
+    sink = _open_sink(config["target"])
+    camera = StereoCamera(**config["camera"])
+    classes = LabelSpace(config["label_space"]).names
+    artist = Artist(camera, classes, config["images"])
+    try:
+        sink.start(camera)
+        say({"state": "ready"})
+        while message := read_message(stream):
+            kind, content = message
+            if kind == b"F":
+                seen, given = decode_frame(content)
+                prior = _prior_of(seen.report["name"], given, config["priors"])
+                sink.frame(artist.draw(seen, prior))
+            else:
+                end = pickle.loads(content)
+                assert isinstance(end, End)
+                sink.end(artist.draw_end(end), classes)
+                break
+    finally:
+        sink.close()
+
+
+def main() -> int:
+    status = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what libraries print
+
+    def say(what: dict) -> None:
+        try:
+            print(json.dumps(what), file=status, flush=True)
+        except BrokenPipeError:
+            pass
+
+    try:
+        _record(sys.stdin.buffer, say)
+    except InputError as error:
+        say({"error": str(error)})
+        return 2
+    except OSError as error:
+        say({"error": f"the recording cannot be written: {error}"})
+        return 2
+    except Exception as error:
+        say({"error": f"the recording failed: {type(error).__name__}: {error}"})
+        return 70
+    say({"state": "done"})
+    return 0

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <kys_slam/frame_observation.h>
+#include <kys_slam/image.h>
+#include <kys_slam/report.h>
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <mutex>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace kys_slam {
+
+/// What the system sees, frame by frame, written to a file descriptor for another process: the
+/// thread that feeds copies numbers and pixels into a buffer, a thread of its own writes them.
+/// Python takes no part in either.
+///
+/// A frame is the byte 'F', the length of the rest (u64), the length of a header (u32), the header
+/// (JSON), then the arrays whose sizes the header tells (kys_slam/record_process.py reads them).
+class ObservationPipe {
+ public:
+  /// \param descriptor  duplicated; the caller keeps its own
+  /// \param wait  whether feeding waits when the reader is kCapacity frames behind; false: frames
+  ///   are skipped then
+  ObservationPipe(int descriptor, bool wait);
+  ObservationPipe(const ObservationPipe&) = delete;
+  ObservationPipe& operator=(const ObservationPipe&) = delete;
+  ~ObservationPipe();
+
+  /// \param left  may be empty
+  /// \param segments  bytes of the prior file that came with the frame; empty: none
+  void put(const FrameObservation& seen, const GrayImage& left,
+           std::span<const std::uint8_t> segments);
+
+  /// Returns when all frames are written, or the reader is gone.
+  void finish();
+
+  [[nodiscard]] bool broken() const;           ///< the reader is gone
+  [[nodiscard]] std::int64_t skipped() const;  ///< frames
+
+  static constexpr std::size_t kCapacity = 16;
+
+ private:
+  /// A frame, copied.
+  struct Item {
+    FrameReport report;
+    std::vector<ObservedInstance> instances;
+    std::size_t keypoints = 0, priors = 0, segments = 0;  // lengths
+    int width = 0, height = 0;                            // px
+    std::vector<std::uint8_t> arrays;
+  };
+  static void copy(const FrameObservation& seen, const GrayImage& left,
+                   std::span<const std::uint8_t> segments, Item& item);
+  static std::string head_of(const Item& item);
+  void run();
+  bool write_all(const void* data, std::size_t size) const;
+
+  int descriptor_;
+  bool wait_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Item> queue_;
+  std::vector<Item> spare_;  // their memory is used again
+  std::int64_t skipped_ = 0;
+  bool writing_ = false;
+  bool broken_ = false;
+  bool stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace kys_slam
