@@ -1,6 +1,6 @@
 #include "features/kernels.h"
 
-#include <array>
+#include "util/kernel_variants.h"
 
 namespace kys_slam::kernels {
 
@@ -10,29 +10,13 @@ extern const Kernels kAvx2;
 extern const Kernels kAvx512;
 #endif
 
-namespace {
-
-struct Available {
-  std::array<const Kernels*, 3> list{};
-  std::size_t count = 0;
-
-  Available() {
-    list[count++] = &kPlain;
-#ifdef KYS_X86_KERNELS
-    if (__builtin_cpu_supports("avx2")) list[count++] = &kAvx2;
-    if (__builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
-        __builtin_cpu_supports("avx512dq")) {
-      list[count++] = &kAvx512;
-    }
-#endif
-  }
-};
-
-}  // namespace
-
 std::span<const Kernels* const> available_kernels() {
-  static const Available available;
-  return {available.list.data(), available.count};
+#ifdef KYS_X86_KERNELS
+  static const KernelVariants<Kernels> variants(kPlain, kAvx2, kAvx512);
+#else
+  static const KernelVariants<Kernels> variants(kPlain);
+#endif
+  return variants.list();
 }
 
 const Kernels& kernels() {

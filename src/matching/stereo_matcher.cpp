@@ -5,20 +5,19 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 #include <optional>
 
 #include "matching/patch_alignment.h"
+#include "matching/patch_kernels.h"
 #include "util/median.h"
 
 namespace kys_slam {
 
 namespace {
 
-constexpr int kHalfPatch = 5;  // px at the keypoint's octave
-constexpr int kSlide = 5;      // px to either side
-constexpr int kPatch = 2 * kHalfPatch + 1;
+using patch::kHalf;  // px at the keypoint's octave
+using patch::kSlide;
 const kys::Prior kNoPrior{};
 
 const kys::Prior& prior_of(const StereoView& view, std::size_t i) {
@@ -67,18 +66,6 @@ struct Refined {
   float residual = 0;  // grey levels, between the aligned patches
 };
 
-/// Sum of absolute differences of two 11x11 patches after their central pixels were made equal.
-int patch_difference(const GrayImage& left, const GrayImage& right, int xl, int xr, int y) {
-  const int offset = static_cast<int>(left.at(xl, y)) - static_cast<int>(right.at(xr, y));
-  int sum = 0;
-  for (int dy = -kHalfPatch; dy <= kHalfPatch; ++dy) {
-    const std::uint8_t* l = left.row(y + dy) + xl - kHalfPatch;
-    const std::uint8_t* r = right.row(y + dy) + xr - kHalfPatch;
-    for (int dx = 0; dx < kPatch; ++dx) sum += std::abs(l[dx] - r[dx] - offset);
-  }
-  return sum;
-}
-
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
 /// and aligns it there to a fraction of a pixel.
 std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
@@ -92,18 +79,15 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
   const int y = static_cast<int>(std::lround(left_at.y()));
   const int xr =
       static_cast<int>(std::lround(right_pyramid.to_level(octave, right.x, right.y).x()));
-  const bool fits = y - kHalfPatch >= 0 && y + kHalfPatch < std::min(l.height(), r.height()) &&
-                    xl - kHalfPatch >= 0 && xl + kHalfPatch < l.width() &&
-                    xr - kSlide - kHalfPatch >= 0 && xr + kSlide + kHalfPatch < r.width();
+  const bool fits = y - kHalf >= 0 && y + kHalf < std::min(l.height(), r.height()) &&
+                    xl - kHalf >= 0 && xl + kHalf < l.width() && xr - kSlide - kHalf >= 0 &&
+                    xr + kSlide + kHalf < r.width();
   if (!fits) return {};
-  std::array<int, 2 * kSlide + 1> difference{};
-  std::size_t best = 0;
-  for (int s = -kSlide; s <= kSlide; ++s) {
-    const auto k = static_cast<std::size_t>(s + kSlide);
-    difference[k] = patch_difference(l, r, xl, xr + s, y);
-    if (difference[k] < difference[best]) best = k;
-  }
-  if (best == 0 || best + 1 == difference.size()) return {};  // no minimum inside the range
+  std::array<std::int32_t, 2 * kSlide + 1> difference;
+  patch::kernels().slide(l.row(y - kHalf) + xl - kHalf, l.width(),
+                         r.row(y - kHalf) + xr - kSlide - kHalf, r.width(), difference.data());
+  const auto best = std::min_element(difference.begin(), difference.end()) - difference.begin();
+  if (best == 0 || best == 2 * kSlide) return {};  // no minimum inside the range
   // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
   const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;

@@ -90,3 +90,24 @@ function(kys_add_benchmark name)
   target_link_libraries(${name} PRIVATE ${ARG_DEPENDS} benchmark::benchmark)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/benchmarks)
 endfunction()
+
+# kys_add_kernels(NAME STEM)
+# Inner loops of kys_slam_NAME, once per instruction set and chosen at run time: STEM_plain.cpp and,
+# on x86, STEM_avx2.cpp and STEM_avx512.cpp. They count on the vectoriser, so they are optimised in
+# every build type but the sanitizers'.
+function(kys_add_kernels name stem)
+  set(options -fno-math-errno)
+  if(NOT KYS_SANITIZE)
+    list(APPEND options -O3)
+  endif()
+  target_sources(kys_slam_${name} PRIVATE ${stem}_plain.cpp)
+  set_source_files_properties(${stem}_plain.cpp PROPERTIES COMPILE_OPTIONS "${options}")
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    target_sources(kys_slam_${name} PRIVATE ${stem}_avx2.cpp ${stem}_avx512.cpp)
+    target_compile_definitions(kys_slam_${name} PRIVATE KYS_X86_KERNELS)
+    set_source_files_properties(${stem}_avx2.cpp PROPERTIES
+      COMPILE_OPTIONS "${options};-mavx2;-mno-fma")
+    set_source_files_properties(${stem}_avx512.cpp PROPERTIES
+      COMPILE_OPTIONS "${options};-mavx512bw;-mavx512vl;-mavx512dq;-mprefer-vector-width=512")
+  endif()
+endfunction()

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+/// The inner loops of stereo's patch alignment over plain memory, compiled once per instruction set
+/// from patch_kernels.inc. Every variant gives the same bytes; kernels() picks the fastest this
+/// machine runs.
+namespace kys_slam::patch {
+
+inline constexpr int kHalf = 5;  ///< px
+inline constexpr int kSide = 2 * kHalf + 1;
+inline constexpr int kRow = 16;    ///< columns that are worked on together; the last weigh nothing
+inline constexpr int kStrip = 32;  ///< columns of the right image
+inline constexpr int kReach = 15;  ///< of them before the one that alignment starts from
+inline constexpr int kSlide = 5;   ///< px to either side, of the search in whole pixels
+
+/// One patch of the left image at its place between the pixels, and the same rows of the right one.
+struct Pair {
+  alignas(64) float wanted[kSide][kRow];
+  alignas(64) float gradient[kSide][kRow];  ///< grey levels per px, along the row
+  alignas(64) float strip[kSide][kStrip];
+};
+
+/// Weights by distance from the centre and offsets from it, px.
+struct Window {
+  alignas(64) float weight[kSide][kRow];
+  alignas(64) float dx[kRow];
+  float total;  ///< of the weights
+};
+
+/// Where the pixels of a pair come from: rows r and r + 1 of either image give row r.
+struct Source {
+  const std::uint8_t* left;  ///< first row, one column before the patch
+  std::ptrdiff_t left_stride;
+  int left_columns;           ///< that may be read from there on, 14 at least
+  const std::uint8_t* right;  ///< first row, first column of the image
+  std::ptrdiff_t right_stride;
+  int right_columns;  ///< of the image
+  int first;          ///< column where the strip begins; columns beyond the ends repeat the end
+  float fraction_x;   ///< px, of the left patch, 0..1
+  float fraction_y;   ///< px, of both
+};
+
+/// Place of the patch in the strip: pixel (dx, dy) lies in column middle + dx stretch + dy shear.
+struct Place {
+  float middle;
+  float stretch;
+  float shear;
+};
+
+/// Sums over the patch of weight w, gradient g, difference e (right less left, its mean taken off),
+/// with the vector a = g (1, dx, dy).
+struct Sums {
+  float square;  ///< grey levels squared, mean of e^2 by the window's weights
+  float w, we;
+  float a[3];   ///< w a
+  float aa[6];  ///< w a a^T: 00, 10, 11, 20, 21, 22
+  float ae[3];  ///< w a e
+};
+
+struct Kernels {
+  const char* name;
+
+  void (*prepare)(const Source& source, Pair* pair);
+
+  /// Weights are the window's over 1 + e^2 / (tolerance square + noise).
+  void (*sum_up)(const Pair& pair, const Window& window, const Place& place, float tolerance,
+                 float noise, Sums* sums);
+
+  /// Sums of absolute differences of the left patch and the right ones 2 kSlide + 1 columns along,
+  /// their central pixels made equal. The pointers are to the patches' first pixels, the right one
+  /// that farthest to the left; of a row 11 and 21 columns may be read.
+  void (*slide)(const std::uint8_t* left, std::ptrdiff_t left_stride, const std::uint8_t* right,
+                std::ptrdiff_t right_stride, std::int32_t* sums);
+};
+
+/// The fastest variant this machine runs.
+const Kernels& kernels();
+/// All variants this machine runs, the plain one first.
+std::span<const Kernels* const> available_kernels();
+
+}  // namespace kys_slam::patch

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+
+namespace kys_slam {
+
+/// Of loops compiled once per instruction set, those that this machine runs, the plain one first.
+template <typename Kernels>
+class KernelVariants {
+ public:
+  explicit KernelVariants(const Kernels& plain) { list_[count_++] = &plain; }
+#ifdef KYS_X86_KERNELS
+  KernelVariants(const Kernels& plain, const Kernels& avx2, const Kernels& avx512)
+      : KernelVariants(plain) {
+    if (__builtin_cpu_supports("avx2")) list_[count_++] = &avx2;
+    if (__builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
+        __builtin_cpu_supports("avx512dq")) {
+      list_[count_++] = &avx512;
+    }
+  }
+#endif
+  [[nodiscard]] std::span<const Kernels* const> list() const {
+    return {list_.data(), count_};
+  }
+
+ private:
+  std::array<const Kernels*, 3> list_{};
+  std::size_t count_ = 0;
+};
+
+}  // namespace kys_slam
