@@ -31,7 +31,8 @@ struct DisparityOffset {
 /// common scale, so a line through (their inverse distance, measured disparity) of many landmarks
 /// has the scale as its slope and the offset as its intercept. Done here as the maximum of the
 /// profile likelihood: bundle adjustments of the whole map at offsets -h, 0, +h, the vertex of the
-/// parabola through their costs, and the same again around it. Robust, and with disparities of the
+/// parabola through their costs, and where that is off zero the same again around it. Robust, and
+/// with disparities of the
 /// fine octaves alone: at depth edges patches mix two surfaces and lean to the nearer one, the more
 /// the coarser they are. The noise level comes from the residuals.
 DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,

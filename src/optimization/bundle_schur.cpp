@@ -4,10 +4,10 @@
 #include <cmath>
 #include <optional>
 
-#include "geometry/reprojection.h"
+#include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
 #include "optimization/bundle_solver.h"
-#include "util/lanes.h"
+#include "optimization/reprojection_lanes.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
 // (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1). The reduced system is dense
@@ -30,20 +30,20 @@ constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
 
-struct SchurObservation {
-  std::int32_t pose;     // index of the pose
-  std::int32_t free;     // position among the free poses, -1: fixed
-  double u, v, u_right;  // px; u_right 0 for monocular
-  double weight;         // 1/px^2
-  double weight_right;   // 1/px^2, 0 for monocular
-  double bound;          // square of Huber's delta
+/// Four observations of one point; lanes past its end weigh nothing.
+struct ObservationLanes : MeasuredLanes {
+  std::array<std::int32_t, kLanes> pose{};
+  std::array<std::int32_t, kLanes> free{-1, -1, -1, -1};  // among the free poses, -1: fixed
 };
 
-/// One point and its observations [begin, end) in the sorted array.
+/// One point: its observations [begin, end) in order, its groups of four from `group` on.
 struct SchurPoint {
   std::int32_t point;
   std::int32_t begin;
   std::int32_t end;
+  std::int32_t group;
+
+  [[nodiscard]] std::int32_t groups() const { return (end - begin + kLanes - 1) / kLanes; }
 };
 
 /// What back-substitution and the gain ratio need of an eliminated point.
@@ -54,9 +54,9 @@ struct EliminatedPoint {
   Eigen::Vector3d damping;    // what was added to the diagonal of V
 };
 
+/// [R|t], row by row.
 struct PoseMatrix {
-  Eigen::Matrix3d R;
-  Eigen::Vector3d t;
+  alignas(32) std::array<double, 12> rows;
 };
 
 /// Where the blocks of the lower triangle of the reduced system are, row by row: all of them, or
@@ -108,13 +108,13 @@ KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* 
 }
 
 /// Takes the products Z_row Z_col^T of one point's observations off the reduced system.
-KYS_VECTOR_CLONES void subtract_products(const SchurObservation* observations, const Matrix63* Z,
+KYS_ALWAYS_INLINE void subtract_products(const std::int32_t* free, const Matrix63* Z,
                                          std::int32_t count, const BlockPlaces& places,
                                          Matrix6d* reduced) {
   for (std::int32_t row = 0; row < count; ++row) {
-    const std::int32_t r = observations[row].free;
+    const std::int32_t r = free[row];
     for (std::int32_t col = 0; col <= row; ++col) {
-      const std::int32_t c = observations[col].free;
+      const std::int32_t c = free[col];
       double* S = reduced[places(r, c)].data();
       subtract_outer(Z[row].data(), Z[col].data(), S);
       // A point seen twice from one pose gives that pose's block both triangles.
@@ -123,10 +123,246 @@ KYS_VECTOR_CLONES void subtract_products(const SchurObservation* observations, c
   }
 }
 
+/// Rows to columns.
+KYS_ALWAYS_INLINE void transpose(Lanes& a, Lanes& b, Lanes& c, Lanes& d) {
+  const Lanes ab0 = __builtin_shufflevector(a, b, 0, 4, 2, 6);
+  const Lanes ab1 = __builtin_shufflevector(a, b, 1, 5, 3, 7);
+  const Lanes cd0 = __builtin_shufflevector(c, d, 0, 4, 2, 6);
+  const Lanes cd1 = __builtin_shufflevector(c, d, 1, 5, 3, 7);
+  a = __builtin_shufflevector(ab0, cd0, 0, 1, 4, 5);
+  b = __builtin_shufflevector(ab1, cd1, 0, 1, 4, 5);
+  c = __builtin_shufflevector(ab0, cd0, 2, 3, 6, 7);
+  d = __builtin_shufflevector(ab1, cd1, 2, 3, 6, 7);
+}
+
+/// What every point is looked at with.
+struct View {
+  CameraNumbers camera;
+  const PoseMatrix* poses;
+  bool robust;
+};
+
+/// Poses of four observations, [R|t] as lanes, and their errors.
+struct LaneView {
+  Lanes T[12];
+  LaneErrors errors;
+};
+
+KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const double* p_w,
+                            LaneView& to) {
+  for (int row = 0; row < 3; ++row) {
+    Lanes* T = to.T + 4 * row;
+    for (int k = 0; k < kLanes; ++k) {
+      T[k] = *reinterpret_cast<const Four*>(view.poses[o.pose[k]].rows.data() + 4 * row);
+    }
+    transpose(T[0], T[1], T[2], T[3]);
+  }
+  to.errors.x = to.T[0] * p_w[0] + to.T[1] * p_w[1] + to.T[2] * p_w[2] + to.T[3];
+  to.errors.y = to.T[4] * p_w[0] + to.T[5] * p_w[1] + to.T[6] * p_w[2] + to.T[7];
+  to.errors.z = to.T[8] * p_w[0] + to.T[9] * p_w[1] + to.T[10] * p_w[2] + to.T[11];
+  errors_of(o, view.camera, to.errors);
+}
+
+/// 1/2 the sum of rho over a point's observations.
+KYS_VECTOR_CLONES double cost_of(const ObservationLanes* groups, std::int32_t count,
+                                 const View& view, const double* p_w) {
+  Lanes cost{};
+  const Lanes all = broadcast(1);
+  for (std::int32_t g = 0; g < count; ++g) {
+    LaneView v;
+    look(groups[g], view, p_w, v);
+    static_cast<void>(huber_weight(groups[g].bound, v.errors.chi2, view.robust, all, cost));
+  }
+  return lane_sum(cost);
+}
+
+/// J^T W J (lower triangle, row by row) and J^T W r over a point.
+struct PointNormal {
+  double V[6];
+  double b[3];
+};
+
+/// Per lane: the same, and of one group A R, with A = J^T W J over the camera frame.
+struct PointLanes {
+  Lanes V[6]{};
+  Lanes b[3]{};
+  Lanes AR[9];
+
+  KYS_ALWAYS_INLINE void add(const Lanes* T, const LaneNormal& n) {
+    for (int c = 0; c < 3; ++c) {
+      AR[c] = n.a00 * T[c] + n.a02 * T[8 + c];
+      AR[3 + c] = n.a11 * T[4 + c] + n.a12 * T[8 + c];
+      AR[6 + c] = n.a02 * T[c] + n.a12 * T[4 + c] + n.a22 * T[8 + c];
+      b[c] += T[c] * n.g0 + T[4 + c] * n.g1 + T[8 + c] * n.g2;
+    }
+    for (int r = 0, k = 0; r < 3; ++r) {
+      for (int c = 0; c <= r; ++c, ++k) {
+        V[k] += T[r] * AR[c] + T[4 + r] * AR[3 + c] + T[8 + r] * AR[6 + c];
+      }
+    }
+  }
+  KYS_ALWAYS_INLINE void sum_up(PointNormal& to) const {
+    for (int k = 0; k < 6; ++k) to.V[k] = lane_sum(V[k]);
+    for (int k = 0; k < 3; ++k) to.b[k] = lane_sum(b[k]);
+  }
+};
+
+KYS_ALWAYS_INLINE void normal_in_view(const ObservationLanes& o, const View& view,
+                                      const LaneView& v, LaneNormal& n) {
+  Lanes cost{};
+  const Lanes w = huber_weight(o.bound, v.errors.chi2, view.robust, broadcast(1), cost);
+  normal_of(v.errors, view.camera, w * o.weight, w * o.weight_disparity, n);
+}
+
+/// Of a point, the poses held.
+KYS_VECTOR_CLONES void point_normal_of(const ObservationLanes* groups, std::int32_t count,
+                                       const View& view, const double* p_w, PointNormal& normal) {
+  PointLanes sums;
+  for (std::int32_t g = 0; g < count; ++g) {
+    LaneView v;
+    look(groups[g], view, p_w, v);
+    LaneNormal n;
+    normal_in_view(groups[g], view, v, n);
+    sums.add(v.T, n);
+  }
+  sums.sum_up(normal);
+}
+
+/// Where the parts of the reduced system lie.
+struct ReducedSystem {
+  Matrix6d* blocks;
+  const BlockPlaces* places;
+  Vector6d* gradient;
+  Vector6d* diagonal;  // of the poses, before points are eliminated
+};
+
+/// Mixed block (pose rows, point columns, column by column) and gradient of four observations.
+struct MixedLanes {
+  Lanes block[18];
+  Lanes gradient[6];
+};
+
+/// Writes `kCount` lanes as numbers in a row, for each of four observations.
+template <int kCount>
+KYS_ALWAYS_INLINE void to_rows(const Lanes* lanes, double (*rows)[kCount]) {
+  static_assert(kCount % kLanes == 0);
+  for (int k = 0; k < kCount; k += kLanes) {
+    Lanes a = lanes[k], b = lanes[k + 1], c = lanes[k + 2], d = lanes[k + 3];
+    transpose(a, b, c, d);
+    *reinterpret_cast<Four*>(rows[0] + k) = a;
+    *reinterpret_cast<Four*>(rows[1] + k) = b;
+    *reinterpret_cast<Four*>(rows[2] + k) = c;
+    *reinterpret_cast<Four*>(rows[3] + k) = d;
+  }
+}
+
+KYS_ALWAYS_INLINE void add_in_row(const double* from, int count, double* to) {
+  for (int k = 0; k < count; k += kLanes) {
+    auto& sum = *reinterpret_cast<Four*>(to + k);
+    sum += *reinterpret_cast<const Four*>(from + k);
+  }
+}
+
+/// Adds the blocks of four observations' poses.
+KYS_ALWAYS_INLINE void add_pose_blocks(const ObservationLanes& o, const LaneNormal& n,
+                                       const LanePoseNormal& p, const ReducedSystem& system) {
+  const Lanes zero{};
+  const Lanes full[36] = {p.h00, p.h10, p.h20, p.b00, p.b01, p.b02,  //
+                          p.h10, p.h11, p.h21, p.b10, p.b11, p.b12,  //
+                          p.h20, p.h21, p.h22, p.b20, p.b21, p.b22,  //
+                          p.b00, p.b10, p.b20, n.a00, zero,  n.a02,  //
+                          p.b01, p.b11, p.b21, zero,  n.a11, n.a12,  //
+                          p.b02, p.b12, p.b22, n.a02, n.a12, n.a22};
+  alignas(32) double rows[kLanes][36];
+  to_rows<36>(full, rows);
+  for (int k = 0; k < kLanes; ++k) {
+    const std::int32_t r = o.free[k];
+    if (r < 0) continue;
+    add_in_row(rows[k], 36, system.blocks[(*system.places)(r, r)].data());
+    for (int d = 0; d < 6; ++d) system.diagonal[r][d] += rows[k][7 * d];
+  }
+}
+
+/// Linearises a point's observations: adds to the blocks of their poses, leaves what mixes poses
+/// and the point, and sums up the point's own.
+KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t count,
+                                 const View& view, const double* p_w, const ReducedSystem& system,
+                                 MixedLanes* mixed, PointNormal& normal) {
+  PointLanes sums;
+  for (std::int32_t g = 0; g < count; ++g) {
+    const ObservationLanes& o = groups[g];
+    LaneView v;
+    look(o, view, p_w, v);
+    LaneNormal n;
+    normal_in_view(o, view, v, n);
+    sums.add(v.T, n);
+    if (o.free[kLanes - 1] < 0 && o.free[0] < 0 && o.free[1] < 0 && o.free[2] < 0) continue;
+    LanePoseNormal p;
+    pose_normal_of(v.errors, n, p);
+    add_pose_blocks(o, n, p, system);
+    const Lanes* AR = sums.AR;
+    const LaneErrors& e = v.errors;
+    for (int c = 0; c < 3; ++c) {
+      Lanes* column = mixed[g].block + 6 * c;
+      column[0] = e.y * AR[6 + c] - e.z * AR[3 + c];
+      column[1] = e.z * AR[c] - e.x * AR[6 + c];
+      column[2] = e.x * AR[3 + c] - e.y * AR[c];
+      column[3] = AR[c];
+      column[4] = AR[3 + c];
+      column[5] = AR[6 + c];
+    }
+    Lanes* gradient = mixed[g].gradient;
+    gradient[0] = p.g0;
+    gradient[1] = p.g1;
+    gradient[2] = p.g2;
+    gradient[3] = n.g0;
+    gradient[4] = n.g1;
+    gradient[5] = n.g2;
+  }
+  sums.sum_up(normal);
+}
+
+/// Takes a linearised point out of the system: Z = mixed L^-T of each of its observations.
+/// \param L_inverse 00, 10, 11, 20, 21, 22
+KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t count,
+                                 const MixedLanes* mixed, const double* L_inverse, const double* y,
+                                 const std::int32_t* free, Matrix63* Z,
+                                 const ReducedSystem& system) {
+  const std::int32_t groups_count = (count + kLanes - 1) / kLanes;
+  for (std::int32_t g = 0; g < groups_count; ++g) {
+    const ObservationLanes& o = groups[g];
+    const Lanes* m = mixed[g].block;
+    Lanes z[20];
+    Lanes gradient[8];
+    for (int r = 0; r < 6; ++r) {
+      z[r] = m[r] * L_inverse[0];
+      z[6 + r] = m[r] * L_inverse[1] + m[6 + r] * L_inverse[2];
+      z[12 + r] = m[r] * L_inverse[3] + m[6 + r] * L_inverse[4] + m[12 + r] * L_inverse[5];
+      gradient[r] = mixed[g].gradient[r] - (z[r] * y[0] + z[6 + r] * y[1] + z[12 + r] * y[2]);
+    }
+    z[18] = z[19] = gradient[6] = gradient[7] = Lanes{};
+    alignas(32) double z_rows[kLanes][20];
+    alignas(32) double gradient_rows[kLanes][8];
+    to_rows<20>(z, z_rows);
+    to_rows<8>(gradient, gradient_rows);
+    for (int k = 0; k < kLanes; ++k) {
+      if (o.free[k] < 0) continue;
+      __builtin_memcpy(Z[kLanes * g + k].data(), z_rows[k], 18 * sizeof(double));
+      double* to = system.gradient[o.free[k]].data();
+      for (int d = 0; d < 6; ++d) to[d] += gradient_rows[k][d];
+    }
+  }
+  std::int32_t first = 0;
+  while (first < count && free[first] < 0) ++first;
+  subtract_products(free + first, Z + first, count - first, *system.places, system.blocks);
+}
+
 class SchurBundle {
  public:
   SchurBundle(BundleProblem& problem, const BundleOptions& options, const BundleRound& round)
-      : problem_(problem), options_(options), robust_(round.robust) {
+      : problem_(problem),
+        options_(options),
+        view_{CameraNumbers(problem.camera), nullptr, round.robust} {
     number_free_poses(round);
     sort_observations(round);
     const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
@@ -138,7 +374,7 @@ class SchurBundle {
     pose_step_.resize(free_pose_.size());
     eliminated_.resize(points_.size());
     point_step_.resize(points_.size());
-    Z_.resize(observations_.size());
+    Z_.resize(free_of_.size());
     const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
     if (!round.sparse) dense_.resize(size, size);
     flat_gradient_.resize(size);
@@ -149,7 +385,7 @@ class SchurBundle {
     update_matrices();
     double cost = evaluate();
     summary.initial_cost = summary.final_cost = cost;
-    if (observations_.empty()) return summary;
+    if (points_.empty()) return summary;
     double damping = kInitialDamping;
     double growth = 2;
     while (summary.iterations < iterations && damping < kMaxDamping) {
@@ -218,20 +454,32 @@ class SchurBundle {
       if (round.active[i] != 0) ++first[all[i].point + 1];
     }
     for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
-    for (std::size_t i = 0; i + 1 < first.size(); ++i) {
-      if (first[i + 1] == first[i]) continue;
-      points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1]});
-    }
-    observations_.resize(first.back());
+    std::vector<std::int32_t> order(static_cast<std::size_t>(first.back()));
     std::vector<std::int32_t> next(first.begin(), first.end() - 1);
     for (std::size_t i = 0; i < all.size(); ++i) {
-      if (round.active[i] != 0) observations_[next[all[i].point]++] = convert(all[i]);
+      if (round.active[i] != 0) order[next[all[i].point]++] = static_cast<std::int32_t>(i);
     }
-    for (const SchurPoint& p : points_) {
-      const auto begin = observations_.begin() + p.begin;
-      const auto end = observations_.begin() + p.end;
-      const auto earlier = [](const auto& a, const auto& b) { return a.free < b.free; };
+    const auto free_of = [&](std::int32_t i) { return free_index_[all[i].pose]; };
+    const auto earlier = [&](std::int32_t a, std::int32_t b) { return free_of(a) < free_of(b); };
+    std::int32_t groups = 0;
+    std::int32_t most = 0;
+    for (std::size_t i = 0; i + 1 < first.size(); ++i) {
+      if (first[i + 1] == first[i]) continue;
+      const auto begin = order.begin() + first[i];
+      const auto end = order.begin() + first[i + 1];
       if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
+      points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1], groups});
+      groups += points_.back().groups();
+      most = std::max(most, points_.back().groups());
+    }
+    mixed_.resize(static_cast<std::size_t>(most));
+    free_of_.reserve(order.size());
+    for (const std::int32_t i : order) free_of_.push_back(free_of(i));
+    groups_.resize(static_cast<std::size_t>(groups));
+    for (const SchurPoint& p : points_) {
+      for (std::int32_t k = 0; k < p.end - p.begin; ++k) {
+        pack(all[order[p.begin + k]], k % kLanes, groups_[p.group + k / kLanes]);
+      }
     }
   }
 
@@ -248,15 +496,15 @@ class SchurBundle {
   [[nodiscard]] BlockPattern shared_points() const {
     // Observations by free pose, so that a row is finished before the next.
     std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
-    for (const SchurObservation& o : observations_) {
-      if (o.free >= 0) ++begin[o.free + 1];
+    for (const std::int32_t r : free_of_) {
+      if (r >= 0) ++begin[r + 1];
     }
     for (std::size_t r = 1; r < begin.size(); ++r) begin[r] += begin[r - 1];
     std::vector<std::int32_t> point_of(static_cast<std::size_t>(begin.back()));
     std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
     for (std::size_t k = 0; k < points_.size(); ++k) {
       for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
-        const std::int32_t r = observations_[i].free;
+        const std::int32_t r = free_of_[i];
         if (r >= 0) point_of[next[r]++] = static_cast<std::int32_t>(k);
       }
     }
@@ -266,7 +514,7 @@ class SchurBundle {
       for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
         const SchurPoint& point = points_[point_of[k]];
         for (std::int32_t i = point.begin; i < point.end; ++i) {
-          const std::int32_t c = observations_[i].free;
+          const std::int32_t c = free_of_[i];
           if (c > r) break;
           if (c < 0 || seen_by[c] == r) continue;
           seen_by[c] = r;
@@ -279,50 +527,39 @@ class SchurBundle {
     return pattern;
   }
 
-  [[nodiscard]] SchurObservation convert(const BundleProblem::Observation& o) const {
+  void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) const {
     const bool stereo = !std::isnan(o.u_right);
     // Errors and their bound shrink together: the kernel acts as on the unweighted error.
     const double weight = o.weight * (static_cast<double>(o.inv_sigma) * o.inv_sigma);
-    return {o.pose,
-            free_index_[o.pose],
-            o.u,
-            o.v,
-            stereo ? o.u_right : 0,
-            weight,
-            stereo ? weight * options_.disparity_weight : 0,
-            o.weight * (stereo ? options_.chi2_stereo : options_.chi2_mono)};
+    to.u[lane] = o.u;
+    to.v[lane] = o.v;
+    to.u_right[lane] = stereo ? o.u_right : 0;
+    to.weight[lane] = weight;
+    to.weight_disparity[lane] = stereo ? weight * options_.disparity_weight : 0;
+    to.bound[lane] = o.weight * (stereo ? options_.chi2_stereo : options_.chi2_mono);
+    to.pose[lane] = o.pose;
+    to.free[lane] = free_index_[o.pose];
   }
 
   void update_matrices() {
     matrices_.resize(problem_.T_c_w.size());
     for (std::size_t i = 0; i < matrices_.size(); ++i) {
-      matrices_[i] = {problem_.T_c_w[i].R(), problem_.T_c_w[i].translation};
+      using RowMajor = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+      Eigen::Map<RowMajor>(matrices_[i].rows.data()) = problem_.T_c_w[i].matrix();
     }
+    view_.poses = matrices_.data();
   }
 
-  /// rho of an observation's chi2, the point being at p_w.
-  [[nodiscard]] double loss(const SchurObservation& o, const Eigen::Vector3d& p_w) const {
-    const PoseMatrix& T = matrices_[o.pose];
-    const Eigen::Vector3d p_c = T.R * p_w + T.t;
-    const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-    const double chi2 = o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
-    return robust_ && chi2 > o.bound ? 2.0 * std::sqrt(chi2 * o.bound) - o.bound : chi2;
-  }
-
+  /// 1/2 the sum of rho over the point's observations, the point being at p_w.
   [[nodiscard]] double loss(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
-    double sum = 0;
-    for (std::int32_t i = point.begin; i < point.end; ++i) sum += loss(observations_[i], p_w);
-    return sum;
+    return cost_of(groups_.data() + point.group, point.groups(), view_, p_w.data());
   }
 
-  /// 1/2 sum of rho at the present poses and points.
+  /// At the present poses and points.
   [[nodiscard]] double evaluate() const {
     double cost = 0;
-    for (const SchurPoint& point : points_) {
-      const Eigen::Vector3d& p_w = problem_.points[point.point];
-      for (std::int32_t i = point.begin; i < point.end; ++i) cost += loss(observations_[i], p_w);
-    }
-    return 0.5 * cost;
+    for (const SchurPoint& point : points_) cost += loss(point, problem_.points[point.point]);
+    return cost;
   }
 
   /// After a step, every point by itself goes where the moved poses see it best (Jeong et al.,
@@ -351,22 +588,10 @@ class SchurBundle {
   /// Gauss-Newton step of one point, the poses held.
   [[nodiscard]] Eigen::Vector3d point_newton_step(const SchurPoint& point,
                                                   const Eigen::Vector3d& p_w) const {
-    Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d b = Eigen::Vector3d::Zero();
-    for (std::int32_t i = point.begin; i < point.end; ++i) {
-      const SchurObservation& o = observations_[i];
-      const PoseMatrix& T = matrices_[o.pose];
-      const Eigen::Vector3d p = T.R * p_w + T.t;
-      const Eigen::Vector3d e = reprojection_error(problem_.camera, p, o.u, o.v, o.u_right);
-      const double chi2 =
-          o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
-      const double w = robust_ && chi2 > o.bound ? std::sqrt(o.bound / chi2) : 1.0;
-      const Eigen::Matrix3d J = reprojection_jacobian(problem_.camera, p) * T.R;
-      const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_right);
-      const Eigen::Matrix3d JtW = J.transpose() * W.asDiagonal();
-      V.noalias() += JtW * J;
-      b.noalias() += JtW * e;
-    }
+    PointNormal normal;
+    point_normal_of(groups_.data() + point.group, point.groups(), view_, p_w.data(), normal);
+    Eigen::Matrix3d V = lower_of(normal);
+    const Eigen::Vector3d b(normal.b);
     V.diagonal() += kPointDamping * V.diagonal().cwiseMax(kMinDiagonal);
     const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
     return -(L_inverse.transpose() * (L_inverse * b));
@@ -386,7 +611,7 @@ class SchurBundle {
         stopped_ = true;
         return -1;
       }
-      eliminate(i, damping);
+      take_in(i, damping);
     }
     if (!solve_reduced(damping)) return -1;
     const double predicted = back_substitute();
@@ -395,27 +620,31 @@ class SchurBundle {
   }
 
   /// Adds a point's observations to the reduced system.
-  void eliminate(std::size_t index, double damping) {
+  void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
-    const Eigen::Vector3d& p_w = problem_.points[point.point];
-    Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d b = Eigen::Vector3d::Zero();
-    for (std::int32_t i = point.begin; i < point.end; ++i) linearise(i, p_w, V, b);
-
+    const ReducedSystem system{reduced_.data(), &places_, gradient_.data(), pose_damping_.data()};
+    const ObservationLanes* groups = groups_.data() + point.group;
+    PointNormal normal;
+    linearise(groups, point.groups(), view_, problem_.points[point.point].data(), system,
+              mixed_.data(), normal);
     EliminatedPoint& e = eliminated_[index];
-    e.b = b;
+    Eigen::Matrix3d V = lower_of(normal);
+    e.b = Eigen::Vector3d(normal.b);
     e.damping = damping * V.diagonal().cwiseMax(kMinDiagonal);
     V.diagonal() += e.damping;
     e.L_inverse = inverse_of_cholesky(V);
-    e.y = e.L_inverse * b;
-    std::int32_t i = point.begin;
-    while (i < point.end && observations_[i].free < 0) ++i;
-    for (std::int32_t row = i; row < point.end; ++row) {
-      Z_[row] = (Z_[row] * e.L_inverse.transpose()).eval();
-      gradient_[observations_[row].free].noalias() -= Z_[row] * e.y;
-    }
-    subtract_products(observations_.data() + i, Z_.data() + i, point.end - i, places_,
-                      reduced_.data());
+    e.y = e.L_inverse * e.b;
+    const Eigen::Matrix3d& L = e.L_inverse;
+    const double lower[6] = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
+    eliminate(groups, point.end - point.begin, mixed_.data(), lower, e.y.data(),
+              free_of_.data() + point.begin, Z_.data() + point.begin, system);
+  }
+
+  /// The lower triangle is all that is read.
+  static Eigen::Matrix3d lower_of(const PointNormal& n) {
+    Eigen::Matrix3d V;
+    V << n.V[0], 0, 0, n.V[1], n.V[2], 0, n.V[3], n.V[4], n.V[5];
+    return V;
   }
 
   /// Inverse of the lower Cholesky factor of a positive definite 3x3 matrix.
@@ -431,44 +660,6 @@ class SchurBundle {
     inverse << i00, 0, 0, -l10 * i00 * i11, i11, 0, (l10 * l21 * i11 - l20) * i00 * i22,
         -l21 * i11 * i22, i22;
     return inverse;
-  }
-
-  /// Adds one observation to its point's V and b and to its pose's block and gradient, and leaves
-  /// its mixed block (pose rows, point columns) in Z_.
-  void linearise(std::int32_t index, const Eigen::Vector3d& p_w, Eigen::Matrix3d& V,
-                 Eigen::Vector3d& b) {
-    const SchurObservation& o = observations_[index];
-    const PoseMatrix& T = matrices_[o.pose];
-    const Eigen::Vector3d p = T.R * p_w + T.t;
-    const Eigen::Vector3d e = reprojection_error(problem_.camera, p, o.u, o.v, o.u_right);
-    const double chi2 = o.weight * (e.x() * e.x() + e.y() * e.y()) + o.weight_right * e.z() * e.z();
-    const double w = robust_ && chi2 > o.bound ? std::sqrt(o.bound / chi2) : 1.0;
-
-    const Eigen::Matrix3d J = reprojection_jacobian(problem_.camera, p);
-    const Eigen::Vector3d W(w * o.weight, w * o.weight, w * o.weight_right);
-    const Eigen::Matrix3d JtW = J.transpose() * W.asDiagonal();
-    const Eigen::Matrix3d A = JtW * J;
-    const Eigen::Vector3d g = JtW * e;
-    const Eigen::Matrix3d AR = A * T.R;
-    V.noalias() += T.R.transpose() * AR;
-    b.noalias() += T.R.transpose() * g;
-    if (o.free < 0) return;
-
-    const Eigen::Matrix3d P = hat(p);
-    Matrix63& mixed = Z_[index];
-    mixed.topRows<3>() = P * AR;
-    mixed.bottomRows<3>() = AR;
-    const Eigen::Matrix3d PA = P * A;
-    Matrix6d& U = block(o.free, o.free);
-    Matrix6d add;
-    add.topLeftCorner<3, 3>() = -PA * P;
-    add.topRightCorner<3, 3>() = PA;
-    add.bottomLeftCorner<3, 3>() = PA.transpose();
-    add.bottomRightCorner<3, 3>() = A;
-    U += add;
-    pose_damping_[o.free] += add.diagonal();
-    gradient_[o.free].head<3>() += p.cross(g);
-    gradient_[o.free].tail<3>() += g;
   }
 
   /// Solves for the increments of the poses.
@@ -517,7 +708,7 @@ class SchurBundle {
       const EliminatedPoint& e = eliminated_[k];
       Eigen::Vector3d moved = Eigen::Vector3d::Zero();  // sum of Z^T pose_step
       for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
-        const std::int32_t r = observations_[i].free;
+        const std::int32_t r = free_of_[i];
         if (r >= 0) moved.noalias() += Z_[i].transpose() * pose_step_[r];
       }
       point_step_[k] = -(e.L_inverse.transpose() * (e.y + moved));
@@ -559,12 +750,14 @@ class SchurBundle {
 
   BundleProblem& problem_;
   const BundleOptions& options_;
-  const bool robust_;
+  View view_;
   bool stopped_ = false;                  // in the middle of a step
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
-  std::vector<SchurObservation> observations_;
+  std::vector<std::int32_t> free_of_;     // per observation, by point
+  std::vector<ObservationLanes> groups_;  // the same
+  std::vector<MixedLanes> mixed_;         // of the point worked on
   std::vector<PoseMatrix> matrices_;
 
   BlockPlaces places_;

@@ -7,8 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "geometry/reprojection.h"
-#include "util/lanes.h"
+#include "optimization/reprojection_lanes.h"
 
 namespace kys_slam {
 namespace {
@@ -20,19 +19,14 @@ constexpr int kMinObservations = 3;
 constexpr double kStepTolerance = 1e-9;  // rad and m: far below what a pixel can tell
 constexpr double kCostTolerance = 1e-7;  // relative
 
-/// Four observations side by side. Weights are 1/px^2, and zero where there is nothing to weigh:
-/// lanes past the end, and the right image of monocular observations.
-struct ObservationLanes {
-  Lanes x{}, y{}, z{};        // p_w, m
-  Lanes u{}, v{}, u_right{};  // px
-  Lanes weight{}, weight_disparity{};
-  Lanes bound{};   // chi2 that separates outliers, and the square of Huber's delta
-  Lanes share{};   // factor on the information
-  Lanes active{};  // share of those that take part in this round, else 0
+/// Four observations side by side.
+struct ObservationLanes : MeasuredLanes {
+  Lanes x{}, y{}, z{};  // p_w, m
+  Lanes share{};        // factor on the information
+  Lanes active{};       // share of those that take part in this round, else 0
 };
 
-/// The increment here is that of the camera frame, p_c -> exp(w) p_c + v, whose Jacobian is the
-/// sparsest. Lower triangle of J^T W J row by row, then J^T W r, then the cost, each per lane.
+/// Lower triangle of J^T W J row by row, then J^T W r, then the cost, each per lane.
 constexpr int kHessianSize = 21;
 struct NormalLanes {
   Lanes hessian[kHessianSize]{};
@@ -46,111 +40,52 @@ struct NormalEquations {
   double cost = 0;
 };
 
-struct CameraNumbers {
-  double fx, fy, cx, cy, bf;
-};
-
 /// Reprojection errors of four observations from the pose [R|t] (row-major 3x4).
-struct LaneErrors {
-  Lanes x, y, z, inverse, derivative, du, dv, dd, chi2;
-};
-
-KYS_ALWAYS_INLINE LaneErrors errors_of(const ObservationLanes& o, const CameraNumbers& camera,
-                                       const double* T) {
-  LaneErrors e;
+KYS_ALWAYS_INLINE void errors_from(const ObservationLanes& o, const CameraNumbers& camera,
+                                   const double* T, LaneErrors& e) {
   e.x = T[0] * o.x + T[1] * o.y + T[2] * o.z + T[3];
   e.y = T[4] * o.x + T[5] * o.y + T[6] * o.z + T[7];
   e.z = T[8] * o.x + T[9] * o.y + T[10] * o.z + T[11];
-  // The same continuation below kMinDepth as InverseDepth.
-  constexpr double kTop = 1.0 / kMinDepth;
-  const LaneMask far = e.z >= kMinDepth;
-  const Lanes reciprocal = 1.0 / (far ? e.z : broadcast(1.0));
-  e.inverse = far ? reciprocal : 2.0 * kTop - e.z * (kTop * kTop);
-  e.derivative = far ? -reciprocal * reciprocal : broadcast(-kTop * kTop);
-  const Lanes u = camera.fx * e.x * e.inverse + camera.cx;
-  e.du = u - o.u;
-  e.dv = camera.fy * e.y * e.inverse + camera.cy - o.v;
-  e.dd = camera.bf * e.inverse - (o.u - o.u_right);
-  e.chi2 = o.weight * (e.du * e.du + e.dv * e.dv) + o.weight_disparity * e.dd * e.dd;
-  return e;
-}
-
-/// Huber's weight of each observation and its share of the cost (1/2 rho), both zero if inactive.
-KYS_ALWAYS_INLINE Lanes robust_weight(const ObservationLanes& o, const Lanes& chi2, bool robust,
-                                      Lanes& cost) {
-  const LaneMask beyond = chi2 > o.bound;
-  if (!robust || !any(beyond)) {
-    cost += 0.5 * o.active * chi2;
-    return o.active;
-  }
-  const Lanes root = sqrt_lanes(beyond ? chi2 * o.bound : broadcast(1.0));
-  cost += 0.5 * o.active * (beyond ? 2.0 * root - o.bound : chi2);
-  return o.active * (beyond ? o.bound / root : broadcast(1.0));
+  errors_of(o, camera, e);
 }
 
 /// Adds four observations to the sums.
 KYS_ALWAYS_INLINE void accumulate(const ObservationLanes& o, const CameraNumbers& camera,
                                   const double* T, bool robust, NormalLanes& sums) {
-  const LaneErrors e = errors_of(o, camera, T);
-  const Lanes robust_w = robust_weight(o, e.chi2, robust, sums.cost);
-  const Lanes w = robust_w * o.weight;
-  const Lanes w_disparity = robust_w * o.weight_disparity;
-
-  // d(u,v,disparity)/dp_c = [a 0 b; 0 c d; 0 0 f]
-  const Lanes a = camera.fx * e.inverse;
-  const Lanes b = camera.fx * e.x * e.derivative;
-  const Lanes c = camera.fy * e.inverse;
-  const Lanes d = camera.fy * e.y * e.derivative;
-  const Lanes f = camera.bf * e.derivative;
-  // A = J^T W J over p_c (a 3x3 block with A01 = 0 but for mixed terms), g = J^T W r.
-  const Lanes wa = w * a;
-  const Lanes a00 = wa * a;
-  const Lanes a02 = wa * b;
-  const Lanes a11 = w * c * c;
-  const Lanes a12 = w * c * d;
-  const Lanes a22 = w * (b * b + d * d) + w_disparity * f * f;
-  const Lanes g0 = wa * e.du;
-  const Lanes g1 = w * c * e.dv;
-  const Lanes g2 = w * (b * e.du + d * e.dv) + w_disparity * f * e.dd;
-
-  // dp_c/d[w v] = [-hat(p) I]; B = hat(p) A (rotation rows, translation columns).
-  const Lanes b00 = e.y * a02;
-  const Lanes b01 = e.y * a12 - e.z * a11;
-  const Lanes b02 = e.y * a22 - e.z * a12;
-  const Lanes b10 = e.z * a00 - e.x * a02;
-  const Lanes b11 = -e.x * a12;
-  const Lanes b12 = e.z * a02 - e.x * a22;
-  const Lanes b20 = -e.y * a00;
-  const Lanes b21 = e.x * a11;
-  const Lanes b22 = e.x * a12 - e.y * a02;
-  // hat(p) A hat(p)^T, lower triangle: row i of B times hat(p)^T.
+  LaneErrors e;
+  errors_from(o, camera, T, e);
+  const Lanes robust_w = huber_weight(o.bound, e.chi2, robust, o.active, sums.cost);
+  LaneNormal n;
+  normal_of(e, camera, robust_w * o.weight, robust_w * o.weight_disparity, n);
+  LanePoseNormal p;
+  pose_normal_of(e, n, p);
   Lanes* h = sums.hessian;
-  h[0] += b02 * e.y - b01 * e.z;
-  h[1] += b12 * e.y - b11 * e.z;
-  h[2] += b10 * e.z - b12 * e.x;
-  h[3] += b22 * e.y - b21 * e.z;
-  h[4] += b20 * e.z - b22 * e.x;
-  h[5] += b21 * e.x - b20 * e.y;
-  h[6] += b00;
-  h[7] += b10;
-  h[8] += b20;
-  h[9] += a00;
-  h[10] += b01;
-  h[11] += b11;
-  h[12] += b21;
-  h[14] += a11;  // h[13], A10, stays zero
-  h[15] += b02;
-  h[16] += b12;
-  h[17] += b22;
-  h[18] += a02;
-  h[19] += a12;
-  h[20] += a22;
-  sums.gradient[0] += e.y * g2 - e.z * g1;
-  sums.gradient[1] += e.z * g0 - e.x * g2;
-  sums.gradient[2] += e.x * g1 - e.y * g0;
-  sums.gradient[3] += g0;
-  sums.gradient[4] += g1;
-  sums.gradient[5] += g2;
+  h[0] += p.h00;
+  h[1] += p.h10;
+  h[2] += p.h11;
+  h[3] += p.h20;
+  h[4] += p.h21;
+  h[5] += p.h22;
+  h[6] += p.b00;
+  h[7] += p.b10;
+  h[8] += p.b20;
+  h[9] += n.a00;
+  h[10] += p.b01;
+  h[11] += p.b11;
+  h[12] += p.b21;
+  h[14] += n.a11;  // h[13], A10, stays zero
+  h[15] += p.b02;
+  h[16] += p.b12;
+  h[17] += p.b22;
+  h[18] += n.a02;
+  h[19] += n.a12;
+  h[20] += n.a22;
+  sums.gradient[0] += p.g0;
+  sums.gradient[1] += p.g1;
+  sums.gradient[2] += p.g2;
+  sums.gradient[3] += n.g0;
+  sums.gradient[4] += n.g1;
+  sums.gradient[5] += n.g2;
 }
 
 KYS_VECTOR_CLONES void accumulate_all(const ObservationLanes* lanes, int count,
@@ -164,7 +99,7 @@ class PoseProblem {
  public:
   PoseProblem(const StereoCamera& camera, std::span<const PoseObservation> observations,
               const PoseOptions& options)
-      : camera_{camera.fx, camera.fy, camera.cx, camera.cy, camera.bf()},
+      : camera_(camera),
         observations_(observations),
         prior_(options.prior),
         lanes_((observations.size() + kLanes - 1) / kLanes) {
@@ -195,7 +130,8 @@ class PoseProblem {
     changed = false;
     for (std::size_t group = 0; group < lanes_.size(); ++group) {
       ObservationLanes& o = lanes_[group];
-      const LaneErrors e = errors_of(o, camera_, T.data());
+      LaneErrors e;
+      errors_from(o, camera_, T.data(), e);
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         const std::size_t i = group * kLanes + lane;
         if (i >= outlier.size()) break;
@@ -215,7 +151,8 @@ class PoseProblem {
     const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T = T_c_w.matrix();
     int active = 0;
     for (ObservationLanes& o : lanes_) {
-      const LaneErrors e = errors_of(o, camera_, T.data());
+      LaneErrors e;
+      errors_from(o, camera_, T.data(), e);
       for (int lane = 0; lane < kLanes; ++lane) {
         const bool use = o.bound[lane] > 0 && e.z[lane] >= kMinDepth;
         o.active[lane] = use ? o.share[lane] : 0;
