@@ -24,22 +24,58 @@ std::uint8_t* CornerDetector::score_row(int y) {
          kPad;
 }
 
-void CornerDetector::collect(const CornerOptions& options, int width, int y) {
-  const auto suppress = kernels::kernels().suppress;
+void CornerDetector::find_peaks(const CornerOptions& options, int width, int height, int y) {
+  const kernels::Kernels& k = kernels::kernels();
   const std::uint8_t* above = score_row(y - 1);
   const std::uint8_t* row = score_row(y);
   const std::uint8_t* below = score_row(y + 1);
-  const std::uint8_t* occupied =
-      groups_.data() + static_cast<std::size_t>(y - origin_) * row_groups_;
+  const std::size_t first = static_cast<std::size_t>(y - origin_) * row_groups_;
+  const auto cell_row =
+      static_cast<std::size_t>(cell_of(y, options.margin, height, static_cast<int>(cell_rows_)));
   for (std::size_t g = 0; g < row_groups_; ++g) {
-    if (occupied[g] == 0) continue;
+    Peaks& peaks = peaks_[first + g];
+    peaks = {};
+    if (groups_[first + g] == 0) continue;
     const std::size_t at = g * kGroup;
-    std::uint64_t peaks = suppress(above + at, row + at, below + at);
-    for (; peaks != 0; peaks &= peaks - 1) {
-      const int i = static_cast<int>(at) + std::countr_zero(peaks);
-      const int x = origin_ + i;
-      if (x < options.margin || x >= options.margin + width) continue;
-      found_.push_back({static_cast<std::int16_t>(x), static_cast<std::int16_t>(y), row[i]});
+    // Column 0 and those after the last are beyond the margin.
+    const std::size_t end = static_cast<std::size_t>(width) + 1;
+    const std::uint64_t inside = (g == 0 ? ~std::uint64_t{1} : ~std::uint64_t{0}) &
+                                 (end >= at + kGroup ? ~std::uint64_t{0}
+                                  : end <= at        ? 0
+                                                     : (std::uint64_t{1} << (end - at)) - 1);
+    peaks.all = k.suppress(above + at, row + at, below + at) & inside;
+    peaks.strong = peaks.all & k.at_least(row + at, options.threshold);
+    for (std::uint64_t bits = peaks.strong; bits != 0; bits &= bits - 1) {
+      const std::size_t x = at + static_cast<std::size_t>(std::countr_zero(bits));
+      strong_[cell_row * cell_columns_ + column_of_[x]] = 1;
+    }
+  }
+}
+
+void CornerDetector::mark_weak_cells(std::size_t cell_row) {
+  weak_cells_.assign(row_groups_, 0);
+  for (std::size_t x = 1; x + 1 < column_of_.size(); ++x) {
+    const bool weak = strong_[cell_row * cell_columns_ + column_of_[x]] == 0;
+    weak_cells_[x / kGroup] |= static_cast<std::uint64_t>(weak) << (x % kGroup);
+  }
+}
+
+void CornerDetector::collect(const CornerOptions& options, int height,
+                             std::vector<Corner>& corners) {
+  std::size_t marked = cell_rows_;  // none yet
+  for (int y = options.margin; y < options.margin + height; ++y) {
+    const auto cell_row =
+        static_cast<std::size_t>(cell_of(y, options.margin, height, static_cast<int>(cell_rows_)));
+    if (cell_row != marked) mark_weak_cells(marked = cell_row);
+    const std::uint8_t* row = score_row(y);
+    const Peaks* peaks = peaks_.data() + static_cast<std::size_t>(y - origin_) * row_groups_;
+    for (std::size_t g = 0; g < row_groups_; ++g) {
+      std::uint64_t kept = peaks[g].strong | (peaks[g].all & weak_cells_[g]);
+      for (; kept != 0; kept &= kept - 1) {
+        const int x = static_cast<int>(g) * kGroup + std::countr_zero(kept);
+        corners.push_back(
+            {static_cast<std::int16_t>(origin_ + x), static_cast<std::int16_t>(y), row[x]});
+      }
     }
   }
 }
@@ -47,7 +83,6 @@ void CornerDetector::collect(const CornerOptions& options, int width, int y) {
 void CornerDetector::detect(const GrayImage& image, const CornerOptions& options,
                             std::vector<Corner>& corners) {
   corners.clear();
-  found_.clear();
   const int width = image.width() - 2 * options.margin;
   const int height = image.height() - 2 * options.margin;
   if (width <= 0 || height <= 0) return;
@@ -59,34 +94,22 @@ void CornerDetector::detect(const GrayImage& image, const CornerOptions& options
   row_groups_ = groups;
   scores_.resize(rows_scored * (groups * kGroup + kPad) + kPad);
   groups_.resize(rows_scored * groups);
+  peaks_.resize(rows_scored * groups);
+  cell_columns_ = static_cast<std::size_t>(std::max(1, width / options.cell));
+  cell_rows_ = static_cast<std::size_t>(std::max(1, height / options.cell));
+  strong_.assign(cell_columns_ * cell_rows_, 0);
+  column_of_.assign(static_cast<std::size_t>(width) + 2, 0);
+  for (int x = 0; x < width; ++x) {
+    column_of_[static_cast<std::size_t>(x) + 1] =
+        static_cast<std::uint32_t>(cell_of(x, 0, width, static_cast<int>(cell_columns_)));
+  }
   const auto fast_score = kernels::kernels().fast_score;
   for (int y = origin_; y <= options.margin + height; ++y) {
     fast_score(image.row(y) + origin_, image.width(), width + 2, options.min_threshold,
                score_row(y), groups_.data() + static_cast<std::size_t>(y - origin_) * groups);
-    if (y >= origin_ + 2) collect(options, width, y - 1);
+    if (y >= origin_ + 2) find_peaks(options, width, height, y - 1);
   }
-  apply_thresholds(options, width, height, corners);
-}
-
-void CornerDetector::apply_thresholds(const CornerOptions& options, int width, int height,
-                                      std::vector<Corner>& corners) {
-  const int columns = std::max(1, width / options.cell);
-  const int rows = std::max(1, height / options.cell);
-  strong_.assign(static_cast<std::size_t>(columns * rows), 0);
-  column_of_.resize(static_cast<std::size_t>(options.margin + width));
-  for (int x = options.margin; x < options.margin + width; ++x) {
-    column_of_[static_cast<std::size_t>(x)] = cell_of(x, options.margin, width, columns);
-  }
-  const auto cell = [&](const Corner& c) {
-    return static_cast<std::size_t>(cell_of(c.y, options.margin, height, rows) * columns +
-                                    column_of_[static_cast<std::size_t>(c.x)]);
-  };
-  for (const Corner& c : found_) {
-    if (c.score >= options.threshold) strong_[cell(c)] = 1;
-  }
-  for (const Corner& c : found_) {
-    if (c.score >= options.threshold || strong_[cell(c)] == 0) corners.push_back(c);
-  }
+  collect(options, height, corners);
 }
 
 std::array<float, 2> CornerDetector::subpixel(const Corner& corner) const {

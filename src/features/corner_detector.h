@@ -37,18 +37,26 @@ class CornerDetector {
 
  private:
   [[nodiscard]] std::uint8_t* score_row(int y);
-  void collect(const CornerOptions& options, int width, int y);
-  void apply_thresholds(const CornerOptions& options, int width, int height,
-                        std::vector<Corner>& corners);
+  void find_peaks(const CornerOptions& options, int width, int height, int y);
+  void mark_weak_cells(std::size_t cell_row);
+  void collect(const CornerOptions& options, int height, std::vector<Corner>& corners);
 
   // Rows from `origin_` on, each of whole groups with padding around them.
   std::vector<std::uint8_t> scores_;
   std::vector<std::uint8_t> groups_;  // per row: whether a group has a score
   std::size_t row_groups_ = 0;
   int origin_ = 0;  // px, image coordinate of the first row and column of scores_
-  std::vector<Corner> found_;
-  std::vector<std::uint8_t> strong_;     // per cell: a corner reaches the threshold
-  std::vector<std::int32_t> column_of_;  // cell column by x
+  /// Peaks of one group, a bit per pixel.
+  struct Peaks {
+    std::uint64_t all = 0;
+    std::uint64_t strong = 0;  // that reach the threshold
+  };
+  std::vector<Peaks> peaks_;  // as groups_
+  std::size_t cell_columns_ = 0;
+  std::size_t cell_rows_ = 0;
+  std::vector<std::uint8_t> strong_;       // per cell: a corner reaches the threshold
+  std::vector<std::uint32_t> column_of_;   // cell column by x - origin_; none outside the margin
+  std::vector<std::uint64_t> weak_cells_;  // of a row of cells, a bit per pixel: none does
 };
 
 /// FAST-9/16 score of every pixel: the largest threshold t at which nine contiguous pixels of the

@@ -48,6 +48,9 @@ struct Kernels {
   std::uint64_t (*suppress)(const std::uint8_t* above, const std::uint8_t* row,
                             const std::uint8_t* below);
 
+  /// Bit i is set where score i of a group is at least `threshold`.
+  std::uint64_t (*at_least)(const std::uint8_t* row, int threshold);
+
   /// Horizontal half of the bilinear reduction: a row of `groups` times eight values
   /// (I - 128) * 128 rounded down. `first[i]` + 15 must lie inside the row.
   void (*resize_row)(const std::uint8_t* row, const std::int32_t* first, const ResizeGroup* group,

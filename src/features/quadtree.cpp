@@ -27,10 +27,9 @@ std::uint32_t spread_bits(std::uint32_t v) {  // bit i to bit 2 i, for 16 bits
   return (v | v << 1) & 0x55555555u;
 }
 
-/// Place of `at` within [from, from + extent) in steps of extent / steps.
-std::uint32_t step_of(int at, int from, int extent, int steps) {
-  const std::int64_t step = static_cast<std::int64_t>(at - from) * steps / extent;
-  return static_cast<std::uint32_t>(std::clamp<std::int64_t>(step, 0, steps - 1));
+/// Place of `at` within [0, extent) in steps of extent / steps.
+std::uint32_t step_of(int at, int extent, int steps) {
+  return static_cast<std::uint32_t>(static_cast<std::int64_t>(at) * steps / extent);
 }
 
 /// Sorts by key; equal keys stay in their order.
@@ -59,13 +58,24 @@ class Quadtree {
     const int roots = std::clamp(static_cast<int>(std::lround(static_cast<double>(width) / height)),
                                  1, kMaxRoots);
     constexpr int kSteps = 1 << kDepth;
+    // Of every column the root and its part of the path, of every row its part: corners share them.
+    std::vector<std::uint32_t> column(static_cast<std::size_t>(width));
+    for (int x = 0; x < width; ++x) {
+      const std::uint32_t step = step_of(x, width, roots * kSteps);
+      column[static_cast<std::size_t>(x)] =
+          (step / kSteps) << (2 * kDepth) | spread_bits(step % kSteps);
+    }
+    std::vector<std::uint32_t> row(static_cast<std::size_t>(height));
+    for (int y = 0; y < height; ++y) {
+      row[static_cast<std::size_t>(y)] = spread_bits(step_of(y, height, kSteps)) << 1;
+    }
+    const auto part = [](const std::vector<std::uint32_t>& parts, int at) {
+      return parts[static_cast<std::size_t>(std::clamp(at, 0, static_cast<int>(parts.size()) - 1))];
+    };
     entries_.reserve(corners.size());
     for (const Corner& c : corners) {
-      const std::uint32_t x = step_of(c.x, min_x, width, roots * kSteps);
-      const std::uint32_t y = step_of(c.y, min_y, height, kSteps);
-      const std::uint32_t path = spread_bits(x % kSteps) | spread_bits(y) << 1;
-      entries_.push_back(
-          {(x / kSteps) << (2 * kDepth) | path, static_cast<std::uint32_t>(entries_.size())});
+      const std::uint32_t key = part(column, c.x - min_x) | part(row, c.y - min_y);
+      entries_.push_back({key, static_cast<std::uint32_t>(entries_.size())});
     }
     radix_sort(entries_);
     std::uint32_t first = 0;

@@ -17,12 +17,59 @@ struct Stretch {
   float length = 0;
 };
 
+/// The free features of an image in bands of rows, by column within their band.
+class RowBands {
+ public:
+  struct Entry {
+    float x, y;  // px
+    std::uint16_t feature;
+    std::uint8_t octave;
+    bool beside_epipole;
+  };
+  static constexpr float kHeight = 8;  // px
+
+  void add(const Entry& entry) { entries_.push_back(entry); }
+  /// After the last one.
+  void sort(int image_height) {
+    bands_ = std::max(1, static_cast<int>(static_cast<float>(image_height) / kHeight) + 1);
+    start_.assign(static_cast<std::size_t>(bands_) + 1, 0);
+    for (const Entry& e : entries_) ++start_[band(e.y) + 1];
+    for (std::size_t b = 1; b < start_.size(); ++b) start_[b] += start_[b - 1];
+    std::vector<Entry> sorted(entries_.size());
+    std::vector<std::uint32_t> next(start_.begin(), start_.end() - 1);
+    for (const Entry& e : entries_) sorted[next[band(e.y)]++] = e;
+    entries_ = std::move(sorted);
+    for (std::size_t b = 0; b + 1 < start_.size(); ++b) {
+      std::sort(entries_.begin() + start_[b], entries_.begin() + start_[b + 1],
+                [](const Entry& l, const Entry& r) {
+                  return l.x != r.x ? l.x < r.x : l.feature < r.feature;
+                });
+    }
+  }
+  [[nodiscard]] std::size_t band(float y) const {
+    return static_cast<std::size_t>(
+        std::clamp(y * (1 / kHeight), 0.0f, static_cast<float>(bands_ - 1)));
+  }
+  /// Entries of a band from column `x` on, to its last.
+  [[nodiscard]] std::span<const Entry> from(std::size_t band, float x) const {
+    const auto end = entries_.begin() + start_[band + 1];
+    const auto begin = std::partition_point(entries_.begin() + start_[band], end,
+                                            [x](const Entry& e) { return e.x < x; });
+    return {begin, end};
+  }
+
+ private:
+  int bands_ = 1;
+  std::vector<Entry> entries_;
+  std::vector<std::uint32_t> start_;
+};
+
 class EpipolarSearch {
  public:
   EpipolarSearch(const StereoCamera& camera, const ScaleLevels& scales, const FrameFeatures& b,
                  std::span<const std::uint8_t> free_b, const Rigid3& T_b_a,
                  const EpipolarOptions& options)
-      : camera_(camera), scales_(scales), b_(b), free_b_(free_b), T_b_a_(T_b_a), options_(options) {
+      : camera_(camera), scales_(scales), b_(b), T_b_a_(T_b_a), options_(options) {
     for (const float scale : scales.scale) {
       slack_.push_back(std::sqrt(options.chi2_line) * scale);
     }
@@ -30,6 +77,12 @@ class EpipolarSearch {
     const Eigen::Vector3d& t = T_b_a.translation;
     epipole_ahead_ = t.z() > 1e-6;
     if (epipole_ahead_) epipole_ = camera.project(t).cast<float>();
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      if (free_b[j] == 0) continue;
+      const Keypoint& k = b.keypoint(j);
+      bands_.add({k.x, k.y, static_cast<std::uint16_t>(j), k.octave, beside_epipole(j)});
+    }
+    bands_.sort(camera.height);
   }
 
   /// Best free feature of b on the epipolar line of a feature of a; -1: none.
@@ -89,40 +142,48 @@ class EpipolarSearch {
     return true;
   }
 
-  /// Visits the free features within 3.84 sigma^2 of the stretch, square by square; each one once.
+  /// Visits the free features within 3.84 sigma^2 of the stretch, band by band; each one once.
   /// For a feature without depth (`mono`), others without depth near the epipole are left out.
   template <typename F>
   void visit_along(const Stretch& stretch, int octave, bool mono, F&& f) const {
     const int min_octave = octave - 1;
     const int max_octave = octave + 1;
-    const float radius =
+    const float reach =
         slack_[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
     const Eigen::Vector2f& direction = stretch.direction;
-    const float widest = std::max(std::abs(direction.x()), std::abs(direction.y()));
-    const float step = 2 * std::max(radius, 8.0f);
-    const int squares =
-        std::clamp(static_cast<int>(std::ceil(stretch.length * widest / step)), 1, 200);
-    const float piece = stretch.length / static_cast<float>(squares);
-    const float half = 0.5f * piece * widest + radius;
-    for (int s = 0; s < squares; ++s) {
-      // Squares of neighbouring pieces overlap; a feature belongs to the piece it lies beside.
-      const float begin = s == 0 ? -radius : static_cast<float>(s) * piece;
-      const float end =
-          s + 1 == squares ? stretch.length + radius : static_cast<float>(s + 1) * piece;
-      const Eigen::Vector2f centre =
-          stretch.near + (static_cast<float>(s) + 0.5f) * piece * direction;
-      b_.for_each_near(centre.x(), centre.y(), half, min_octave, max_octave, [&](std::size_t j) {
-        const Keypoint& k = b_.keypoint(j);
-        const Eigen::Vector2f offset = Eigen::Vector2f(k.x, k.y) - stretch.near;
-        const float position = direction.dot(offset);
-        if (position < begin || position >= end) return;
-        const float slack = slack_[k.octave];
+    const Eigen::Vector2f far = stretch.near + stretch.length * direction;
+    // What lies beside the stretch and not beyond its ends by more than the reach has a column
+    // within `wide` of that of the line in its row, or of where the line enters or leaves its band.
+    const float wide = reach * (1 + std::abs(direction.x()));
+    const float top = std::min(stretch.near.y(), far.y()) - reach;
+    const float bottom = std::max(stretch.near.y(), far.y()) + reach;
+    if (!(bottom >= 0 && top <= static_cast<float>(camera_.height))) return;
+    const bool level = std::abs(direction.y()) < 1e-3f;
+    const std::size_t last = bands_.band(bottom);
+    for (std::size_t band = bands_.band(top); band <= last; ++band) {
+      float begin = 0, end = stretch.length;
+      if (!level) {
+        const float y = static_cast<float>(band) * RowBands::kHeight;
+        const float s0 = (y - reach - stretch.near.y()) / direction.y();
+        const float s1 = (y + RowBands::kHeight + reach - stretch.near.y()) / direction.y();
+        begin = std::clamp(std::min(s0, s1), 0.0f, stretch.length);
+        end = std::clamp(std::max(s0, s1), 0.0f, stretch.length);
+      }
+      const float x0 = stretch.near.x() + begin * direction.x();
+      const float x1 = stretch.near.x() + end * direction.x();
+      const float right = std::max(x0, x1) + wide;
+      for (const RowBands::Entry& e : bands_.from(band, std::min(x0, x1) - wide)) {
+        if (e.x > right) break;
+        if (e.octave < min_octave || e.octave > max_octave) continue;
+        const Eigen::Vector2f offset(e.x - stretch.near.x(), e.y - stretch.near.y());
+        const float slack = slack_[e.octave];
         const float across = direction.x() * offset.y() - direction.y() * offset.x();
-        if (std::abs(across) >= slack) return;
-        if (position < -slack || position > stretch.length + slack) return;
-        if (free_b_[j] == 0 || (mono && beside_epipole(j))) return;
-        f(j);
-      });
+        const float position = direction.dot(offset);
+        if (std::abs(across) >= slack) continue;
+        if (position < -slack || position > stretch.length + slack) continue;
+        if (mono && e.beside_epipole) continue;
+        f(e.feature);
+      }
     }
   }
 
@@ -136,10 +197,10 @@ class EpipolarSearch {
   const StereoCamera& camera_;
   const ScaleLevels& scales_;
   const FrameFeatures& b_;
-  std::span<const std::uint8_t> free_b_;
   const Rigid3& T_b_a_;
   const EpipolarOptions& options_;
   std::vector<float> slack_;  // by octave: how far from the line a feature may be, px
+  RowBands bands_;            // free features of b
   bool epipole_ahead_ = false;
   Eigen::Vector2f epipole_ = Eigen::Vector2f::Zero();
 };

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include "matching/patch_alignment.h"
 #include "matching/patch_kernels.h"
@@ -24,41 +25,49 @@ const kys::Prior& prior_of(const StereoView& view, std::size_t i) {
   return view.priors.empty() ? kNoPrior : view.priors[i];
 }
 
+/// A right keypoint, as far as most are looked at.
+struct Candidate {
+  float x;  // px
+  std::uint32_t index;
+  std::int32_t octave;
+};
+
 /// Right keypoints by the image rows on which their left partners may lie.
 class RowIndex {
  public:
   RowIndex(const FeatureSet& right, int height, const ScaleLevels& scales, float tolerance)
       : start_(static_cast<std::size_t>(height) + 1, 0) {
-    const auto rows = [&](std::size_t i) {
-      const Keypoint& k = right.keypoints[i];
+    const auto rows = [&](const Keypoint& k) {
       const float reach = tolerance * scales.scale[k.octave];
       return std::array<int, 2>{
           std::clamp(static_cast<int>(std::floor(k.y - reach)), 0, height - 1),
           std::clamp(static_cast<int>(std::ceil(k.y + reach)), 0, height - 1)};
     };
-    for (std::size_t i = 0; i < right.size(); ++i) {
-      const auto [first, last] = rows(i);
+    for (const Keypoint& k : right.keypoints) {
+      const auto [first, last] = rows(k);
       for (int r = first; r <= last; ++r) ++start_[static_cast<std::size_t>(r) + 1];
     }
     for (std::size_t r = 1; r < start_.size(); ++r) start_[r] += start_[r - 1];
-    index_.resize(start_.back());
+    candidates_.resize(start_.back());
     std::vector<std::uint32_t> next(start_.begin(), start_.end() - 1);
     for (std::size_t i = 0; i < right.size(); ++i) {
-      const auto [first, last] = rows(i);
+      const Keypoint& k = right.keypoints[i];
+      const Candidate candidate{k.x, static_cast<std::uint32_t>(i), k.octave};
+      const auto [first, last] = rows(k);
       for (int r = first; r <= last; ++r) {
-        index_[next[static_cast<std::size_t>(r)]++] = static_cast<std::uint32_t>(i);
+        candidates_[next[static_cast<std::size_t>(r)]++] = candidate;
       }
     }
   }
-  [[nodiscard]] std::span<const std::uint32_t> at(float y) const {
+  [[nodiscard]] std::span<const Candidate> at(float y) const {
     const auto last_row = static_cast<float>(start_.size() - 2);
     const auto row = static_cast<std::size_t>(std::clamp(y, 0.0f, last_row));
-    return {index_.data() + start_[row], index_.data() + start_[row + 1]};
+    return {candidates_.data() + start_[row], candidates_.data() + start_[row + 1]};
   }
 
  private:
   std::vector<std::uint32_t> start_;
-  std::vector<std::uint32_t> index_;
+  std::vector<Candidate> candidates_;
 };
 
 struct Refined {
@@ -97,17 +106,17 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
 }
 
 std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
-                               std::span<const std::uint32_t> candidates, float max_disparity,
+                               std::span<const Candidate> candidates, float max_disparity,
                                const StereoOptions& options, const kys::DistanceModel& model,
                                kys::Statistics& statistics) {
   const Keypoint& l = left.features->keypoints[i];
   float best = options.max_distance;
   std::int32_t chosen = -1;
   kys::Tier tier = kys::Tier::kBypassed;
-  for (const std::uint32_t j : candidates) {
-    const Keypoint& r = right.features->keypoints[j];
-    if (std::abs(static_cast<int>(l.octave) - static_cast<int>(r.octave)) > 1) continue;
+  for (const Candidate& r : candidates) {
     if (r.x > l.x || r.x < l.x - max_disparity) continue;
+    if (std::abs(l.octave - r.octave) > 1) continue;
+    const std::uint32_t j = r.index;
     const kys::Distance d = model.evaluate(left.features->descriptors[i], prior_of(left, i),
                                            right.features->descriptors[j], prior_of(right, j),
                                            kys::Context::kStereo, best, statistics);
@@ -119,6 +128,61 @@ std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const Ster
   }
   if (chosen >= 0) statistics.accept(tier);
   return chosen;
+}
+
+/// Of every left keypoint.
+struct Columns {
+  explicit Columns(std::size_t n)
+      : u_right(n, std::numeric_limits<float>::quiet_NaN()), residual(n, -1) {}
+
+  std::vector<float> u_right;   // px, NaN: no match
+  std::vector<float> residual;  // grey levels, -1: not aligned
+};
+
+/// Matches the left keypoints [begin, end), nothing else of `columns` is touched.
+void match_some(std::size_t begin, std::size_t end, const StereoView& left, const StereoView& right,
+                const RowIndex& rows, float max_disparity, const StereoOptions& options,
+                const kys::DistanceModel& model, kys::Statistics& statistics, Columns& columns) {
+  const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
+  for (std::size_t i = begin; i < end; ++i) {
+    const Keypoint& l = left.features->keypoints[i];
+    const std::int32_t j =
+        nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options, model, statistics);
+    if (j < 0) continue;
+    const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
+    float u = r.x;
+    if (with_images) {
+      const std::optional<Refined> refined = refine(l, r, *left.pyramid, *right.pyramid);
+      if (!refined) continue;
+      u = refined->u_right;
+      columns.residual[i] = refined->residual;
+    }
+    const float disparity = l.x - u + options.added_disparity;
+    if (!(disparity >= 0 && disparity < max_disparity)) continue;
+    // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
+    columns.u_right[i] = l.x - std::max(disparity, 0.01f);
+  }
+}
+
+/// Takes out what is aligned much worse than most.
+void cut_poor(const StereoView& left, const StereoOptions& options, const kys::DistanceModel& model,
+              Columns& columns) {
+  // What moves close by and is sharp would set the bound for the scene behind it.
+  for (const bool apart : {false, true}) {
+    std::vector<float> residuals;
+    for (std::size_t i = 0; i < columns.residual.size(); ++i) {
+      if (columns.residual[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
+        residuals.push_back(columns.residual[i]);
+      }
+    }
+    if (residuals.empty()) continue;
+    const float bound = options.median_cut * median(residuals);
+    for (std::size_t i = 0; i < columns.residual.size(); ++i) {
+      if (columns.residual[i] > bound && model.stands_apart(prior_of(left, i)) == apart) {
+        columns.u_right[i] = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  }
 }
 
 }  // namespace
@@ -133,52 +197,25 @@ void StereoOptions::check() const {
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,
                                 const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics) {
-  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+                                kys::Statistics& statistics, Worker* helper) {
   const std::size_t n = left.features->size();
-  std::vector<float> u_right(n, kNone);
-  if (n == 0 || right.features->size() == 0) return u_right;
+  Columns columns(n);
+  if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);
   const RowIndex rows(*right.features, camera.height, scales, options.row_tolerance);
   // Nothing is nearer than the baseline.
   const auto max_disparity = static_cast<float>(camera.fx);
-  const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
-
-  std::vector<float> residual(n, -1);
-  for (std::size_t i = 0; i < n; ++i) {
-    const Keypoint& l = left.features->keypoints[i];
-    const std::int32_t j =
-        nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options, model, statistics);
-    if (j < 0) continue;
-    const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
-    float u = r.x;
-    if (with_images) {
-      const std::optional<Refined> refined = refine(l, r, *left.pyramid, *right.pyramid);
-      if (!refined) continue;
-      u = refined->u_right;
-      residual[i] = refined->residual;
-    }
-    const float disparity = l.x - u + options.added_disparity;
-    if (!(disparity >= 0 && disparity < max_disparity)) continue;
-    // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
-    u_right[i] = l.x - std::max(disparity, 0.01f);
+  const auto match = [&](std::size_t begin, std::size_t end, kys::Statistics& counts) {
+    match_some(begin, end, left, right, rows, max_disparity, options, model, counts, columns);
+  };
+  if (helper != nullptr) {
+    kys::Statistics others;
+    helper->run_beside([&] { match(n / 2, n, others); }, [&] { match(0, n / 2, statistics); });
+    statistics += others;
+  } else {
+    match(0, n, statistics);
   }
-  // What moves close by and is sharp would set the bound for the scene behind it.
-  for (const bool apart : {false, true}) {
-    std::vector<float> residuals;
-    for (std::size_t i = 0; i < n; ++i) {
-      if (residual[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
-        residuals.push_back(residual[i]);
-      }
-    }
-    if (residuals.empty()) continue;
-    const float bound = options.median_cut * median(residuals);
-    for (std::size_t i = 0; i < n; ++i) {
-      if (residual[i] > bound && model.stands_apart(prior_of(left, i)) == apart) {
-        u_right[i] = kNone;
-      }
-    }
-  }
-  return u_right;
+  cut_poor(left, options, model, columns);
+  return std::move(columns.u_right);
 }
 
 }  // namespace kys_slam

@@ -9,6 +9,7 @@
 
 #include "features/orb_extractor.h"
 #include "map/frame_features.h"
+#include "util/worker.h"
 
 namespace kys_slam {
 
@@ -31,12 +32,13 @@ struct StereoView {
 };
 
 /// Column of every left keypoint in the right image (ORB-SLAM2, Sec. III-A): candidates on the same
-/// row band and neighbouring octaves, nearest modulated descriptor, an 11x11 patch slid along the row
-/// and aligned to a fraction of a pixel (patch_alignment.h), and a cut of poor alignments.
+/// row band and neighbouring octaves, nearest modulated descriptor, an 11x11 patch slid along the
+/// row and aligned to a fraction of a pixel (patch_alignment.h), and a cut of poor alignments.
+/// \param helper a thread that does half of it, or null; the result is the same
 /// \return px, NaN where there is no match.
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,
                                 const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics);
+                                kys::Statistics& statistics, Worker* helper = nullptr);
 
 }  // namespace kys_slam

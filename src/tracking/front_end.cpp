@@ -65,8 +65,8 @@ FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const Ster
 }
 
 void FrontEnd::extract(const StereoFrame& frame) {
-  right_worker_.run_beside([&] { extractors_[1].extract(frame.right, features_[1]); },
-                           [&] { extractors_[0].extract(frame.left, features_[0]); });
+  helper_.run_beside([&] { extractors_[1].extract(frame.right, features_[1]); },
+                     [&] { extractors_[0].extract(frame.left, features_[0]); });
 }
 
 bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
@@ -119,8 +119,8 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
     return StereoView{&features_[side], priors_[side],
                       from_images ? &extractors_[side].pyramid() : nullptr};
   };
-  std::vector<float> u_right =
-      match_stereo(camera_, scales_, view(0), view(1), stereo_, *model_, result.statistics);
+  std::vector<float> u_right = match_stereo(camera_, scales_, view(0), view(1), stereo_, *model_,
+                                            result.statistics, from_images ? &helper_ : nullptr);
   result.stereo_matches = static_cast<int>(
       std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); }));
   result.features =

@@ -68,7 +68,7 @@ class FrontEnd {
   std::array<OrbExtractor, 2> extractors_;  // left, right
   std::array<FeatureSet, 2> features_;
   std::array<std::vector<kys::Prior>, 2> priors_;
-  Worker right_worker_;
+  Worker helper_;  // extracts the right image, matches half of the keypoints
 };
 
 }  // namespace kys_slam

@@ -87,6 +87,16 @@ TEST_P(Variants, ScoreIsTheLargestThresholdAtEveryPixel) {
   }
 }
 
+TEST_P(Variants, MasksScoresFromAThresholdOn) {
+  const GrayImage scores = test::noise_image(kernels::kScoreGroup, 1, 9);
+  for (const int threshold : {0, 1, 20, 128, 255}) {
+    const std::uint64_t mask = GetParam()->at_least(scores.row(0), threshold);
+    for (int i = 0; i < kernels::kScoreGroup; ++i) {
+      EXPECT_EQ(mask >> i & 1, scores.at(i, 0) >= threshold ? 1u : 0u) << i << " " << threshold;
+    }
+  }
+}
+
 TEST_P(Variants, SuppressionKeepsOnePeakOfNeighbours) {
   const GrayImage scores = test::noise_image(66, 60, 5, 4);  // few values: many ties
   for (int y = 1; y + 1 < scores.height(); ++y) {

@@ -127,7 +127,16 @@ TEST_F(StereoMatcher, IsRepeatable) {
   const auto bytes = [](const std::vector<float>& v) {
     return std::string(reinterpret_cast<const char*>(v.data()), v.size() * sizeof(float));
   };
-  EXPECT_EQ(bytes(match()), bytes(match()));
+  const std::string once = bytes(match());
+  const kys::Statistics counted = statistics_;
+  EXPECT_EQ(once, bytes(match()));
+  Worker helper;
+  kys::Statistics statistics;
+  EXPECT_EQ(once, bytes(match_stereo(
+                      pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
+                      {&pair_->right, {}, &pair_->right_pyramid}, {}, model_, statistics, &helper)))
+      << "in two threads";
+  EXPECT_EQ(statistics, counted);
 }
 
 TEST_F(StereoMatcher, ImagesWithoutFeaturesGiveNoMatches) {
