@@ -2,6 +2,7 @@
 
 #include <kys_slam/frame_source.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -12,11 +13,22 @@ namespace kys_slam {
 
 class StereoRectifier;
 
+/// Of a sequence with two stereo pairs (KITTI odometry), the one to use. Their left cameras stand 6
+/// cm apart: perception of one pair does not fit the other.
+enum class CameraPair : std::uint8_t {
+  kFirst,   ///< grey, else colour
+  kGrey,    ///< image_0, image_1
+  kColour,  ///< image_2, image_3
+};
+/// "" (first), "grey" or "colour". \throws InputError for anything else.
+CameraPair parse_camera_pair(const std::string& name);
+
 /// Which part of a sequence to use.
 struct SequenceOptions {
   std::int64_t start = 0;              ///< first frame, from 0
   std::optional<std::int64_t> frames;  ///< how many; all that follow when not given
   double pairing_tolerance = 0.003;    ///< s, EuRoC: largest difference of the two cameras' stamps
+  CameraPair pair = CameraPair::kFirst;
 };
 
 /// A recorded stereo sequence in a folder. Frames can be read in order (`next`) or by position, the
@@ -81,7 +93,8 @@ class Sequence : public FrameSource {
 };
 
 /// Opens a sequence in one of the KITTI layouts, told apart by what the folder holds:
-/// - KITTI odometry: image_0/ and image_1/ (else image_2/ and image_3/), calib.txt, times.txt;
+/// - KITTI odometry: image_0/ and image_1/ (else image_2/ and image_3/; options.pair), calib.txt,
+/// times.txt;
 ///   ground truth in poses.txt, else in ../../poses/NAME.txt
 /// - KITTI Tracking: the folder is ROOT/image_02/0001, its right images in ROOT/image_03/0001,
 ///   ROOT/calib/0001.txt, ground truth from ROOT/oxts/0001.txt; 10 Hz

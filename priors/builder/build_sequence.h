@@ -21,8 +21,9 @@ namespace kys_slam {
 /// The sequence priors are made for: rectified pairs, by position, from several threads at a time.
 struct BuildSequence {
   StereoCamera camera;
-  std::vector<std::string> names;  ///< stems of the left images
-  std::vector<double> timestamps;  ///< s, of the frames; needed for keypoints
+  std::vector<std::string> names;     ///< stems of the left images
+  std::vector<double> timestamps;     ///< s, of the frames; needed for keypoints
+  std::array<std::string, 2> images;  ///< names of the folders of left and right images
   std::function<std::pair<GrayImage, GrayImage>(std::size_t)> read;
 };
 
@@ -33,7 +34,7 @@ struct BuildInputs {
   std::string disparity;            ///< folder, "sgbm" or ""
   std::string disparity_right;      ///< folder or "" (the left one is warped)
   std::array<std::string, 2> flow;  ///< folder, "dis" or ""
-  bool keypoints = false;  ///< stereo keypoints judge as well (detection.method: robust)
+  bool keypoints = false;           ///< stereo keypoints judge as well (detection.method: robust)
   /// Flow from t+1 to t: folder or ""; for the check. File names: find_back_flow().
   std::array<std::string, 2> flow_back;
   FieldEncoding disparity_encoding = FieldEncoding::kUnspecified;

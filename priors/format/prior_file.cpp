@@ -157,7 +157,9 @@ void PriorFile::parse_header(const std::string& name, const ExpectedPriors& expe
   }
   check(expected.calibration_hash == 0 || calibration_hash_ == 0 ||
             expected.calibration_hash == calibration_hash_,
-        name, "was made for another calibration than the sequence's");
+        name,
+        "was made for another calibration than the sequence's, or for its other camera pair "
+        "(--pair)");
   if (!expected.label_space.empty() && expected.label_space != label_space_) {
     fail(name, "uses label space " + label_space_ + ", configured is " + expected.label_space);
   }

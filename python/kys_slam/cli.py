@@ -52,13 +52,17 @@ def _add_run(commands) -> None:
     camera.add_argument("--tolerance", type=float, metavar="S",
                         help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
                         "for bags)")
+    camera.add_argument("--pair", default="", choices=("grey", "colour"),
+                        help="of a KITTI odometry sequence: image_0 and image_1 (default where they "
+                        "are there), or image_2 and image_3")
     camera.add_argument("--no-check", action="store_true",
                         help="do not look whether the pair is swapped or not rectified")
     slam = p.add_argument_group("tracking")
     slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
     slam.add_argument("--strict-priors", action="store_true", help="a missing one is an error")
     slam.add_argument("--masks", metavar="DIR",
-                      help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png")
+                      help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
+                      "DIR/classes.txt they are priors (python/README.md)")
     slam.add_argument("--mode", help="how descriptors are compared: " + ", ".join(kys_slam.modes()) +
                       " (default: kys with --priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
@@ -200,7 +204,7 @@ def _open(args):
     if args.calibration:
         raise InputError(f"{path}: sequences of known layouts bring their calibration; without "
                          "--calibration, or give LEFT and RIGHT")
-    return kys_slam.open_sequence(path, **part, **tolerance)
+    return kys_slam.open_sequence(path, pair=args.pair, **part, **tolerance)
 
 
 def _pair_inside(path: Path):
@@ -224,11 +228,12 @@ def _make_settings(args, layout: str) -> kys_slam.Settings:
         settings[key] = value
     if args.mode:
         settings["kys.mode"] = args.mode
-    elif args.priors and settings.get("kys.mode") == "stock":
+    has_priors = args.priors or (args.masks and (Path(args.masks) / "classes.txt").exists())
+    if has_priors and not args.mode and settings.get("kys.mode") == "stock":
         settings["kys.mode"] = "kys"
     settings.check()
     mode = settings.get("kys.mode")
-    if not args.priors and kys_slam.mode_needs_priors(mode):
+    if not has_priors and kys_slam.mode_needs_priors(mode):
         raise InputError(f"mode {mode} needs priors: give --priors DIR, or --mode stock")
     return settings
 
@@ -310,7 +315,7 @@ def _run(args) -> int:
     masks = None
     if args.masks:
         from kys_slam.masks import MaskFolder
-        masks = MaskFolder(args.masks)
+        masks = MaskFolder(args.masks, settings.get("control.label_space"))
     output = _output_folder(args, recording.name, mode)
     slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
                            strict_priors=args.strict_priors)
@@ -329,10 +334,13 @@ def _run(args) -> int:
             if done == 0 and not args.no_check and frame.left is not None:
                 _check_pair(frame)
             mask = masks(frame.name) if masks else None
+            segments = None
+            if mask and masks.classes:
+                segments, mask = masks.priors(mask), masks.without_classes(mask)
             if isinstance(frame, kys_slam.StereoFrame):
-                slam.feed_frame(frame, masks=mask)
+                slam.feed_frame(frame, segments, mask)
             else:
-                slam.feed(frame.left, frame.right, frame.timestamp, masks=mask, name=frame.name)
+                slam.feed(frame.left, frame.right, frame.timestamp, segments, mask, name=frame.name)
             done += 1
             progress.update(done)
     except KeyboardInterrupt:

@@ -272,10 +272,10 @@ def segment_picture(prior: PriorCamera, moving: np.ndarray) -> bytes:
     rgba[1:, :3], rgba[1:, 3] = colours, opacity
     palette, index = np.unique(rgba, axis=0, return_inverse=True)
     index = np.minimum(index.ravel(), 255).astype(np.uint8)  # more are not told apart
-    return _encode_png(index[prior.segment_map], palette[:256])
+    return encode_png(index[prior.segment_map], palette[:256])
 
 
-def _encode_png(pixels: np.ndarray, palette: np.ndarray) -> bytes:
+def encode_png(pixels: np.ndarray, palette: np.ndarray) -> bytes:
     """PNG of (H, W) uint8 indices of an (N, 4) uint8 RGBA palette."""
     height, width = pixels.shape
 

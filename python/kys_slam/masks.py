@@ -3,22 +3,34 @@
 DIR/left/NAME.png and DIR/right/NAME.png, NAME being the stem of the left image; or DIR/NAME.png for
 both cameras' masks when there is a right one as NAME_right.png, for the left camera alone when not.
 0 means use; anything else (1, 255, instance numbers) means do not use.
+
+With a list of classes, DIR/classes.txt, the pictures are priors: a line per value or range of values,
+
+    1-50   car moving      # instances 1 to 50; "moving": these move
+    51-99  person
+    200    road            # stuff
+
+Classes are those of the label space; values that are not listed mean do not use, as above.
 """
 
 import os
 from pathlib import Path
-from typing import Optional, Tuple, Union
+from typing import Dict, Optional, Tuple, Union
 
 import numpy as np
 
-from ._core import InputError, read_indexed
+from ._core import InputError, LabelSpace, read_indexed
+from .priors import PriorFrame, priors_from_labels
 
 
 class MaskFolder:
     """The masks of a sequence, one or two files per frame."""
 
-    def __init__(self, folder: Union[str, os.PathLike]) -> None:
+    def __init__(self, folder: Union[str, os.PathLike],
+                 label_space: str = "coco_panoptic_133") -> None:
         self.folder = Path(folder)
+        self.classes: Dict[int, int] = {}  #: values that are priors: class id; empty: all are masks
+        self.moving: Tuple[int, ...] = ()  #: values of what moves
         self.missing = 0  #: frames without a mask so far
         if not self.folder.is_dir():
             raise InputError(f"{folder}: no such folder")
@@ -26,6 +38,48 @@ class MaskFolder:
             raise InputError(f"{folder}: holds prior files; give it to --priors")
         if not any(self.folder.glob("*.png")) and not any(self.folder.glob("left/*.png")):
             raise InputError(f"{folder}: holds no masks (NAME.png, or left/NAME.png)")
+        if (self.folder / "classes.txt").exists():
+            self._space = LabelSpace(label_space)
+            self._read_classes(self.folder / "classes.txt")
+
+    def _read_classes(self, file: Path) -> None:
+        ids = dict(zip(self._space.names, self._space.ids))
+        moving = []
+        for number, line in enumerate(file.read_text(errors="replace").splitlines(), 1):
+            words = line.partition("#")[0].split()
+            if not words:
+                continue
+            first, _, last = words[0].partition("-")
+            moves = words[-1] == "moving"
+            name = " ".join(words[1:len(words) - moves])
+            if not (first.isdigit() and (last or first).isdigit() and
+                    0 < int(first) <= int(last or first) <= 255):
+                raise InputError(f"{file}:{number}: '{words[0]}' is no value of 1 to 255, no range")
+            if name not in ids:
+                raise InputError(f"{file}:{number}: '{name}' is no class of {self._space.name}")
+            for value in range(int(first), int(last or first) + 1):
+                if value in self.classes:
+                    raise InputError(f"{file}:{number}: value {value} is there twice")
+                self.classes[value] = ids[name]
+                if moves:
+                    moving.append(value)
+        self.moving = tuple(moving)
+
+    def priors(self, masks: Tuple[np.ndarray, np.ndarray]) -> PriorFrame:
+        """Priors of the values that the list of classes has."""
+        if any(mask is None for mask in masks):
+            raise InputError(f"{self.folder}: priors need pictures of both cameras")
+        table = np.full(256, -1)
+        table[list(self.classes)] = list(self.classes.values())
+        return priors_from_labels(self._space, *(table[m] for m in masks),
+                                  *(np.where(table[m] < 0, 0, m) for m in masks),
+                                  moving=self.moving)
+
+    def without_classes(self, masks: Tuple[np.ndarray, np.ndarray]) -> Tuple:
+        """Masks of the values that the list of classes does not have."""
+        listed = np.zeros(256, bool)
+        listed[list(self.classes)] = True
+        return tuple(None if m is None else np.where(listed[m], 0, m).astype(np.uint8) for m in masks)
 
     def __call__(self, name: str) -> Optional[Tuple[Optional[np.ndarray], Optional[np.ndarray]]]:
         """(left, right) masks of a frame, (H, W) uint8 or None; None: it has none."""

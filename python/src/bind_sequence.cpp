@@ -215,11 +215,15 @@ void bind_sequence(nb::module_& m) {
   m.def(
       "open_sequence",
       [](const std::filesystem::path& path, std::int64_t start, std::optional<std::int64_t> frames,
-         double pairing_tolerance) {
-        return Input(open_frame_input(path, part(start, frames, pairing_tolerance)));
+         double pairing_tolerance, const std::string& pair) {
+        SequenceOptions options = part(start, frames, pairing_tolerance);
+        options.pair = parse_camera_pair(pair);
+        return Input(open_frame_input(path, options));
       },
       "path"_a, "start"_a = 0, "frames"_a = nb::none(), "pairing_tolerance"_a = 0.003,
-      "Opens a sequence folder of any known layout, or a feature file.");
+      "pair"_a = "",
+      "Opens a sequence folder of any known layout, or a feature file. `pair`: of KITTI odometry, "
+      "\"grey\" (image_0, image_1) or \"colour\" (image_2, image_3); \"\": the first there is.");
   m.def(
       "open_image_pair",
       [](const std::filesystem::path& left, const std::filesystem::path& right,

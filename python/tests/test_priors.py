@@ -1,10 +1,14 @@
 """Prior files, priors from memory, the distance model."""
 
+import subprocess
+
 import numpy as np
 import pytest
 
 import kys_slam
+from conftest import BIN
 from kys_slam import kysp
+from kys_slam.drawing import encode_png
 
 
 def example(camera=None):
@@ -129,3 +133,88 @@ def test_distance_model():
         kys_slam.DistanceModel("nonsense")
     with pytest.raises(kys_slam.InputError, match="one prior"):
         kys_slam.DistanceModel("stock").distances(a, pb, b, pb)
+
+
+GREY = np.array([[i, i, i, 255] for i in range(256)], np.uint8)
+
+
+def write_pair(folder, corridor, left, right):
+    for side, at in ((left, 0), (right, 1)):
+        (folder / side).mkdir(parents=True)
+        for i, shot in enumerate(corridor):
+            (folder / side / f"{i:06d}.png").write_bytes(encode_png(shot[at], GREY))
+
+
+def test_priors_of_the_other_camera_pair_are_refused(tmp_path, corridor, corridor_camera, capsys):
+    """A KITTI folder with both pairs; the colour cameras' baseline differs, as KITTI's does."""
+    from kys_slam import cli
+    c = corridor_camera
+    for pair in (("image_0", "image_1"), ("image_2", "image_3")):
+        write_pair(tmp_path / "seq", corridor, *pair)
+    rows = "".join(f"P{i}: {c.fx} 0 {c.cx} {shift} 0 {c.fy} {c.cy} 0 0 0 1 0\n" for i, shift in
+                   enumerate((0, -c.fx * c.baseline, 15, 15 - c.fx * (c.baseline - 0.002))))
+    (tmp_path / "seq" / "calib.txt").write_text(rows)
+    (tmp_path / "seq" / "times.txt").write_text("".join(f"{s[2]}\n" for s in corridor))
+    grey, colour = (kys_slam.open_sequence(tmp_path / "seq", pair=p) for p in ("grey", "colour"))
+    assert kys_slam.open_sequence(tmp_path / "seq").camera == grey.camera != colour.camera
+    classes = np.full((c.height, c.width), 3, np.int32)  # COCO's car
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+    frame = kys_slam.priors_from_labels(space, classes, classes)
+    frame.calibration_hash = colour.camera.calibration_hash()
+    (tmp_path / "priors").mkdir()
+    for i in range(len(corridor)):
+        kys_slam.write_prior(tmp_path / "priors" / f"{i:06d}.kysp", frame)
+    base = ["run", str(tmp_path / "seq"), "--priors", str(tmp_path / "priors"), "--quiet",
+            "--set", "orb.features=600", "--output"]
+    assert cli.main([*base, str(tmp_path / "a")]) == 2
+    assert "camera pair (--pair)" in capsys.readouterr().err
+    assert cli.main([*base, str(tmp_path / "b"), "--pair", "colour"]) == 0
+    # Perception says of which images it was made.
+    panoptic = tmp_path / "panoptic"
+    panoptic.mkdir()
+    (panoptic / "images.txt").write_text("image_2\n")
+    builder = BIN / "build_priors"
+    if not builder.exists():
+        pytest.skip("build_priors is not built")
+    done = subprocess.run([builder, tmp_path / "seq", "--panoptic-left", panoptic, "--output",
+                           tmp_path / "built"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "made of image_2, but image_0 is tracked" in done.stderr
+
+
+def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera, capsys):
+    """A picture of instances with classes.txt does what the same class map does as prior files."""
+    from kys_slam import cli
+    from kys_slam.masks import MaskFolder
+    c = corridor_camera
+    write_pair(tmp_path, corridor, "left_images", "right_images")
+    (tmp_path / "camera.yaml").write_text(
+        f"size: [{c.width}, {c.height}]\nleft: {{fx: {c.fx}, fy: {c.fy}, cx: {c.cx}, cy: {c.cy}}}\n"
+        f"baseline: {c.baseline}\n")
+    values = np.zeros((c.height, c.width), np.uint8)
+    values[30:100, 20:120], values[40:120, 200:300], values[0:20, 0:60] = 7, 60, 150
+    for side in ("left", "right"):
+        (tmp_path / "masks" / side).mkdir(parents=True)
+        for i in range(len(corridor)):
+            (tmp_path / "masks" / side / f"{i:06d}.png").write_bytes(encode_png(values, GREY))
+    (tmp_path / "masks" / "classes.txt").write_text("1-50 car moving # vehicles\n\n60 person\n")
+    masks = MaskFolder(tmp_path / "masks")
+    pair = masks("000000")
+    frame, rest = masks.priors(pair), masks.without_classes(pair)
+    left = frame.cameras[0]
+    at = lambda v, u: left.segments[left.segment_map[v, u] - 1] if left.segment_map[v, u] else None
+    names = kys_slam.LabelSpace("coco_panoptic_133").names
+    assert names[at(50, 50)["label"]] == "car" and at(50, 50)["flags"] & kysp.DYNAMIC
+    assert names[at(60, 250)["label"]] == "person" and not at(60, 250)["flags"] & kysp.DYNAMIC
+    assert at(10, 10) is None and rest[0][10, 10] == 150 and rest[0][50, 50] == 0
+    # A mover that is listed and one that is masked out: mode mask drops both.
+    slam = kys_slam.System(c, {"orb.features": 600, "kys.mode": "mask"})
+    for i, (l, r, time, _) in enumerate(corridor):
+        pair = masks(f"{i:06d}")
+        report = slam.feed(l, r, time, masks.priors(pair), masks.without_classes(pair))
+    assert report.masked > 0 and report.prior_coverage > 0
+    for text, error in (("1-300 car\n", "range"), ("1 carr\n", "no class"),
+                        ("1-9 car\n5 person\n", "twice")):
+        (tmp_path / "masks" / "classes.txt").write_text(text)
+        with pytest.raises(kys_slam.InputError, match=error):
+            MaskFolder(tmp_path / "masks")

@@ -45,7 +45,8 @@ std::vector<TimedPose> read_ground_truth(const fs::path& file,
 
 std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
                                               const SequenceOptions& options) {
-  const bool gray = is_folder(folder / "image_0");
+  const bool gray = options.pair == CameraPair::kGrey ||
+                    (options.pair == CameraPair::kFirst && is_folder(folder / "image_0"));
   const std::string left = gray ? "0" : "2";
   const std::string right = gray ? "1" : "3";
   Sequence::Content content;

@@ -62,6 +62,13 @@ std::optional<StereoFrame> Sequence::next() {
   return read(position_++);
 }
 
+CameraPair parse_camera_pair(const std::string& name) {
+  if (name.empty()) return CameraPair::kFirst;
+  if (name == "grey") return CameraPair::kGrey;
+  if (name == "colour") return CameraPair::kColour;
+  throw InputError("'" + name + "' is no camera pair: grey or colour");
+}
+
 bool is_euroc_folder(const std::filesystem::path& folder) {
   const auto has = [&](const char* name) { return is_folder(folder / name); };
   return has("mav0") || (has("cam0") && has("cam1"));

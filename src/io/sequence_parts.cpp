@@ -99,6 +99,9 @@ void make_relative_to_first(std::vector<TimedPose>& poses) {
 std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
                                         const fs::path& folder) {
   const auto count = static_cast<std::int64_t>(content.frames.size());
+  if (options.pair != CameraPair::kFirst && content.layout != "KITTI odometry") {
+    throw InputError(folder.string() + ": has one camera pair; a choice is for KITTI odometry");
+  }
   if (options.start < 0 || options.start >= count) {
     throw InputError(folder.string() + ": cannot start at frame " + std::to_string(options.start) +
                      " of " + std::to_string(count));

@@ -64,6 +64,28 @@ TEST(KittiOdometry, ColourPairMovesGroundTruthToItsLeftCamera) {
   EXPECT_NEAR((truth[1].T_w_c.t() - Eigen::Vector3d(0.06, 0, 1.06)).norm(), 0, 1e-12);
 }
 
+TEST(KittiOdometry, OptionChoosesThePair) {
+  const TemporaryFolder folder;
+  write_kitti_odometry(folder / "07", "image_2", "image_3");
+  write_kitti_odometry(folder / "07");
+  const auto first = open_sequence(folder / "07");
+  const auto grey = open_sequence(folder / "07", {.frames = {}, .pair = CameraPair::kGrey});
+  const auto colour = open_sequence(folder / "07", {.frames = {}, .pair = CameraPair::kColour});
+  EXPECT_EQ(first->frame(0).left, grey->frame(0).left);
+  EXPECT_EQ(colour->frame(0).left, folder / "07" / "image_2" / "000000.png");
+  EXPECT_EQ(colour->frame(0).right, folder / "07" / "image_3" / "000000.png");
+  EXPECT_EQ(parse_camera_pair("colour"), CameraPair::kColour);
+  expect_input_error([] { parse_camera_pair("left"); }, {"left", "grey or colour"});
+  fs::remove_all(folder / "07" / "image_3");
+  expect_input_error(
+      [&] { open_sequence(folder / "07", {.frames = {}, .pair = CameraPair::kColour}); },
+      {"image_3"});
+  write_euroc(folder / "V1");
+  expect_input_error(
+      [&] { open_sequence(folder / "V1", {.frames = {}, .pair = CameraPair::kGrey}); },
+      {"one camera pair"});
+}
+
 class BadKitti : public ::testing::Test {
  protected:
   BadKitti() { write_kitti_odometry(sequence_); }

@@ -23,6 +23,13 @@ def list_images(folder):
     return files
 
 
+def note_images(output, folder):
+    """Says in OUTPUT/images.txt of which images it was made: build_priors refuses perception of
+    another camera pair than the tracked one."""
+    Path(output).mkdir(parents=True, exist_ok=True)
+    write_atomic(Path(output) / "images.txt", (Path(folder).resolve().name + "\n").encode())
+
+
 def read_rgb(path):
     """(H, W, 3) uint8; grey images are repeated."""
     from PIL import Image

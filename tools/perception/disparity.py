@@ -28,7 +28,7 @@ def process(left, right, output, output_right, model, device, iterations=20, ove
     right_by_name = {f.stem: f for f in right}
     folders = [Path(output)] + ([Path(output_right)] if output_right else [])
     for folder in folders:
-        folder.mkdir(parents=True, exist_ok=True)
+        common.note_images(folder, left[0].parent)
     for file in common.progress(left, "disparity"):
         targets = [folder / f"{file.stem}.pfm" for folder in folders]
         if all(t.exists() for t in targets) and not overwrite:

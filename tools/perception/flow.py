@@ -59,7 +59,7 @@ def process(files, output, backward, model, device, iterations=20, overwrite=Fal
     """Flow of all neighbours in `files`; skips what is there."""
     folders = [Path(output)] + ([Path(backward)] if backward else [])
     for folder in folders:
-        folder.mkdir(parents=True, exist_ok=True)
+        common.note_images(folder, files[0].parent)
     for now, following in common.progress(list(zip(files[:-1], files[1:])), "flow"):
         targets = [folder / f"{now.stem}.flo" for folder in folders]
         if all(t.exists() for t in targets) and not overwrite:

@@ -25,14 +25,14 @@ PAIRS = (("image_0", "image_1"), ("image_2", "image_3"))
 ROBUST = Path(__file__).resolve().parents[2] / "configs" / "priors_robust.yaml"
 
 
-def pair_of(sequence):
-    """Folders of the pair that run_stereo_kitti tracks."""
-    for left, right in PAIRS:
+def pair_of(sequence, wanted):
+    """Folders of the pair that run_stereo_kitti tracks (--pair)."""
+    for left, right in {"": PAIRS, "grey": PAIRS[:1], "colour": PAIRS[1:]}[wanted]:
         if (sequence / left).is_dir():
             if not (sequence / right).is_dir():
                 sys.exit(f"{sequence / right}: is not a folder")
             return sequence / left, sequence / right
-    sys.exit(f"{sequence}: has neither image_0 nor image_2")
+    sys.exit(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
 
 
 def program(given, name):
@@ -63,6 +63,9 @@ def main():
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
     parser.add_argument("--output", required=True, type=Path)
     parser.add_argument("--builder", help="the program build_priors")
+    parser.add_argument("--pair", default="", choices=("grey", "colour"),
+                        help="image_0 and image_1 (default where they are there), or image_2 and "
+                        "image_3; run_stereo_kitti needs the same")
     parser.add_argument("--frames", type=int, help="only the first so many")
     parser.add_argument("--jobs", type=int, default=1, help="threads")
     parser.add_argument("--overwrite", action="store_true", help="also what is there")
@@ -71,7 +74,7 @@ def main():
     builder = program(options.builder, "build_priors")
     validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
-    folders = pair_of(options.sequence)
+    folders = pair_of(options.sequence, options.pair)
     network = segment_onnx.Network(options.model, options.weights, options.jobs)
     times = {}
     panoptic = []
@@ -90,13 +93,15 @@ def main():
                "--label-space", network.settings["label_space"], "--disparity", "sgbm",
                "--flow-left", "dis", "--flow-right", "dis", "--jobs", str(options.jobs),
                "--flow", "keypoints", "--config", str(ROBUST)]
+    pair = ["--pair", options.pair] if options.pair else []
+    command += pair
     if options.frames:
         command += ["--frames", str(options.frames)]
     if options.overwrite:
         command.append("--rebuild")
     times["build"] = run(command + further)
     times["validate"] = run([validator, str(priors), "--sequence", str(options.sequence), "--label-space",
-                             network.settings["label_space"]])
+                             network.settings["label_space"], *pair])
     images = max(1, times["segmented images"])
     print(f"network {1e3 * times['network'] / images:.0f} ms and segments "
           f"{1e3 * times['segments'] / images:.0f} ms per image, build {times['build']:.1f} s, "

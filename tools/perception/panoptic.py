@@ -133,6 +133,7 @@ def process(files, output, model, processor, space, device, task="panoptic", thr
     """Segments all files into `output`; skips what is there."""
     output = Path(output)
     (output / ".segments" if task == "panoptic" else output).mkdir(parents=True, exist_ok=True)
+    common.note_images(output, files[0].parent)
     categories = categories_of(model, space)
     model.to(device).eval()
     for file in common.progress(files, task):

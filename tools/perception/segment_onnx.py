@@ -265,6 +265,8 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
     output = Path(output)
     parts = output / ".segments"
     parts.mkdir(parents=True, exist_ok=True)
+    if images:
+        common.note_images(output, Path(images[0]).parent)
     times = {"network": 0.0, "segments": 0.0, "frames": 0}
     for path in common.progress(images, label):
         picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"

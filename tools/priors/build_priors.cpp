@@ -17,7 +17,7 @@ namespace {
 using namespace kys_slam;
 
 struct Arguments {
-  std::string sequence, panoptic[2], semantic[2], config, label_space = "coco_panoptic_133";
+  std::string sequence, panoptic[2], semantic[2], config, pair, label_space = "coco_panoptic_133";
   std::vector<std::string> set, flow;
   BuildInputs inputs;
   BuildSettings settings;
@@ -69,6 +69,9 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
   one_at_a_time(app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable"));
   app.add_option("--jobs", a.settings.jobs, "Threads")->check(CLI::Range(1, 256));
+  app.add_option("--pair", a.pair,
+                 "Cameras of a KITTI odometry sequence: grey (image_0, image_1; default where they "
+                 "are there) or colour (image_2, image_3); the one that is tracked");
   app.add_option("--start", a.start, "First frame, from 0")->check(whole_number(0));
   app.add_option("--frames", a.frames, "How many frames (default: all)")->check(whole_number(1));
   app.add_flag("--debug-images", a.settings.debug_images, "A picture of every frame's stages");
@@ -158,7 +161,15 @@ int run(int argc, char** argv) {
   declare(app, a);
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   prepare(a);
-  BuildSequence sequence = open_build_sequence(a.sequence);
+  BuildSequence sequence = open_build_sequence(a.sequence, a.pair);
+  for (std::size_t c = 0; c < 2; ++c) {
+    for (const std::filesystem::path& input :
+         {std::filesystem::path(a.inputs.panoptic[c]), std::filesystem::path(a.inputs.flow[c]),
+          std::filesystem::path(a.inputs.flow_back[c])}) {
+      if (!input.empty()) check_made_of(input, sequence.images[c]);
+    }
+  }
+  if (!a.inputs.disparity.empty()) check_made_of(a.inputs.disparity, sequence.images[0]);
   select_frames(a, sequence);
   const kys::LabelSpace labels = kys::load_label_space(a.label_space);
   if (!a.quiet) a.settings.progress = report;

@@ -3,13 +3,19 @@
 #include <kys_slam/error.h>
 #include <kys_slam/sequence.h>
 
+#include <fstream>
 #include <memory>
 
 namespace kys_slam {
 
-BuildSequence open_build_sequence(const std::filesystem::path& folder) {
-  const std::shared_ptr<const Sequence> opened = open_sequence(folder);
+BuildSequence open_build_sequence(const std::filesystem::path& folder, const std::string& pair) {
+  SequenceOptions options;
+  options.pair = parse_camera_pair(pair);
+  const std::shared_ptr<const Sequence> opened = open_sequence(folder, options);
   BuildSequence sequence;
+  const Sequence::Frame& first = opened->frame(0);
+  sequence.images = {first.left.parent_path().filename().string(),
+                     first.right.parent_path().filename().string()};
   sequence.camera = opened->camera();
   for (std::int64_t i = 0; i < opened->frame_count(); ++i) {
     sequence.names.push_back(opened->frame(i).name);
@@ -20,6 +26,17 @@ BuildSequence open_build_sequence(const std::filesystem::path& folder) {
     return std::pair(std::move(frame.left), std::move(frame.right));
   };
   return sequence;
+}
+
+void check_made_of(const std::filesystem::path& input, const std::string& images) {
+  const auto is_pair = [](const std::string& name) {
+    return name.size() == 7 && name.starts_with("image_") && name[6] >= '0' && name[6] <= '3';
+  };
+  std::string made;
+  std::ifstream(input / "images.txt") >> made;
+  if (!is_pair(made) || !is_pair(images) || made == images) return;
+  throw InputError(input.string() + ": made of " + made + ", but " + images +
+                   " is tracked (--pair grey or colour chooses)");
 }
 
 }  // namespace kys_slam

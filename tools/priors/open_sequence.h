@@ -1,12 +1,19 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "priors/builder/build_sequence.h"
 
 namespace kys_slam {
 
-/// Opens a sequence folder for the builder. \throws InputError.
-BuildSequence open_build_sequence(const std::filesystem::path& folder);
+/// Opens a sequence folder for the builder. \param pair  parse_camera_pair's. \throws InputError.
+BuildSequence open_build_sequence(const std::filesystem::path& folder,
+                                  const std::string& pair = {});
+
+/// Perception that was made of the images of one pair does not fit the other. `input` is a folder
+/// of perception outputs; tools/perception leaves the name of the images' folder in its images.txt.
+/// \throws InputError when that is another of image_0 to image_3 than `images`.
+void check_made_of(const std::filesystem::path& input, const std::string& images);
 
 }  // namespace kys_slam

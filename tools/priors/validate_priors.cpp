@@ -19,13 +19,14 @@ int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
   CLI::App app("Checks prior files: count, sizes, checksums, calibration, label space, coverage.");
-  std::string folder, sequence_folder, label_space;
+  std::string folder, sequence_folder, label_space, pair;
   app.add_option("folder", folder, "Folder of prior files")->required();
   app.add_option("--sequence", sequence_folder, "The sequence they are for")->required();
   app.add_option("--label-space", label_space, "Label space they must use");
+  app.add_option("--pair", pair, "Cameras of a KITTI odometry sequence: grey or colour");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
-  const BuildSequence sequence = open_build_sequence(sequence_folder);
+  const BuildSequence sequence = open_build_sequence(sequence_folder, pair);
   ExpectedPriors expected;
   expected.width = sequence.camera.width;
   expected.height = sequence.camera.height;

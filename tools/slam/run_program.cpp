@@ -43,6 +43,7 @@ struct Arguments {
   std::vector<std::string> settings;
   std::filesystem::path output;
   std::string schedule = "pipelined";
+  std::string pair;
   std::int64_t start = 0;
   std::optional<std::int64_t> frames;
   bool quiet = false;
@@ -77,6 +78,10 @@ void declare(CLI::App& app, Arguments& a) {
                  "pipelined: mapping beside tracking, reproducible; sequential: one after the "
                  "other, reproducible; realtime: frames by their time stamps")
       ->capture_default_str();
+  app.add_option("--pair", a.pair,
+                 "cameras of a KITTI odometry sequence: grey (image_0, image_1; default where they "
+                 "are there) or colour (image_2, image_3)")
+      ->check(CLI::IsMember({"grey", "colour"}));
   app.add_option("--start", a.start, "first frame")->check(whole_number(0));
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
       ->check(whole_number(1));
@@ -292,6 +297,7 @@ FrameInput open_input(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
   options.frames = a.frames;
+  options.pair = parse_camera_pair(a.pair);
   try {
     return open_frame_input(a.sequence, options, program.open);
   } catch (const InputError&) {
