@@ -12,6 +12,30 @@
 
 namespace kys_slam {
 
+/// What PairWatch finds, for callers that are handed frames: of every frame count_frame(), of those
+/// it asks for look_at().
+class PairHistory {
+ public:
+  /// The next frame. \returns whether its pair is to be looked at
+  bool count_frame();
+
+  /// \param index  of the frame, for the warning
+  void look_at(const GrayImage& left, const GrayImage& right, std::int64_t index);
+
+  /// No more frames: what was seen of few pairs is told.
+  void finish();
+
+  /// What is wrong, once enough was seen of it; "" before.
+  [[nodiscard]] const std::string& warning() const { return warning_; }
+
+ private:
+  std::int64_t frames_ = 0;
+  int bad_pairs_ = 0;               // one after the other, by check_stereo_pair
+  std::string problem_;             // of the last pair looked at
+  std::deque<double> row_offsets_;  // px, of the last pairs looked at
+  std::string warning_;
+};
+
 /// Hands on the frames of another source and looks at some of them, to tell when left and right
 /// image do not belong together: swapped, not rectified, or not of the same moment. Of a pair that
 /// is out of step the rows of matches differ by what the camera turned or moved meanwhile, so their
@@ -31,19 +55,12 @@ class PairWatch : public FrameSource {
   std::optional<StereoFrame> next() override;
 
   /// What was told, or "". Not while another thread is in next().
-  [[nodiscard]] const std::string& warning() const { return warning_; }
+  [[nodiscard]] const std::string& warning() const { return history_.warning(); }
 
  private:
-  void look_at(const StereoFrame& frame);
-  void warn(const std::string& warning);
-
   FrameSource& source_;
   Tell tell_;
-  std::int64_t frames_ = 0;         // handed on
-  int bad_pairs_ = 0;               // one after the other, by check_stereo_pair
-  std::string problem_;             // of the last pair looked at
-  std::deque<double> row_offsets_;  // px, of the last pairs looked at
-  std::string warning_;
+  PairHistory history_;
 };
 
 }  // namespace kys_slam

@@ -8,6 +8,7 @@
 
 #include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
+#include "util/memory_limit.h"
 #include "util/paths.h"
 
 namespace kys_slam {
@@ -145,6 +146,8 @@ fs::path PanopticReader::class_path_of(const std::string& name) const {
 
 void PanopticReader::read_json() {
   const std::string text = read_text(json_);
+  constexpr std::size_t kGrowth = 16;  // a number of a few digits takes so much
+  check_memory(json_.string(), kGrowth * text.size());
   try {
     const Json document = Json::parse(text);
     // Categories by name where the file lists them; else the ids are those of the label space.

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "util/memory_limit.h"
+
 namespace kys_slam {
 namespace {
 
@@ -275,6 +277,9 @@ FramePriors decode_priors(const PriorFile& file) {
   priors.content_key = file.content_key();
   priors.has_motion = file.has_motion();
   const auto width = static_cast<std::size_t>(file.width());
+  constexpr std::size_t kBytesPerPixel = sizeof(std::uint16_t) + sizeof(float);
+  check_memory("a prior file's images",
+               kBytesPerPixel * width * static_cast<std::size_t>(file.height()));
   for (std::size_t i = 0; i < file.camera_count(); ++i) {
     const auto side = static_cast<CameraSide>(i);
     CameraPriors& camera = priors.cameras.emplace_back();

@@ -25,6 +25,7 @@ from ._core import (  # noqa: F401
     LabelSpace,
     LogicError,
     PairCheck,
+    PairHistory,
     Priors,
     Sequence,
     Settings,
@@ -52,8 +53,8 @@ from .system import TIERS, MapSnapshot, Objects, Observation, System, Trajectory
 
 __all__ = [
     "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
-    "Objects", "Observation", "PairCheck", "PriorCamera", "PriorFrame", "Priors", "Sequence", "Settings",
-    "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
+    "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Sequence",
+    "Settings", "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
     "builtin_label_spaces", "check_stereo_pair", "evaluate", "mode_needs_priors", "modes", "open_image_pair",
     "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
     "rig_from_camera_info", "to_gray", "write_prior", "write_tum",

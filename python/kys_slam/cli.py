@@ -281,6 +281,30 @@ class _Progress:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
+class _PairWatch:
+    """Tells once when left and right images do not belong together, as the other programs do."""
+
+    def __init__(self) -> None:
+        self.history = kys_slam.PairHistory()
+
+    def look_at(self, frame, index: int) -> None:
+        before = self.history.warning
+        if self.history.count_frame() and frame.left is not None:
+            self.history.look_at(frame.left, frame.right, index)
+        self._tell(before)
+
+    def finish(self) -> list:
+        """All that was told."""
+        before = self.history.warning
+        self.history.finish()
+        self._tell(before)
+        return [self.history.warning] if self.history.warning else []
+
+    def _tell(self, before: str) -> None:
+        if self.history.warning != before:
+            print(f"kys-slam: warning: {self.history.warning}", file=sys.stderr, flush=True)
+
+
 def _check_pair(frame) -> None:
     check = kys_slam.check_stereo_pair(frame.left, frame.right)
     if check.problem:
@@ -323,6 +347,7 @@ def _run(args) -> int:
         slam.load_map(args.load_map, args.localize_only)
     recorders = _open_recorders(args, slam)
     progress = _Progress(len(recording), args.quiet)
+    watch = _PairWatch()
     end_reason, done = "", 0
     start_up_s = time.monotonic() - began
     wall, cpu = time.monotonic(), time.process_time()
@@ -333,6 +358,7 @@ def _run(args) -> int:
         for frame in frames:
             if done == 0 and not args.no_check and frame.left is not None:
                 _check_pair(frame)
+            watch.look_at(frame, args.start + done)
             mask = masks(frame.name) if masks else None
             segments = None
             if mask and masks.classes:
@@ -354,7 +380,8 @@ def _run(args) -> int:
     slam.finish()
     result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
                             wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
-                            end_reason=end_reason, left_out=_left_out(recording, frames, masks))
+                            end_reason=end_reason, left_out=_left_out(recording, frames, masks),
+                            warnings=watch.finish())
     if args.save_map:
         slam.save_map(args.save_map)
     if not args.quiet:

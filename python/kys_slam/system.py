@@ -1,7 +1,7 @@
 """The SLAM system."""
 
 import os
-from typing import Callable, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -150,16 +150,18 @@ class System(_core.System):
     def write_run(self, folder: PathLike, sequence: str = "sequence",
                   ground_truth: Optional[Tuple[np.ndarray, np.ndarray]] = None, *,
                   start_up_s: float = 0, wall_s: float = 0, cpu_s: float = 0,
-                  end_reason: str = "", left_out: Optional[Dict[str, int]] = None) -> dict:
+                  end_reason: str = "", left_out: Optional[Dict[str, int]] = None,
+                  warnings: Sequence[str] = ()) -> dict:
         """After finish(): the folder a command line run leaves (trajectory.tum, summary.json, ...).
 
         ground_truth: times (N,) s and poses (N, 4, 4) of the left camera.
         end_reason: why the run is not complete; "": it is.
         left_out: what the input holds and was not used, counts by what it is.
+        warnings: what the user was told, e.g. PairHistory.warning.
         Returns a dict: frames, tracked, loops, table (text).
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
-                               end_reason, left_out or {})
+                               end_reason, left_out or {}, list(warnings))
 
 
 def _as_bytes(segments: Union[PriorFrame, bytes, None]) -> Optional[bytes]:

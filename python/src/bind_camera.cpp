@@ -1,5 +1,6 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
+#include <kys_slam/pair_watch.h>
 #include <kys_slam/stereo_rig.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/filesystem.h>
@@ -154,6 +155,25 @@ void bind_camera(nb::module_& m) {
       },
       "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
       "Says whether two images that should be a rectified pair are swapped or not rectified.");
+  nb::class_<PairHistory>(m, "PairHistory",
+                          "Looks at some pairs of a drive; tells when left and right image do not "
+                          "belong together: swapped, not rectified, not of the same moment.")
+      .def(nb::init<>())
+      .def("count_frame", &PairHistory::count_frame,
+           "The next frame; whether its pair is to be looked at.")
+      .def(
+          "look_at",
+          [](PairHistory& history, const AnyArray& left, const AnyArray& right, std::int64_t index,
+             bool bgr) {
+            const ImageView l = view_of(left, "left image", bgr);
+            const ImageView r = view_of(right, "right image", bgr);
+            const nb::gil_scoped_release released;
+            history.look_at(to_gray(l), to_gray(r), index);
+          },
+          "left"_a, "right"_a, "index"_a, nb::kw_only(), "bgr"_a = false,
+          "The pair of that frame; about 20 ms.")
+      .def("finish", &PairHistory::finish, "No more frames: what few pairs showed counts.")
+      .def_prop_ro("warning", &PairHistory::warning, "What is wrong, or \"\".");
   m.def(
       "to_gray",
       [](const AnyArray& image, bool bgr) {

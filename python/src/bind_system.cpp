@@ -490,7 +490,8 @@ void bind_system(nb::module_& m) {
            [](Slam& s, const std::filesystem::path& folder, const std::string& sequence,
               const std::optional<std::tuple<Times, Poses>>& truth, double start_up_s,
               double wall_s, double cpu_s, const std::string& end_reason,
-              const std::map<std::string, std::int64_t>& left_out) {
+              const std::map<std::string, std::int64_t>& left_out,
+              const std::vector<std::string>& warnings) {
              RunInfo info;
              info.sequence = sequence;
              info.start_up_s = start_up_s;
@@ -499,6 +500,7 @@ void bind_system(nb::module_& m) {
              info.complete = end_reason.empty();
              info.end_reason = end_reason;
              info.left_out = left_out;
+             info.warnings = warnings;
              if (truth) info.ground_truth = to_poses(std::get<0>(*truth), std::get<1>(*truth));
              return s.write_run(folder, std::move(info));
            });

@@ -279,6 +279,43 @@ def plot_says_what_evaluate_says(tmp_path, capsys):
     assert cli.main(["plot", str(tmp_path / "half.tum"), "--output", str(tmp_path / "q.png")]) == 0
 
 
+def drive_along_a_wall(folder, late):
+    """24 pairs whose rows move from frame to frame, the right camera's some frames later."""
+    cv2 = pytest.importorskip("cv2")
+    random = np.random.default_rng(5)
+    wall = np.full((160, 600), 128, np.uint8)
+    for _ in range(1500):
+        side, x, y = random.integers(4, 18), random.integers(0, 580), random.integers(0, 140)
+        wall[y:y + side, x:x + side] = random.integers(0, 256)
+    for i in range(24):
+        for side in (0, 1):
+            k = max(0, i - late * side)
+            left, top = 60 + 6 * k + 16 * side, (0, 2, 3, 1, 4, 0, 3)[k % 7]
+            path = folder / ("left", "right")[side] / f"{i:03d}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), wall[top:top + 120, left:left + 320])
+    camera = ("{width: 320, height: 120, fx: 200, fy: 200, cx: 160, cy: 60, model: radtan, "
+              "distortion: [0, 0, 0, 0]}")
+    (folder / "camera.yaml").write_text(
+        f"left: {camera}\nright: {camera}\n"
+        "T_left_right: [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n")
+
+
+def test_out_of_step_is_told(tmp_path, capsys):
+    for late in (0, 1):
+        folder = tmp_path / str(late)
+        drive_along_a_wall(folder, late)
+        cli.main(["run", str(folder / "left"), str(folder / "right"), "--calibration",
+                  str(folder / "camera.yaml"), "--rate", "10", "--output", str(folder / "run"), "--quiet"])
+        told = json.loads((folder / "run" / "summary.json").read_text())["warnings"]
+        error = capsys.readouterr().err
+        if late:
+            assert len(told) == 1 and "not of the same moment" in told[0]
+            assert error.count(told[0]) == 1
+        else:
+            assert told == [] and "warning" not in error
+
+
 def test_evaluate_and_plot(tmp_path, corridor, corridor_camera, capsys):
     pytest.importorskip("matplotlib")
     slam = kys_slam.System(corridor_camera, {"orb.features": 600})

@@ -8,6 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "util/memory_limit.h"
+
 namespace kys_slam {
 
 /// For every pixel of the result, where it comes from: the offset of the upper left of four source
@@ -134,8 +136,8 @@ double common_focal_length(const RectifiedView& left, const RectifiedView& right
   return high;
 }
 
-/// T_right_left, rounded to 1e-9 (rad, m): the formats of calibration files give one rig as different
-/// products of matrices, which differ in the last bits; the rectified images should not.
+/// T_right_left, rounded to 1e-9 (rad, m): the formats of calibration files give one rig as
+/// different products of matrices, which differ in the last bits; the rectified images should not.
 Rigid3 left_to_right(const RawCamera& left, const RawCamera& right) {
   const Rigid3 T_r_l = right.T_b_s.inverse() * left.T_b_s;
   const auto round = [](double value) { return std::round(value * 1e9) * 1e-9 + 0.0; };
@@ -172,6 +174,9 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
     throw InputError(name + ": the two cameras have different resolutions");
   }
   if (left.lens != right.lens) throw InputError(name + ": the two cameras have different lenses");
+  constexpr std::size_t kBytesPerPixel = 20;  // both tables, and OpenCV's of one camera
+  check_memory(name, kBytesPerPixel * static_cast<std::size_t>(left.width) *
+                         static_cast<std::size_t>(left.height));
   if (left.lens == LensModel::kEquidistant) {
     rectify_equidistant(left, right, name);
     return;

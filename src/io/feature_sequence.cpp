@@ -15,6 +15,7 @@
 #include <stdexcept>
 
 #include "io/feature_payload.h"
+#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {
@@ -279,6 +280,7 @@ struct FeatureSequence::Impl {
   void get(std::size_t count, const char* what) {
     // A small file does not make much memory.
     if (count > file_size) fail(std::string("truncated in ") + what);
+    check_memory(name, count);
     bytes.resize(count);
     if (std::fread(bytes.data(), 1, count, file.get()) != count) {
       fail(std::string("truncated in ") + what);

@@ -6,6 +6,8 @@
 #include <memory>
 #include <new>
 
+#include "util/memory_limit.h"
+
 namespace kys_slam {
 namespace {
 
@@ -53,6 +55,9 @@ ImageInfo jpeg_info(std::span<const std::uint8_t> file, const std::string& name)
       kMostPixelsPerByte * file.size()) {
     throw InputError(name + ": truncated JPEG");
   }
+  const std::size_t channels = colorspace == TJCS_GRAY ? 1 : 3;
+  // A progressive one also keeps all its coefficients.
+  check_memory(name, 3 * channels * static_cast<std::size_t>(width) * height);
   if (colorspace == TJCS_CMYK || colorspace == TJCS_YCCK) {
     throw InputError(name + ": CMYK JPEG; grey or colour is needed");
   }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "io/png_unfilter.h"
+#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {
@@ -138,6 +139,7 @@ PngDecoder::PngDecoder(std::span<const std::uint8_t> file, std::string name)
   // refused before memory is taken for it.
   const std::size_t packed_row = (width * info_.channels * static_cast<std::size_t>(bits) + 7) / 8;
   if (packed_row * height / 1040 > file_.size()) fail("truncated PNG");
+  check_memory(name_, 2 * row_bytes() * height);  // inflated, and the pixels
 }
 
 void PngDecoder::fail(const std::string& what) const {

@@ -8,6 +8,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "util/memory_limit.h"
+
 namespace kys_slam {
 namespace {
 
@@ -40,6 +42,7 @@ Buffer read_all(const std::filesystem::path& path, std::size_t max_bytes) {
     throw InputError("cannot read " + path.string() + ": " + std::to_string(size) +
                      " bytes are more than the " + std::to_string(max_bytes) + " allowed");
   }
+  check_memory(path.string(), size);
   Buffer buffer(size, typename Buffer::value_type{});
   std::size_t done = 0;
   while (done < size) {

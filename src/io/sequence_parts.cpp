@@ -110,6 +110,11 @@ std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const Sequenc
     throw InputError(folder.string() + ": cannot use " + std::to_string(*options.frames) +
                      " frames");
   }
+  for (const TimedPose& pose : content.ground_truth) {
+    if (!pose.T_w_c.is_finite()) {
+      throw InputError(folder.string() + ": ground truth with numbers that are too large");
+    }
+  }
   const std::int64_t used =
       options.frames ? std::min(*options.frames, count - options.start) : count - options.start;
   const auto cut = [&](auto& list) {

@@ -3,6 +3,7 @@
 #include <kys_slam/error.h>
 
 #include "io/read_bytes.h"
+#include "util/memory_limit.h"
 #include "util/parse_number.h"
 
 namespace kys_slam {
@@ -31,6 +32,8 @@ std::string quoted(std::string_view field) {
 
 TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(read_text(path)) {
   const std::string_view text = text_;
+  constexpr std::size_t kGrowth = 16;  // a field takes so much, a row several times of it
+  check_memory(path.string(), kGrowth * text.size());
   std::size_t line = 0;
   for (std::size_t begin = 0; begin < text.size();) {
     const std::size_t end = std::min(text.find('\n', begin), text.size());

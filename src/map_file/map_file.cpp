@@ -1,7 +1,12 @@
 #include "map_file/map_file.h"
 
+#include <cstdint>
+#include <utility>
+#include <vector>
+
 #include "io/read_bytes.h"
 #include "util/atomic_file.h"
+#include "util/memory_limit.h"
 
 namespace kys_slam {
 
@@ -14,7 +19,10 @@ void save_map(const Map& map, const std::filesystem::path& path, std::string_vie
 }
 
 Map load_map(const std::filesystem::path& path, std::string_view label_space) {
-  return parse_map(read_bytes(path, kMaxFileSize), path.string(), label_space);
+  std::vector<std::uint8_t> bytes = read_bytes(path, kMaxFileSize);
+  constexpr std::size_t kGrowth = 4;  // objects and indices beside the plain numbers
+  check_memory(path.string(), kGrowth * bytes.size());
+  return parse_map(std::move(bytes), path.string(), label_space);
 }
 
 }  // namespace kys_slam

@@ -30,41 +30,45 @@ double scatter(const std::deque<double>& values) {
 
 }  // namespace
 
-std::optional<StereoFrame> PairWatch::next() {
-  std::optional<StereoFrame> frame = source_.next();
-  if (!warning_.empty()) return frame;
-  if (!frame) {
-    if (bad_pairs_ >= kBadPairs) warn(problem_);
-  } else if (is_due(frames_++) && !frame->left.empty()) {
-    look_at(*frame);
-  }
-  return frame;
+bool PairHistory::count_frame() {
+  return is_due(frames_++) && warning_.empty();
 }
 
-void PairWatch::look_at(const StereoFrame& frame) {
-  const PairCheck check = check_stereo_pair(frame.left, frame.right);
+void PairHistory::finish() {
+  if (warning_.empty() && bad_pairs_ >= kBadPairs) warning_ = problem_;
+}
+
+void PairHistory::look_at(const GrayImage& left, const GrayImage& right, std::int64_t index) {
+  const PairCheck check = check_stereo_pair(left, right);
   if (check.matches < PairCheck::kEnough) return;
   bad_pairs_ = check.problem.empty() ? 0 : bad_pairs_ + 1;
-  problem_ = fmt::format("frame {}: {}", frame.index, check.problem);
+  problem_ = fmt::format("frame {}: {}", index, check.problem);
   row_offsets_.push_back(check.row_offset);
   if (row_offsets_.size() > kWindow) row_offsets_.pop_front();
   // A late image looks like a pair that is not rectified, until several are compared.
   if (row_offsets_.size() < kFewest) return;
   const double px = scatter(row_offsets_);
   if (px > kMostScatter) {
-    warn(
-        fmt::format("frame {}: left and right images are not of the same moment, or the cameras "
-                    "move against each other: the row offset of matches changes from pair to pair "
-                    "by {:.2f} px (standard deviation)",
-                    frame.index, px));
+    warning_ = fmt::format(
+        "frame {}: left and right images are not of the same moment, or the cameras move against "
+        "each other: the row offset of matches changes from pair to pair by {:.2f} px (standard "
+        "deviation)",
+        index, px);
   } else if (bad_pairs_ >= kBadPairs) {
-    warn(problem_);
+    warning_ = problem_;
   }
 }
 
-void PairWatch::warn(const std::string& warning) {
-  warning_ = warning;
-  if (tell_) tell_(warning);
+std::optional<StereoFrame> PairWatch::next() {
+  std::optional<StereoFrame> frame = source_.next();
+  if (!history_.warning().empty()) return frame;
+  if (!frame) {
+    history_.finish();
+  } else if (history_.count_frame() && !frame->left.empty()) {
+    history_.look_at(frame->left, frame->right, frame->index);
+  }
+  if (!history_.warning().empty() && tell_) tell_(history_.warning());
+  return frame;
 }
 
 }  // namespace kys_slam

@@ -22,6 +22,7 @@
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
 #include "util/interrupt.h"
+#include "util/memory_limit.h"
 #include "util/process_figures.h"
 #include "util/stopwatch.h"
 
@@ -220,6 +221,10 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
   if (const std::string why = implausible_camera(camera); !why.empty()) {
     throw InputError("the camera's calibration makes no sense: " + why);
   }
+  constexpr std::size_t kBytesPerPixel = 10;  // two pyramids, and one blurred
+  check_memory(fmt::format("tracking in images of {}x{}", camera.width, camera.height),
+               kBytesPerPixel * static_cast<std::size_t>(camera.width) *
+                   static_cast<std::size_t>(camera.height));
   impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
 }
 

@@ -139,6 +139,43 @@ def trajectories():
     save("label_space", "vkitti2", b"====\n".join(parts))
 
 
+def objects():
+    save("tracking_calib", "0000.txt", "P0: 40 0 24 0 0 40 16 0 0 0 1 0\n"
+         "P2: 40 0 24 2 0 40 16 0 0 0 1 0\nP3: 40 0 24 -18 0 40 16 0 0 0 1 0\n"
+         "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n"
+         "Tr_imu_velo 1 0 0 -0.8 0 1 0 0.3 0 0 1 -0.8\n")
+    save("tracking_oxts", "0000.txt", "".join(
+        f"49.0{i} 8.4300001 112.83 0.022 0.011 -1.93 {'0 ' * 24}\n" for i in range(2)))
+    save("vkitti_intrinsic", "intrinsic.txt", "frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]\n" + "".join(
+        f"{i} {c} 40.0 40.0 24 16\n" for i in range(2) for c in range(2)))
+    save("vkitti_extrinsic", "extrinsic.txt", "frame cameraID r1,1 r1,2 r1,3 t1 r2,1 r2,2 r2,3 t2 r3,1 "
+         "r3,2 r3,3 t3 0 0 0 1\n" + "".join(f"{i} {c} 1 0 0 {-0.5 * c} 0 1 0 0 0 0 1 {-i} 0 0 0 1\n"
+                                            for i in range(2) for c in range(2)))
+    save("true_objects", "labels.txt", "0 -1 DontCare -1 -1 -10 10 5 20 15 -1000 -1000 -1000 -10 -1 -1 "
+         "-1\n" + "".join(f"{i} 4 Car 0 0 -1.7 10 5 20 15 1.5 1.6 4.0 -2.5 1.7 {15 - i} -1.6\n"
+                         for i in range(3)))
+    save("true_objects", "simulator.csv", "frame,timestamp,object,class,category_id,moving,x,y,z,qx,qy,qz,"
+         "qw,vx,vy,vz,box_x,box_y,box_z,length,width,height,left_id,left_pixels,right_id,right_pixels\n" +
+         "".join(f"{i},{0.1 * i:.9f},246,traffic light,6,1,0.006,1.62,{27 + i}.0,-0.5,0.5,-0.5,-0.5,0,"
+                 f"-0.0045,3.38,0.0225,0,1.6,11.0,2.57,3.38,2445643,344,7508479,346\n"
+                 for i in range(3)))
+    save("true_objects", "pose.txt", "frame cameraID trackID alpha width height length world_space_X "
+         "world_space_Y world_space_Z rotation_world_space_y rotation_world_space_x "
+         "rotation_world_space_z camera_space_X camera_space_Y camera_space_Z rotation_camera_space_y "
+         "rotation_camera_space_x rotation_camera_space_z\n" + "".join(
+             f"{i} {c} 3 1.5 1.8 1.5 4.3 0 0 0 0 0 0 -5 1.6 {20 - i} -1.5 0 0\n"
+             for i in range(3) for c in range(2)))
+    save("vkitti_boxes", "bbox.txt", "frame cameraID trackID left right top bottom number_pixels "
+         "truncation_ratio occupancy_ratio isMoving\n" + "".join(
+             f"{i} {c} 3 10 20 5 15 88 0.0 0.9 {'True' if i else 'False'}\n"
+             for i in range(2) for c in range(2)))
+    save("run_objects", "objects.csv", "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,"
+         "vz,sigma_v\n" + "".join(f"{i},00000{i},{0.1 * i:.1f},7,traffic light,0.9,12,1,0,8,0,0,1.2,0.1\n"
+                                 for i in range(3)))
+    save("run_frames", "frames.csv", "index,name,timestamp,status,submap,reason\n" + "".join(
+        f"{i},a{i},{0.1 * i:.1f},tracked,0\n" for i in range(3)))
+
+
 def perception():
     save("coco_json", "segments.json", '{"annotations": [{"file_name": "a.png", "segments_info": ['
          '{"id": 1, "category_id": 3, "isthing": 1, "area": 128, "bbox": [8, 0, 8, 16]}, '
@@ -213,6 +250,7 @@ def main():
     images()
     calibrations()
     trajectories()
+    objects()
     perception()
     own_formats(sys.argv[1])
 

@@ -16,6 +16,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -25,6 +26,7 @@
 #include "io/sensor_yaml.h"
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
+#include "object_files.h"
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
 
@@ -210,6 +212,156 @@ void read_times(Bytes bytes) {
 }
 void read_data_csv(Bytes bytes) {
   read_with(euroc_folder(), "mav0/cam1/data.csv", bytes);
+}
+
+/// Images of two frames as `left`, `right` name them.
+void write_images(const fs::path& left, const fs::path& right, const char* stem) {
+  int shift = 0;
+  for (const fs::path& images : {left, right}) {
+    fs::create_directories(images);
+    for (int i = 0; i < 2; ++i) {
+      write_png(images / (stem + std::to_string(i) + ".png"), picture(shift));
+    }
+    shift += 4;
+  }
+}
+
+constexpr std::string_view kTrackingCalibration =
+    "P2: 40 0 24 2 0 40 16 0 0 0 1 0\nP3: 40 0 24 -18 0 40 16 0 0 0 1 0\n"
+    "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n"
+    "Tr_imu_velo 1 0 0 -0.8 0 1 0 0.3 0 0 1 -0.8\n";
+constexpr std::string_view kOxts =
+    "49.01 8.43 112.8 0.02 0.01 -1.9 0 0\n49.010001 8.43 112.8 0.02 0.01 -1.9 0 0\n";
+
+/// Sequence 0000 of KITTI Tracking; the images' folder names the sequence.
+const fs::path& tracking_folder() {
+  static const fs::path folder = [] {
+    const fs::path made = scratch() / "tracking";
+    write_images(made / "image_02" / "0000", made / "image_03" / "0000", "00000");
+    for (const char* name : {"calib", "oxts"}) fs::create_directories(made / name);
+    write(made / "calib" / "0000.txt", kTrackingCalibration);
+    write(made / "oxts" / "0000.txt", kOxts);
+    return made;
+  }();
+  return folder;
+}
+
+/// Opens a sequence and looks at what its texts say.
+void check_texts(const fs::path& folder) {
+  const auto sequence = open_sequence(folder);
+  if (!sequence->camera().is_valid()) finding("an invalid camera");
+  for (const TimedPose& pose : sequence->ground_truth()) {
+    if (!pose.T_w_c.is_finite()) finding("a pose that is not finite");
+  }
+}
+
+void read_tracking(const char* file, Bytes bytes) {
+  write(tracking_folder() / file, bytes);
+  check_texts(tracking_folder() / "image_02" / "0000");
+}
+void read_tracking_calib(Bytes bytes) {
+  write(tracking_folder() / "oxts" / "0000.txt", kOxts);
+  read_tracking("calib/0000.txt", bytes);
+}
+void read_tracking_oxts(Bytes bytes) {
+  write(tracking_folder() / "calib" / "0000.txt", kTrackingCalibration);
+  read_tracking("oxts/0000.txt", bytes);
+}
+
+constexpr std::string_view kIntrinsics =
+    "frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]\n0 0 40 40 24 16\n0 1 40 40 24 16\n";
+constexpr std::string_view kExtrinsics =
+    "0 0 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n0 1 1 0 0 -0.5 0 1 0 0 0 0 1 0 0 0 0 1\n"
+    "1 0 1 0 0 0 0 1 0 0 0 0 1 -1 0 0 0 1\n1 1 1 0 0 -0.5 0 1 0 0 0 0 1 -1 0 0 0 1\n";
+
+const fs::path& virtual_folder() {
+  static const fs::path folder = [] {
+    const fs::path made = scratch() / "Scene01" / "clone";
+    const fs::path images = made / "frames" / "rgb";
+    write_images(images / "Camera_0", images / "Camera_1", "rgb_0000");
+    write(made / "intrinsic.txt", kIntrinsics);
+    write(made / "extrinsic.txt", kExtrinsics);
+    return made;
+  }();
+  return folder;
+}
+
+void read_virtual(const char* file, Bytes bytes) {
+  write(virtual_folder() / file, bytes);
+  check_texts(virtual_folder());
+}
+void read_virtual_intrinsic(Bytes bytes) {
+  write(virtual_folder() / "extrinsic.txt", kExtrinsics);
+  read_virtual("intrinsic.txt", bytes);
+}
+void read_virtual_extrinsic(Bytes bytes) {
+  write(virtual_folder() / "intrinsic.txt", kIntrinsics);
+  read_virtual("extrinsic.txt", bytes);
+}
+
+// --- moving objects ------------------------------------------------------------------------------
+
+constexpr std::string_view kFrames =
+    "index,name,timestamp,status\n0,a,0.0,tracked\n1,b,0.1,tracked\n2,c,0.2,tracked\n";
+constexpr std::string_view kEstimates =
+    "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
+    "1,b,0.1,7,car,0.9,12,1,0,8,0,0,1,0.1\n";
+
+const fs::path& run_folder() {
+  static const fs::path folder = [] {
+    const fs::path made = scratch() / "run";
+    fs::create_directories(made);
+    write(made / "objects.csv", kEstimates);
+    write(made / "frames.csv", kFrames);
+    std::string poses;
+    for (int i = 0; i < 3; ++i) poses += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(i) + "\n";
+    write(made / "trajectory.kitti", poses);
+    return made;
+  }();
+  return folder;
+}
+
+void read_run_objects(Bytes bytes) {
+  write(run_folder() / "frames.csv", kFrames);
+  write(run_folder() / "objects.csv", bytes);
+  (void)read_object_run(run_folder());
+}
+
+/// frames.csv of a run; two objects stand in its first frames.
+void read_run_frames(Bytes bytes) {
+  write(run_folder() / "objects.csv", kEstimates);
+  write(run_folder() / "frames.csv", bytes);
+  const ObjectRun run = read_object_run(run_folder());
+  constexpr std::string_view kLabel = " 4 Car 0 0 0.1 10 5 20 15 1.5 1.6 4 1 2 15 0.1\n";
+  std::string labels;
+  for (const auto& [frame, poses] : run.frames) labels += std::to_string(frame).append(kLabel);
+  write(scratch() / "0000.txt", labels);
+  (void)read_true_objects(scratch() / "0000.txt", run.frames);
+}
+
+/// Labels of KITTI Tracking, objects.csv of simulate_sequence, pose.txt of Virtual KITTI 2: the
+/// first line says which.
+void read_true(Bytes bytes) {
+  write(run_folder() / "frames.csv", kFrames);
+  write(run_folder() / "objects.csv", kEstimates);
+  static const ObjectRun run = read_object_run(run_folder());
+  for (const TrueObject& object : read_true_objects(file_of(bytes, "objects.txt"), run.frames)) {
+    if (!object.T_g_o.is_finite() || !(object.half.minCoeff() > 0)) finding("an absurd box");
+  }
+}
+
+constexpr std::string_view kPoses =
+    "frame cameraID trackID alpha width height length wx wy wz ry rp rr cx cy cz crx cry crz\n"
+    "0 0 3 1.5 1.8 1.5 4.3 0 0 0 0 0 0 -5 1.6 20 -1.5 0 0\n"
+    "1 0 3 1.5 1.8 1.5 4.3 0 0 0 0 0 0 -5 1.6 19 -1.5 0 0\n";
+
+void read_boxes(Bytes bytes) {
+  const fs::path folder = scratch() / "vkitti";
+  fs::create_directories(folder);
+  write(folder / "pose.txt", kPoses);
+  write(folder / "bbox.txt", bytes);
+  const std::map<int, FramePoses> frames{{0, {0.0, {}, {}}}, {1, {0.1, {}, {}}}};
+  (void)read_true_objects(folder / "pose.txt", frames);
 }
 
 void read_sensor(Bytes bytes) {
@@ -403,6 +555,14 @@ constexpr std::array kReaders{
     Reader{"kitti_calib", read_calib},
     Reader{"kitti_times", read_times},
     Reader{"euroc_data", read_data_csv},
+    Reader{"tracking_calib", read_tracking_calib},
+    Reader{"tracking_oxts", read_tracking_oxts},
+    Reader{"vkitti_intrinsic", read_virtual_intrinsic},
+    Reader{"vkitti_extrinsic", read_virtual_extrinsic},
+    Reader{"true_objects", read_true},
+    Reader{"vkitti_boxes", read_boxes},
+    Reader{"run_objects", read_run_objects},
+    Reader{"run_frames", read_run_frames},
     Reader{"sensor_yaml", read_sensor},
     Reader{"rig", read_rig},
     Reader{"kitti_poses", read_kitti_trajectory},

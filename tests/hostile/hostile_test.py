@@ -230,6 +230,11 @@ def whole_sequence_is_a_loop(f):
     os.symlink("seq", f.sequence)
 
 
+def sequence_is_a_fifo(f):
+    shutil.rmtree(f.sequence)
+    os.mkfifo(f.sequence)
+
+
 def fifo_as(name, *arguments):
     def prepare(f):
         path = os.path.join(f.path, name)
@@ -250,6 +255,7 @@ refusals("paths", {
     "config_is_a_fifo": (fifo_as("c.yaml", "--config", "{}"), ["c.yaml", "not a regular file"]),
     "calib_is_a_fifo": (fifo_as("seq/calib.txt"), ["calib.txt", "not a regular file"]),
     "image_is_a_fifo": (fifo_as("seq/image_0/000000.png"), ["000000.png", "not a regular file"]),
+    "sequence_is_a_fifo": (sequence_is_a_fifo, ["seq", "not a folder"]),
     "map_is_a_fifo": (fifo_as("m.map", "--load-map", "{}"), ["m.map", "not a regular file"]),
 })
 
@@ -285,6 +291,15 @@ def paths_without_permission(f, programs):
     os.rename(f.sequence, f("d", "sequences", "06"))
     refused(programs.run("run_stereo_kitti", f("d", "sequences", "06"), "--output", f.output,
                          before=as_nobody()), "06.txt", "Permission denied")
+
+
+@case
+def paths_label_space_without_permission(f, programs):
+    os.chmod(f.path, 0o777)
+    os.mkdir(f("locked"), 0)
+    refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
+                         f.output, "--label-space", f("locked", "mine"), before=as_nobody()),
+            "locked/mine")
 
 
 @case
@@ -344,6 +359,18 @@ def paths_names_that_are_not_utf8(f, programs):
 
 
 @case
+def paths_name_that_is_not_utf8_and_an_error_half_way(f, programs):
+    png(f.image(7), [bytes(8)] * 8)
+    name = os.fsencode(f.path) + b"/se\xff"
+    os.rename(f.sequence, name)
+    result = programs.finish(programs.start("run_stereo_kitti",
+                                            [name, "--output", f.output, "--quiet"]))
+    refused(result, "se\\xff", "000007.png")
+    summary = saved(f, 7)
+    expect(summary["sequence"] == "se\\xff" and "se\\xff" in summary["end_reason"], summary)
+
+
+@case
 def paths_frame_names_with_commas(f, programs):
     for camera in (0, 1):
         for i in range(FRAMES):
@@ -393,6 +420,26 @@ def settings_build_priors_frames(f, programs):
     for frames in ("-1", "0", str(2**63), str(2**64)):
         refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
                              f.output, "--frames", frames), "--frames")
+
+
+@case
+def settings_outside_any_sense(f, programs):
+    """The tables of ranges are tested setting by setting; here what the user sees of it."""
+    shown = programs.run("run_stereo_kitti", "--list-settings")
+    passed(shown)
+    group, checked = "", 0
+    for line in shown.out.splitlines():
+        key = line.split(":")[0].strip()
+        if line and not line.startswith(" "):
+            group = key
+        elif key and key[0] != "#" and " to " in line:
+            checked += 1
+            if checked % 8 == 0:  # a sample: every one starts the program
+                for value in ("nan", "-1e30", "1e300"):
+                    refused(programs.kitti(f, "--set", f"{group}.{key}={value}"), f"{group}.{key}")
+    expect(checked > 80, f"{checked} settings with a range")
+    for setting in ("mapping.scale_tolerance=0", "place.min_share=9", "orb.features=-1"):
+        refused(programs.kitti(f, "--set", setting), setting.split("=")[0], "to")
 
 
 @case
@@ -561,6 +608,61 @@ def output_map_is_checked_first(f, programs):
 
 
 @case
+def output_map_in_a_locked_folder(f, programs):
+    os.chmod(f.path, 0o777)
+    os.mkdir(f("locked"), 0o555)
+    refused(programs.kitti(f, "--save-map", f("locked", "m.map"), before=as_nobody()), "locked/m.map",
+            "Permission denied")
+    expect(not os.path.exists(os.path.join(f.output, "frames.csv")), "tracked before the check")
+
+
+@case
+def output_disk_is_full(f, programs):
+    """The map on another disk is saved. Where nobody may mount, there is nothing to see."""
+    os.mkdir(f.output)
+    command = (f"mount -t tmpfs -o size=24k none '{f.output}' || exit 99; '{programs.folder}"
+               f"/run_stereo_kitti' '{f.sequence}' --output '{f.output}' --quiet --save-map "
+               f"'{f('m.map')}'; status=$?; cp -r '{f.output}' '{f('kept')}'; exit $status")
+    if shutil.which("unshare") is None:
+        return
+    result = subprocess.run(["unshare", "-m", "sh", "-c", command], stderr=subprocess.PIPE, text=True,
+                            check=False)
+    if result.returncode in (1, 99) and not os.path.isdir(f("kept")):
+        return
+    refused(Result(result.returncode, "", result.stderr), "No space left")
+    expect(os.path.getsize(f("m.map")) > 1000, "the map is lost")
+    expect(lines(f("kept", "trajectory.kitti")) == FRAMES, "frames are lost")
+    expect(not [n for n in os.listdir(f("kept")) if n.startswith(".")], "left files")
+
+
+@case
+def output_killed_while_writing(f, programs):
+    """kill -9 at the worst moment, in a folder with an older run: what says it is complete, is."""
+    passed(programs.kitti(f))
+    complete(f)
+    summary = os.path.join(f.output, "summary.json")
+    killed = 0
+    for delay in (0, 0.0003, 0.001, 0.002, 0.004):
+        process = programs.start("run_stereo_kitti", [f.sequence, "--output", f.output, "--quiet",
+                                                      "--frames", "6"])
+        while os.path.exists(summary) and process.poll() is None:
+            pass
+        time.sleep(delay)
+        process.kill()
+        killed += programs.finish(process).status == -signal.SIGKILL
+        if os.path.exists(summary):
+            complete(f, 6)
+        passed(programs.kitti(f))
+        complete(f)
+    expect(killed > 0, "never killed in time")
+    for name in os.listdir(f.output):
+        if name.startswith("."):
+            os.utime(os.path.join(f.output, name), (time.time() - 100, time.time() - 100))
+    passed(programs.kitti(f))
+    expect(not [n for n in os.listdir(f.output) if n.startswith(".")], "left files")
+
+
+@case
 def output_map_goes_beside_the_rest(f, programs):
     os.mkdir(f("maps"))
     times = "".join(f"{i}\n" for i in range(FRAMES))
@@ -639,6 +741,43 @@ def limits_memory(f, programs):
 
 
 @case
+def limits_threads(f, programs):
+    os.chmod(f.path, 0o777)
+    result = programs.kitti(f, before=as_nobody(limit(resource.RLIMIT_NPROC, 1)))
+    expect(result.status in (0, 2), f"status {result.status}: {result.err}")
+    expect(result.status == 0 or "cannot start a thread" in result.err, result.err)
+
+
+def with_memory(megabytes):
+    return dict(os.environ, KYS_MEMORY_MB=str(megabytes))
+
+
+@case
+def limits_memory_of_an_input(f, programs):
+    """Refused by what it says it needs, before the machine finds out."""
+    for camera in (0, 1):
+        png(f.image(0, camera), [bytes(WIDTH)] * 8, 16384, 16384)
+    write_calibration(f.sequence)
+    big = programs.kitti(f)
+    refused(big, "000000.png")
+    side = 9000
+    rows = [bytes(side)] * side
+    png(f.image(0, 0), rows)
+    refused(programs.kitti(f, env=with_memory(100)), "000000.png", "needs 162 MB of memory",
+            "the limit is 100 MB", "KYS_MEMORY_MB")
+    refused(programs.kitti(f, env=with_memory("much")), "KYS_MEMORY_MB", "'much'")
+
+
+@case
+def limits_memory_in_use(f, programs):
+    """The trajectory so far is saved when the limit is passed while tracking."""
+    result = programs.kitti(f, env=with_memory(10))
+    refused(result, "out of memory", "the limit is 10 MB")
+    summary = saved(f, 1)
+    expect("out of memory" in summary["end_reason"], summary)
+
+
+@case
 def limits_descriptors(f, programs):
     for count in range(3, 16):
         shutil.rmtree(f.output, ignore_errors=True)
@@ -712,8 +851,6 @@ def signals_nobody_reads(f, programs):
     complete(f)
 
 
-# --- priors --------------------------------------------------------------------------------------
-
 def run_case(name, programs, sequence, folder, failures, lock):
     path = os.path.join(folder, name)
     os.mkdir(path)
@@ -737,7 +874,8 @@ def main():
     names = [n for n in CASES if not wanted or any(w in n for w in wanted)]
     if os.environ.get("KYS_SANITIZE"):  # sanitizers need memory and descriptors of their own
         names = [n for n in names if n not in ("limits_memory", "limits_descriptors",
-                                               "limits_a_huge_image_in_the_middle")]
+                                               "limits_a_huge_image_in_the_middle",
+                                               "limits_memory_in_use")]
     failures, lock = [], threading.Lock()
     with tempfile.TemporaryDirectory(prefix="kys_hostile_") as folder:
         os.chmod(folder, 0o755)

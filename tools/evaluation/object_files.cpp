@@ -22,7 +22,8 @@ constexpr std::size_t kVirtualColumns = 19;
 
 int small_integer(const TextTable& table, const TextRow& row, std::size_t column) {
   const std::int64_t value = table.integer(row, column);
-  if (value < 0 || value > std::numeric_limits<int>::max()) {
+  // One less than the largest: there is always a next frame.
+  if (value < 0 || value >= std::numeric_limits<int>::max()) {
     table.fail(row, "a number is out of range");
   }
   return static_cast<int>(value);
@@ -36,7 +37,11 @@ void expect_columns(const TextTable& table, const TextRow& row, std::size_t coun
 }
 
 Eigen::Vector3d vector_at(const TextTable& table, const TextRow& row, std::size_t column) {
-  return {table.number(row, column), table.number(row, column + 1), table.number(row, column + 2)};
+  constexpr double kFar = 1e9;  // m or m/s: sums of such numbers are still numbers
+  const Eigen::Vector3d v(table.number(row, column), table.number(row, column + 1),
+                          table.number(row, column + 2));
+  if (!(v.cwiseAbs().maxCoeff() < kFar)) table.fail(row, "a number is out of range");
+  return v;
 }
 
 std::vector<EstimatedObject> read_estimates(const fs::path& path) {

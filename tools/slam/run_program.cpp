@@ -25,6 +25,7 @@
 #include "io/read_bytes.h"
 #include "util/atomic_file.h"
 #include "util/interrupt.h"
+#include "util/memory_limit.h"
 #include "util/memory_reserve.h"
 #include "util/paths.h"
 #include "util/process_figures.h"
@@ -181,6 +182,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
       spdlog::debug("frame {} lost: {}", report.index, report.reason);
     }
     progress.update(++done);
+    check_memory_in_use(report.resident_mb);
   }
 }
 
