@@ -125,6 +125,7 @@ class Programs:
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored by what a script starts with &
+            signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored below nohup
             if before:
                 before()
         return subprocess.Popen([os.path.join(self.folder, name), *arguments],
@@ -343,6 +344,29 @@ def paths_fifos_as_priors(f, programs):
     os.mkfifo(f("c.yaml"))
     refused(programs.run("build_priors", f.sequence, "--panoptic-left", f.sequence, "--output",
                          f.output, "--config", f("c.yaml")), "c.yaml", "not a regular file")
+
+
+@case
+def paths_fifos_for_the_other_programs(f, programs):
+    """No program waits for a pipe that is given as a file or a folder."""
+    fifo = f("pipe")
+    os.mkfifo(fifo)
+    os.mkdir(f("run"))
+    os.mkfifo(f("run", "objects.csv"))
+    os.mkfifo(f("space.classes.csv"))
+    os.mkfifo(f("space.table.csv"))
+    for program, *arguments in (
+            ("evaluate_trajectory", "--reference", fifo, "--estimate", fifo),
+            ("evaluate_objects", f("run"), "--truth", fifo),
+            ("evaluate_places", fifo), ("evaluate_stereo", fifo),
+            ("simulate_features", fifo, "--output", f("x.features")),
+            ("validate_priors", fifo, "--sequence", f.sequence),
+            ("perturb_priors", "segments", fifo, "--output", f("x")),
+            ("build_priors", f.sequence, "--panoptic-left", f.path, "--output", f.output,
+             "--label-space", f("space")),
+            ("rectify_sequence", fifo, "--output", f("x")),
+            ("run_stereo_kitti", f.sequence, "--output", fifo)):
+        refused(programs.run(program, *arguments), "")
 
 
 @case

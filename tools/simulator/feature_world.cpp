@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <numbers>
 #include <optional>
 #include <sstream>
@@ -14,6 +13,7 @@
 
 #include "euroc_rig.h"
 #include "io/feature_payload.h"
+#include "io/read_bytes.h"
 #include "rng.h"
 #include "scenery.h"
 #include "traffic.h"
@@ -115,8 +115,7 @@ namespace {
 
 // Numbers on the first line that is not a comment.
 int count_columns(const std::filesystem::path& trajectory) {
-  std::ifstream file(trajectory);
-  if (!file) throw InputError("cannot read " + trajectory.string());
+  std::istringstream file(read_text(trajectory));
   std::string line;
   while (std::getline(file, line)) {
     if (line.empty() || line[0] == '#') continue;
