@@ -20,11 +20,13 @@ constexpr std::size_t kSample = 3;
 constexpr std::size_t kRefined = 5;    // samples that are refined
 constexpr int kRefinements = 4;        // of one sample, while its support grows
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
-constexpr double kSureMembers = 4;     // observations from which a thing has its whole say
+constexpr double kSureMembers = 4;     // observations from which cells and things count in full
+constexpr std::size_t kPanel = 6;      // observations of a cell or a thing that judge a sample
 constexpr double kStands = 0.5;        // share of its observations that fit, of a thing that stands
 constexpr double kKept = 0.95;         // share of the support that the last refinement has to keep
 constexpr double kImpossible =
     0.25;  // factor on the support of a pose that no acceleration explains
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 using CellMembers = std::vector<std::vector<std::size_t>>;
 
@@ -33,7 +35,7 @@ class SceneCells {
  public:
   SceneCells(const StereoCamera& camera, std::span<const PoseObservation> observations,
              std::span<const Vote> votes, const ConsensusOptions& options)
-      : weight_(observations.size()), share_(observations.size()) {
+      : worth_(observations.size()), weight_(observations.size()), share_(observations.size()) {
     const ImageCells cells(camera, options.columns);
     members_.resize(cells.size());
     std::map<std::int32_t, Thing> things;
@@ -47,20 +49,23 @@ class SceneCells {
       thing.cells = votes[i].log_odds / options.cell_evidence;
     }
     for (auto& [name, thing] : things) {
-      const auto count = static_cast<double>(thing.members.size());
-      thing.cells *= std::min(1.0, count / kSureMembers);
+      thing.cells *= say_of(thing.members.size());
       things_.push_back(std::move(thing));
     }
     std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
     const auto fixed = [&](std::size_t i) { return votes.empty() || votes[i].thing < 0; };
     for (const auto& cell : members_) {
-      const auto stand = std::count_if(cell.begin(), cell.end(), fixed);
+      std::vector<std::size_t> standing;
+      std::copy_if(cell.begin(), cell.end(), std::back_inserter(standing), fixed);
       for (const std::size_t i : cell) {
         weight_[i] = observations[i].share / static_cast<float>(cell.size());
-        if (fixed(i)) share_[i] = 1 / static_cast<float>(stand);
       }
-      area_ += stand > 0 ? 1 : 0;
+      const double say = say_of(standing.size());
+      add(standing, say);
+      area_ += say;
+      for (const std::size_t i : standing) share_[i] = static_cast<float>(worth_[i]);
     }
+    for (const Thing& thing : things_) add(thing.members, thing.cells);
   }
 
   struct Thing {
@@ -68,6 +73,11 @@ class SceneCells {
     double cells = 0;  ///< that it is worth where it stands still
   };
 
+  /// What each observation is worth to a pose that it fits, in cells.
+  [[nodiscard]] const std::vector<double>& worth() const { return worth_; }
+  /// A few observations of each cell and thing that speak for all, and what those are worth.
+  [[nodiscard]] const std::vector<std::size_t>& panel() const { return panel_; }
+  [[nodiscard]] const std::vector<double>& panel_worth() const { return panel_worth_; }
   /// Of the fixed scene, in cells.
   [[nodiscard]] double area() const { return area_; }
   /// Observations of each occupied cell.
@@ -79,7 +89,26 @@ class SceneCells {
   [[nodiscard]] float weight(std::size_t i) const { return weight_[i]; }
 
  private:
+  /// One observation may be wrong, and lie on the edge of something that moves.
+  static double say_of(std::size_t members) {
+    return std::min(1.0, static_cast<double>(members) / kSureMembers);
+  }
+
+  /// Observations that are worth `cells` together.
+  void add(const std::vector<std::size_t>& members, double cells) {
+    const std::size_t n = members.size();
+    for (const std::size_t i : members) worth_[i] = cells / static_cast<double>(n);
+    const std::size_t few = std::min(n, kPanel);
+    for (std::size_t k = 0; k < few; ++k) {
+      panel_.push_back(members[(2 * k + 1) * n / (2 * few)]);
+      panel_worth_.push_back(cells / static_cast<double>(few));
+    }
+  }
+
   CellMembers members_;
+  std::vector<double> worth_;
+  std::vector<std::size_t> panel_;
+  std::vector<double> panel_worth_;
   std::vector<Thing> things_;
   std::vector<float> weight_;
   std::vector<float> share_;
@@ -102,7 +131,9 @@ class Consensus {
         expected_(expected),
         options_(options),
         pose_(pose),
-        scene_(camera, observations, votes, options) {}
+        scene_(camera, observations, votes, options),
+        errors_(camera, observations, pose),
+        panel_errors_(camera, chosen(observations, scene_.panel()), pose) {}
 
   [[nodiscard]] double area() const { return scene_.area(); }
 
@@ -110,53 +141,38 @@ class Consensus {
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
     if (!expected_) return 1;
     const Eigen::Vector3d step = T_c_w.inverse_t() - expected_->T_c_w.inverse_t();
-    const double acceleration = step.norm() / (expected_->interval * expected_->interval);
+    const double acceleration = step.norm() / expected_->reach;
     const double ratio = acceleration / options_.max_acceleration;
     return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
   }
 
-  /// Area of the fixed scene whose observations are within `factor` times their bound, each
-  /// counting less the worse it fits if `graded`.
-  [[nodiscard]] double fixed_support(const Rigid3& T_c_w, double factor, bool graded) const {
+  /// Area of the fixed scene whose observations are within `factor` times their bound.
+  [[nodiscard]] double fixed_support(const Rigid3& T_c_w, double factor) const {
+    const std::vector<double> errors = errors_at(T_c_w);
     double sum = 0;
-    for (std::size_t i = 0; i < observations_.size(); ++i) {
-      if (scene_.share(i) > 0) sum += scene_.share(i) * fit(T_c_w, i, factor, graded);
+    for (std::size_t i = 0; i < errors.size(); ++i) {
+      if (errors[i] <= factor * factor) sum += scene_.share(i);
     }
     return sum;
   }
 
-  /// 1 for an observation that fits, 0 for one beyond `factor` times its bound.
-  [[nodiscard]] double fit(const Rigid3& T_c_w, std::size_t i, double factor, bool graded) const {
-    const double error = relative_error(T_c_w, observations_[i]) / (factor * factor);
-    return error <= 1 ? (graded ? 1 - error : 1) : 0;
-  }
-
-  /// Mean fit of a thing's observations.
-  [[nodiscard]] double fit(const Rigid3& T_c_w, const SceneCells::Thing& thing, double factor,
-                           bool graded) const {
-    double sum = 0;
-    for (const std::size_t i : thing.members) sum += fit(T_c_w, i, factor, graded);
-    return sum / static_cast<double>(thing.members.size());
-  }
-
-  /// In cells: what the fixed scene and the things say for a pose.
-  [[nodiscard]] double support(const Rigid3& T_c_w, double factor) const {
-    double sum = fixed_support(T_c_w, factor, true);
-    for (const SceneCells::Thing& thing : scene_.things()) {
-      sum += thing.cells * fit(T_c_w, thing, factor, true);
-    }
-    return std::max(sum, 0.0);
-  }
-
   /// What speaks for a pose: the area that supports it, less where it is no likely motion.
-  [[nodiscard]] Rival judged(const Rigid3& T_c_w, double factor) const {
-    return {T_c_w, support(T_c_w, factor) * plausibility(T_c_w)};
+  [[nodiscard]] Rival judged(const Rigid3& T_c_w) const {
+    const double sum = support(errors_at(T_c_w), scene_.worth(), options_.tolerance);
+    return {T_c_w, sum * plausibility(T_c_w)};
   }
 
-  /// The pose with most support of those near `T_c_w_initial` and near samples of three matches
-  /// that do not fit `T_c_w_votes`.
-  [[nodiscard]] Rival best_rival(const Rigid3& T_c_w_votes, const Rigid3& T_c_w_initial) const {
-    Rival best = refined(T_c_w_initial);
+  /// The same for a pose that is not refined yet, by a few observations of each cell.
+  [[nodiscard]] Rival roughly_judged(const Rigid3& T_c_w) const {
+    std::vector<double> errors;
+    panel_errors_.at(T_c_w, errors);
+    const double sum = support(errors, scene_.panel_worth(), options_.reach);
+    return {T_c_w, sum * plausibility(T_c_w)};
+  }
+
+  /// The pose with most support: `best`, or one near a sample of three matches that do not fit
+  /// `T_c_w_votes`.
+  [[nodiscard]] Rival best_of_samples(const Rigid3& T_c_w_votes, Rival best) const {
     for (const Rival& sampled : best_samples(T_c_w_votes)) {
       const Rival rival = refined(sampled.T_c_w);
       if (rival.support > best.support) best = rival;
@@ -174,15 +190,15 @@ class Consensus {
     if (fixed.size() < kMinScene) return std::nullopt;
     const PoseResult result = optimize_pose(camera_, T_c_w, fixed, pose_);
     if (result.inliers == 0) return std::nullopt;
-    return judged(result.T_c_w, options_.tolerance);
+    return judged(result.T_c_w);
   }
 
   /// Local optimisation: over what is near, as long as that gains support.
   [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
-    Rival best = judged(T_c_w, options_.tolerance);
+    Rival best = judged(T_c_w);
     for (int k = 0; k < kRefinements; ++k) {
       const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
-      const Rival next = judged(result.T_c_w, options_.tolerance);
+      const Rival next = judged(result.T_c_w);
       if (result.inliers == 0 || next.support <= best.support) break;
       best = next;
     }
@@ -193,7 +209,7 @@ class Consensus {
   /// loses support: much of a mover can be within the bounds of the true pose as well.
   [[nodiscard]] PoseResult final_pose(const Rival& rival) const {
     PoseResult result = optimize_near(rival.T_c_w, 1, false);
-    if (judged(result.T_c_w, options_.tolerance).support < kKept * rival.support) {
+    if (judged(result.T_c_w).support < kKept * rival.support) {
       result = optimize_near(rival.T_c_w, 1, true);
     }
     return result;
@@ -202,15 +218,15 @@ class Consensus {
   /// Optimises over the observations within `factor` times their bound of `T_c_w`; the result is
   /// indexed like all observations. `balanced`: cells weigh the same, not observations.
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
+    std::vector<double> errors = errors_at(T_c_w);
+    for (const SceneCells::Thing& thing : scene_.things()) {
+      if (stands(errors, thing)) continue;
+      for (const std::size_t i : thing.members) errors[i] = kInfinite;
+    }
     std::vector<PoseObservation> near;
     std::vector<std::size_t> at;
-    std::vector<std::uint8_t> moves(observations_.size(), 0);
-    for (const SceneCells::Thing& thing : scene_.things()) {
-      if (fit(T_c_w, thing, options_.tolerance, false) >= kStands) continue;
-      for (const std::size_t i : thing.members) moves[i] = 1;
-    }
     for (std::size_t i = 0; i < observations_.size(); ++i) {
-      if (moves[i] != 0 || !(relative_error(T_c_w, observations_[i]) <= factor * factor)) continue;
+      if (!(errors[i] <= factor * factor)) continue;
       near.push_back(observations_[i]);
       if (balanced) near.back().share = scene_.weight(i);
       at.push_back(i);
@@ -220,22 +236,6 @@ class Consensus {
     for (std::size_t k = 0; k < at.size(); ++k) outlier[at[k]] = result.outlier[k];
     result.outlier = std::move(outlier);
     return result;
-  }
-
-  /// chi2 over its bound; infinite behind the camera.
-  [[nodiscard]] double relative_error(const Rigid3& T_c_w, const PoseObservation& o) const {
-    const Eigen::Vector3d p_c = T_c_w * o.p_w;
-    if (!(p_c.z() >= kMinDepth)) return std::numeric_limits<double>::infinity();
-    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
-    const double du = pixel.x() - o.u;
-    const double dv = pixel.y() - o.v;
-    double error = du * du + dv * dv;
-    const bool stereo = !std::isnan(o.u_right);
-    if (stereo) {
-      const double dd = (pixel.x() - pixel.z()) - (o.u - o.u_right);
-      error += dd * dd;
-    }
-    return error * o.inv_sigma * o.inv_sigma / (stereo ? pose_.chi2_stereo : pose_.chi2_mono);
   }
 
   /// The few samples with most support, best first.
@@ -250,7 +250,7 @@ class Consensus {
       if (from.size() < kSample) continue;
       const std::optional<Rigid3> T_c_w = sample_pose(from, random);
       if (!T_c_w) continue;
-      const Rival rival = judged(*T_c_w, options_.reach);
+      const Rival rival = roughly_judged(*T_c_w);
       const auto place = std::find_if(best.begin(), best.end(), [&](const Rival& other) {
         return rival.support > other.support;
       });
@@ -262,14 +262,14 @@ class Consensus {
 
   /// Stereo observations out of reach of a pose, by cell; those of the fixed scene or all.
   [[nodiscard]] CellMembers unexplained(const Rigid3& T_c_w, bool fixed) const {
+    const std::vector<double> errors = errors_at(T_c_w);
     CellMembers cells;
     for (const auto& members : scene_.members()) {
       std::vector<std::size_t> rest;
       for (const std::size_t i : members) {
         const PoseObservation& o = observations_[i];
         if (fixed && scene_.share(i) == 0) continue;
-        const bool explained = relative_error(T_c_w, o) <= options_.reach * options_.reach;
-        if (!explained && o.u - o.u_right > 0) rest.push_back(i);
+        if (errors[i] > options_.reach * options_.reach && o.u - o.u_right > 0) rest.push_back(i);
       }
       if (!rest.empty()) cells.push_back(std::move(rest));
     }
@@ -296,12 +296,48 @@ class Consensus {
     return absolute_orientation(p_c, p_w);
   }
 
+ private:
+  [[nodiscard]] static std::vector<PoseObservation> chosen(
+      std::span<const PoseObservation> observations, const std::vector<std::size_t>& which) {
+    std::vector<PoseObservation> result;
+    for (const std::size_t i : which) result.push_back(observations[i]);
+    return result;
+  }
+
+  [[nodiscard]] std::vector<double> errors_at(const Rigid3& T_c_w) const {
+    std::vector<double> errors;
+    errors_.at(T_c_w, errors);
+    return errors;
+  }
+
+  /// Sum of what observations are worth, each the less the worse it fits: all of it where it fits
+  /// exactly, nothing from `factor` times its bound.
+  [[nodiscard]] static double support(const std::vector<double>& errors,
+                                      const std::vector<double>& worth, double factor) {
+    double sum = 0;
+    for (std::size_t i = 0; i < errors.size(); ++i) {
+      sum += worth[i] * std::max(0.0, 1 - errors[i] / (factor * factor));
+    }
+    return std::max(sum, 0.0);
+  }
+
+  /// Whether a thing stands still to a pose: many of its observations fit.
+  [[nodiscard]] bool stands(const std::vector<double>& errors,
+                            const SceneCells::Thing& thing) const {
+    const double bound = options_.tolerance * options_.tolerance;
+    const auto count = std::count_if(thing.members.begin(), thing.members.end(),
+                                     [&](std::size_t i) { return errors[i] <= bound; });
+    return static_cast<double>(count) >= kStands * static_cast<double>(thing.members.size());
+  }
+
   const StereoCamera& camera_;
   std::span<const PoseObservation> observations_;
   std::optional<ExpectedPose> expected_;
   const ConsensusOptions& options_;
   const PoseOptions& pose_;
   SceneCells scene_;
+  PoseErrors errors_;
+  PoseErrors panel_errors_;
 };
 
 }  // namespace
@@ -320,23 +356,23 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   const Consensus consensus(camera, observations, votes, expected, options, pose);
   if (start == Start::kConsensus) {
     Rival best = consensus.refined(T_c_w_initial);
-    const Rival rival = consensus.best_rival(best.T_c_w, best.T_c_w);
+    const Rival rival = consensus.best_of_samples(best.T_c_w, best);
     if (rival.support > options.margin * best.support) best = rival;
     result.pose = consensus.final_pose(best);
     result.contested = result.overruled = true;
     return result;
   }
   const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
-  const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear, false);
+  const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
   result.contested = consensus.area() == 0 ||  // nothing but things that can move
                      explained < (1 - options.contested) * consensus.area();
   if (!scene && !result.contested) return result;
-  const double wanted =
-      options.margin * consensus.judged(result.pose.T_c_w, options.tolerance).support;
+  const double wanted = options.margin * consensus.judged(result.pose.T_c_w).support;
   Rival best{result.pose.T_c_w, wanted};
   if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
-    const Rival rival = consensus.best_rival(result.pose.T_c_w, T_c_w_initial);
+    const Rival rival =
+        consensus.best_of_samples(result.pose.T_c_w, consensus.refined(T_c_w_initial));
     if (rival.support > best.support) best = rival;
   }
   if (best.support <= wanted) return result;

@@ -37,7 +37,7 @@ struct Vote {
 /// Where a constant velocity puts the camera.
 struct ExpectedPose {
   Rigid3 T_c_w;
-  double interval = 0;  ///< s, since the frame before
+  double reach = 0;  ///< s^2; by an acceleration this gives how far off it can be
 };
 
 /// What an initial pose is worth.

@@ -10,6 +10,14 @@
 #include "optimization/reprojection_lanes.h"
 
 namespace kys_slam {
+
+/// Four observations side by side.
+struct ObservationLanes : MeasuredLanes {
+  Lanes x{}, y{}, z{};  // p_w, m
+  Lanes share{};        // factor on the information
+  Lanes active{};       // share of those that take part in this round, else 0
+};
+
 namespace {
 
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
@@ -18,13 +26,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 constexpr int kMinObservations = 3;
 constexpr double kStepTolerance = 1e-9;  // rad and m: far below what a pixel can tell
 constexpr double kCostTolerance = 1e-7;  // relative
-
-/// Four observations side by side.
-struct ObservationLanes : MeasuredLanes {
-  Lanes x{}, y{}, z{};  // p_w, m
-  Lanes share{};        // factor on the information
-  Lanes active{};       // share of those that take part in this round, else 0
-};
 
 /// Lower triangle of J^T W J row by row, then J^T W r, then the cost, each per lane.
 constexpr int kHessianSize = 21;
@@ -94,17 +95,52 @@ KYS_VECTOR_CLONES void accumulate_all(const ObservationLanes* lanes, int count,
   for (int i = 0; i < count; ++i) accumulate(lanes[i], camera, T, robust, sums);
 }
 
+KYS_VECTOR_CLONES void relative_errors(const ObservationLanes* lanes, int count,
+                                       const CameraNumbers& camera, const double* T,
+                                       double* errors) {
+  const Lanes infinite = broadcast(std::numeric_limits<double>::infinity());
+  for (int i = 0; i < count; ++i) {
+    const ObservationLanes& o = lanes[i];
+    LaneErrors e;
+    errors_from(o, camera, T, e);
+    const LaneMask usable = o.bound > 0.0;
+    const LaneMask valid = usable & (e.z >= kMinDepth);
+    const Lanes error = valid ? e.chi2 / (usable ? o.bound : broadcast(1.0)) : infinite;
+    for (int lane = 0; lane < kLanes; ++lane) errors[i * kLanes + lane] = error[lane];
+  }
+}
+
+/// Observations side by side; one that is not finite keeps a bound of zero.
+std::vector<ObservationLanes> packed(std::span<const PoseObservation> observations,
+                                     const PoseOptions& options) {
+  std::vector<ObservationLanes> lanes((observations.size() + kLanes - 1) / kLanes);
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    const PoseObservation& from = observations[i];
+    ObservationLanes& to = lanes[i / kLanes];
+    const auto lane = static_cast<int>(i % kLanes);
+    if (!is_usable(from.p_w) || !is_usable(from.u, from.v, from.u_right, from.inv_sigma)) continue;
+    if (!(from.share >= 0)) continue;
+    const bool stereo = !std::isnan(from.u_right);
+    to.x[lane] = from.p_w.x();
+    to.y[lane] = from.p_w.y();
+    to.z[lane] = from.p_w.z();
+    to.u[lane] = from.u;
+    to.v[lane] = from.v;
+    to.u_right[lane] = stereo ? from.u_right : 0;
+    to.weight[lane] = static_cast<double>(from.inv_sigma) * from.inv_sigma;
+    to.weight_disparity[lane] = stereo ? to.weight[lane] : 0;
+    to.bound[lane] = stereo ? options.chi2_stereo : options.chi2_mono;
+    to.share[lane] = from.share;
+  }
+  return lanes;
+}
+
 /// The observations of one frame and what optimize_pose asks of them.
 class PoseProblem {
  public:
   PoseProblem(const StereoCamera& camera, std::span<const PoseObservation> observations,
               const PoseOptions& options)
-      : camera_(camera),
-        observations_(observations),
-        prior_(options.prior),
-        lanes_((observations.size() + kLanes - 1) / kLanes) {
-    for (std::size_t i = 0; i < observations.size(); ++i) pack(i, options);
-  }
+      : camera_(camera), prior_(options.prior), lanes_(packed(observations, options)) {}
 
   [[nodiscard]] NormalEquations linearise(const Rigid3& T_c_w, bool robust) const {
     const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T = T_c_w.matrix();
@@ -163,26 +199,6 @@ class PoseProblem {
   }
 
  private:
-  /// Writes observation `i` to its lane; one that is not finite keeps a bound of zero.
-  void pack(std::size_t i, const PoseOptions& options) {
-    const PoseObservation& from = observations_[i];
-    ObservationLanes& to = lanes_[i / kLanes];
-    const auto lane = static_cast<int>(i % kLanes);
-    if (!is_usable(from.p_w) || !is_usable(from.u, from.v, from.u_right, from.inv_sigma)) return;
-    if (!(from.share >= 0)) return;
-    const bool stereo = !std::isnan(from.u_right);
-    to.x[lane] = from.p_w.x();
-    to.y[lane] = from.p_w.y();
-    to.z[lane] = from.p_w.z();
-    to.u[lane] = from.u;
-    to.v[lane] = from.v;
-    to.u_right[lane] = stereo ? from.u_right : 0;
-    to.weight[lane] = static_cast<double>(from.inv_sigma) * from.inv_sigma;
-    to.weight_disparity[lane] = stereo ? to.weight[lane] : 0;
-    to.bound[lane] = stereo ? options.chi2_stereo : options.chi2_mono;
-    to.share[lane] = from.share;
-  }
-
   /// Error [w; v] of T_c_w = [exp(w), v] T_prior, in the increment of the camera frame: |v| is the
   /// distance of the two camera centres.
   void add_prior(const Rigid3& T_c_w, NormalEquations& sums) const {
@@ -198,7 +214,6 @@ class PoseProblem {
   }
 
   CameraNumbers camera_;
-  std::span<const PoseObservation> observations_;
   std::optional<PosePrior> prior_;
   std::vector<ObservationLanes> lanes_;
 };
@@ -245,6 +260,21 @@ Matrix6d information_of_plus(const Matrix6d& information, const Eigen::Vector3d&
 }
 
 }  // namespace
+
+PoseErrors::PoseErrors(const StereoCamera& camera, std::span<const PoseObservation> observations,
+                       const PoseOptions& options)
+    : camera_(camera),
+      count_(observations.size()),
+      lanes_(std::make_shared<const std::vector<ObservationLanes>>(packed(observations, options))) {
+}
+
+void PoseErrors::at(const Rigid3& T_c_w, std::vector<double>& errors) const {
+  const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T = T_c_w.matrix();
+  errors.resize(lanes_->size() * kLanes);
+  relative_errors(lanes_->data(), static_cast<int>(lanes_->size()), CameraNumbers(camera_),
+                  T.data(), errors.data());
+  errors.resize(count_);
+}
 
 PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                          std::span<const PoseObservation> observations,

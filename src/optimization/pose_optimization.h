@@ -4,6 +4,7 @@
 #include <kys_slam/stereo_camera.h>
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -42,6 +43,24 @@ struct PoseResult {
   Eigen::Matrix<double, 6, 6> information =
       Eigen::Matrix<double, 6, 6>::Zero();  ///< J^T W J at the solution, [rotation; translation];
                                             ///< the prior's share included
+};
+
+struct ObservationLanes;
+
+/// The errors of a frame's observations, to be asked for many poses.
+class PoseErrors {
+ public:
+  PoseErrors(const StereoCamera& camera, std::span<const PoseObservation> observations,
+             const PoseOptions& options);
+
+  /// Per observation chi-square over its bound; infinite for a point behind the camera and for an
+  /// observation that is not finite.
+  void at(const Rigid3& T_c_w, std::vector<double>& errors) const;
+
+ private:
+  StereoCamera camera_;
+  std::size_t count_;
+  std::shared_ptr<const std::vector<ObservationLanes>> lanes_;
 };
 
 /// Pose of a frame from landmarks of fixed position: Huber-weighted reprojection error, outliers

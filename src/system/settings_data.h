@@ -134,6 +134,8 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("keyframes.untracked_close", k.untracked_close, {0, 60000}, "",
         "close points waiting to be added that call for a keyframe");
   visit("keyframes.min_inliers", k.min_inliers, {3, 60000}, "", "inliers below which none is made");
+  visit("keyframes.scarce", k.scarce, {0, 60000}, "",
+        "landmarks in a frame below which every new one calls for a keyframe; 0: off");
   visit("keyframes.max_waiting", k.max_waiting, {0, 1000}, "",
         "keyframes the back end may have in hand");
 

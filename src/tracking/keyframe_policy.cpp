@@ -13,8 +13,10 @@ bool wants_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) 
   const bool starved = s.inliers < o.starved_ratio * s.reference_landmarks || close_points_short;
   const bool moved_on = s.inliers < ratio * s.reference_landmarks || close_points_short;
 
-  return (overdue || mapper_idle || starved) && moved_on && s.inliers > o.min_inliers &&
-         s.waiting <= o.max_waiting;
+  // Few landmarks, and half as many again could be had.
+  const bool scarce = s.inliers < o.scarce && 2 * s.addable > s.inliers;
+  return (((overdue || mapper_idle || starved) && moved_on) || scarce) &&
+         s.inliers > o.min_inliers && s.waiting <= o.max_waiting;
 }
 
 }  // namespace kys_slam

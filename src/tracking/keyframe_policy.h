@@ -10,6 +10,7 @@ struct KeyFramePolicyOptions {
   int tracked_close = 100;        ///< close stereo points that should be tracked
   int untracked_close = 70;       ///< close stereo points that could be added
   int min_inliers = 15;           ///< below this the pose is too poor for a keyframe
+  int scarce = 100;               ///< landmarks in a frame below which every new one counts; 0: off
   int max_waiting = 4;  ///< keyframes the back end may still have in hand; below the delay of
                         ///< the pipelined schedule, a scarce map would starve
 };
@@ -22,6 +23,7 @@ struct KeyFrameSituation {
   int reference_landmarks = 0;  ///< well-observed landmarks of the reference keyframe
   int tracked_close = 0;        ///< close stereo points of this frame with a landmark
   int untracked_close = 0;      ///< close stereo points without one
+  int addable = 0;              ///< stereo points without a landmark, near or far
   int waiting = 0;              ///< keyframes sent to the back end and not yet answered
 };
 

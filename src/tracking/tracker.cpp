@@ -26,6 +26,9 @@ constexpr double kStarved = 0.5;
 // s; the motion model goes on so long where frames are lost.
 constexpr double kLongestGuess = 0.5;
 
+// s; a velocity as old as that still helps where a sub-map starts.
+constexpr double kOldestVelocity = 2;
+
 // nats; what is believed of a thing was judged by earlier poses, which may have been wrong.
 constexpr double kMaxVote = 3;
 
@@ -227,8 +230,9 @@ void Tracker::leave(Frame frame, TrackResult& result) {
   result.pose = frame.pose;
   result.T_c_w = frame.T_c_w;
   if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked) {
-    velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), frame.timestamp - last_->timestamp};
-  } else {
+    velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), frame.timestamp - last_->timestamp,
+                 frame.timestamp};
+  } else if (result.status != TrackingStatus::kStarted || options_.acceleration <= 0) {
     velocity_.reset();
   }
   if (instances_) {
@@ -324,20 +328,23 @@ std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
   const double interval = timestamp - last_->timestamp;
   if (interval > std::max(kLongestGuess, 1.5 * velocity_->interval)) return std::nullopt;
   const double times = interval / velocity_->interval;
+  const double age = last_->timestamp - velocity_->timestamp;
+  if (age > kOldestVelocity) return std::nullopt;
+  const double reach = interval * (interval + age);
   // Time stamps jitter more than vehicles do: only missing frames make a longer step.
-  if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, interval};
+  if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, reach};
   if (options_.acceleration <= 0) return std::nullopt;
   const Rigid3& step = velocity_->T_c_last;
   const Rigid3 longer(so3_exp(times * so3_log(step.rotation)), times * step.translation);
-  return ExpectedPose{longer * last_->T_c_w, interval};
+  return ExpectedPose{longer * last_->T_c_w, reach};
 }
 
 /// Constant velocity, and the last frame's landmarks searched where it puts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
-  const Rigid3 expected = expected_pose(frame.timestamp)->T_c_w;
+  const ExpectedPose expected = *expected_pose(frame.timestamp);
   const auto since = static_cast<float>(frame.index - last_->index);
   const float radius = options_.motion_radius * std::min(since, 3.0f);
-  frame.T_c_w = expected;
+  frame.T_c_w = expected.T_c_w;
   int matches = match_last_frame(frame, radius, result);
   if (matches < options_.min_motion_matches) {
     matches = match_last_frame(frame, 2 * radius, result);
@@ -347,10 +354,9 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
     return false;
   }
   const int inliers = refine_pose(frame, result);
-  const double interval = frame.timestamp - last_->timestamp;
-  const double away = (frame.T_c_w.inverse_t() - expected.inverse_t()).norm();
+  const double away = (frame.T_c_w.inverse_t() - expected.T_c_w.inverse_t()).norm();
   doubtful_ = inliers < kDoubtfulShare * matches &&
-              away > options_.consensus.max_acceleration * interval * interval;
+              away > options_.consensus.max_acceleration * expected.reach;
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -464,14 +470,14 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
   };
   ConsensusResult consensus = estimate(frame.T_c_w, {});
   if (expected && options_.acceleration > 0) {
-    const double square = expected->interval * expected->interval;
-    const PosePrior prior{expected->T_c_w, options_.acceleration * square,
-                          options_.turn_acceleration * square};
+    const double reach = expected->reach;
+    const PosePrior prior{expected->T_c_w, options_.acceleration * reach,
+                          options_.turn_acceleration * reach};
     // A camera that turns back at once is not where it was expected: predict() tells.
     const double away = (consensus.pose.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
     const bool doubtful =
         consensus.pose.inliers < kDoubtfulShare * static_cast<double>(observations.size()) &&
-        away > options_.consensus.max_acceleration * square;
+        away > options_.consensus.max_acceleration * reach;
     if (!doubtful && position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
       PoseOptions held;
       held.prior = prior;
@@ -492,7 +498,7 @@ bool Tracker::is_expected(const Frame& frame) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected || options_.acceleration <= 0) return false;
   const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
-  return away <= options_.consensus.max_acceleration * expected->interval * expected->interval;
+  return away <= options_.consensus.max_acceleration * expected->reach;
 }
 
 /// What a match says about the pose by being on a thing that can move. The frame knows better than
@@ -574,6 +580,7 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
       1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value);
   s.inliers = inliers;
   s.waiting = waiting;
+  s.addable = count_addable(frame);
   const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
   for (const LandmarkId id : replica_.keyframes().at(reference_).landmarks) {
     const LandmarkView* landmark = replica_.landmarks().find(id);
@@ -588,6 +595,16 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
     ++(frame.landmarks[i].valid() ? s.tracked_close : s.untracked_close);
   }
   return s;
+}
+
+/// Stereo points that a keyframe would add as landmarks were it to add all.
+int Tracker::count_addable(const Frame& frame) const {
+  int count = 0;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (frame.landmarks[i].valid() || !frame.features->has_stereo(i)) continue;
+    count += stands(frame.features->prior(i)) ? 1 : 0;
+  }
+  return count;
 }
 
 KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
@@ -648,14 +665,16 @@ void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message)
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return frame.features->depth(a) < frame.features->depth(b);
   });
-  const bool first = !message.reference.valid();
+  // The first keyframe gives the map all it has: nothing else is there to track. Where little is
+  // tracked the next ones do so as well.
+  const bool all =
+      !message.reference.valid() || count_landmarks(frame.landmarks) < options_.keyframes.scarce;
   constexpr std::size_t kNearest = 100;
   const Rigid3 T_w_c = frame.T_c_w.inverse();
   for (std::size_t k = 0; k < order.size(); ++k) {
     const std::size_t i = order[k];
     const float depth = frame.features->depth(i);
-    // The first keyframe gives the map all it has: nothing else is there to track.
-    if (!first && depth > close_depth_ && k >= kNearest) break;
+    if (!all && depth > close_depth_ && k >= kNearest) break;
     if (frame.landmarks[i].valid()) continue;
     const Keypoint& keypoint = frame.features->keypoint(i);
     const Eigen::Vector3d p_w = T_w_c * camera_.back_project(keypoint.x, keypoint.y, depth);

@@ -149,6 +149,7 @@ class Tracker {
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
   int refine_pose(Frame& frame, TrackResult& result) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
+  [[nodiscard]] int count_addable(const Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;
   KeyFrameMessage make_keyframe(Frame& frame);
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);
@@ -183,9 +184,10 @@ class Tracker {
   std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
     Rigid3 T_c_last;
-    double interval = 0;  // s
+    double interval = 0;   // s
+    double timestamp = 0;  // s, of the later frame
   };
-  std::optional<Velocity> velocity_;  // of the last two tracked frames
+  std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
   int repeats_ = 0;                   // frames in a row that show the last one's picture again
   KeyFrameId reference_;              // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;

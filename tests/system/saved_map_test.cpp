@@ -1,7 +1,11 @@
 // Maps that are saved, loaded, extended and localised in, through the public interface.
 #include <gtest/gtest.h>
+#include <kys/prior.h>
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
+
+#include <map>
+#include <set>
 
 #include "io/temporary_folder.h"
 #include "map/map.h"
@@ -150,6 +154,89 @@ TEST(SavedMap, OfAnotherCameraOrPyramidIsRefusedInOneLine) {
   levels.set("orb.levels", "6");
   EXPECT_NE(refused(kitti_camera(), levels).find("pyramid levels"), std::string::npos);
   EXPECT_EQ(refused(kitti_camera(), Settings()), "");
+}
+
+/// A parked car fills the left third of the pictures, the rest is road. `build_priors` numbers the
+/// things of every recording anew, so all of them have car 3.
+class ParkedCar : public PriorProvider {
+ public:
+  static constexpr std::uint16_t kCar = 2;
+  static constexpr std::int32_t kInstance = 3;
+  bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
+               std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
+               std::vector<kys::Prior>& right_priors) override {
+    (void)frame;
+    fill(left, left_priors);
+    fill(right, right_priors);
+    return true;
+  }
+
+ private:
+  static void fill(std::span<const Keypoint> keypoints, std::vector<kys::Prior>& priors) {
+    constexpr std::uint16_t kRoad = 100;
+    const kys::Prior car = kys::make_prior(kCar, kInstance, 5000.0f, 0.0f, false);
+    const kys::Prior road = kys::make_prior(kRoad, kRoad, 5000.0f, 0.0f, false);
+    priors.clear();
+    for (const Keypoint& k : keypoints) priors.push_back(k.x < 400 ? car : road);
+  }
+};
+
+class MapWithBeliefs : public ::testing::Test {
+ protected:
+  static System verified(const FeatureWorld& world) {
+    Settings settings;
+    settings.set("kys.mode", "verified");
+    return {world.camera(), settings, Schedule::kSequential, std::make_unique<ParkedCar>()};
+  }
+  static std::map<std::uint32_t, MapSnapshot::Landmark> on_cars(const System& system) {
+    std::map<std::uint32_t, MapSnapshot::Landmark> result;
+    for (const MapSnapshot::Landmark& landmark : system.snapshot().landmarks) {
+      if (landmark.label == ParkedCar::kCar) result[landmark.id] = landmark;
+    }
+    return result;
+  }
+};
+
+TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) {
+  const FeatureWorld world = road();
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "car.map";
+  System first = verified(world);
+  for (int i = 0; i < 30; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
+  first.finish();
+  first.save_map(file);
+  const auto saved = on_cars(first);
+  ASSERT_GT(saved.size(), 100u);
+  int believed = 0;
+  for (const auto& [id, landmark] : saved) {
+    EXPECT_EQ(landmark.instance, ParkedCar::kInstance);
+    believed += landmark.belief > 0.95f ? 1 : 0;
+  }
+  EXPECT_GT(2 * believed, static_cast<int>(saved.size())) << "no prior file says that much";
+
+  System second = verified(world);
+  second.load_map(file);
+  const auto loaded = on_cars(second);
+  ASSERT_EQ(loaded.size(), saved.size());
+  for (const auto& [id, landmark] : saved) {
+    ASSERT_TRUE(loaded.contains(id));
+    EXPECT_EQ(loaded.at(id).belief, landmark.belief) << "landmark " << id;
+    EXPECT_EQ(loaded.at(id).instance, landmark.instance);
+  }
+  std::set<std::int32_t> seen;
+  second.set_observer([&](const FrameObservation& frame) {
+    for (const ObservedInstance& instance : frame.instances) seen.insert(instance.instance);
+  });
+  for (int i = 0; i < 20; ++i) {
+    StereoFrame frame = world.look(5000 + i, weaving_pose(20 + 0.8 * i));
+    frame.index = i;
+    frame.timestamp = 0.1 * i;
+    second.feed(frame);
+  }
+  second.finish();
+  EXPECT_FALSE(seen.empty());
+  EXPECT_FALSE(seen.contains(ParkedCar::kInstance)) << "the car of today is not that of yesterday";
+  for (const FrameEstimate& estimate : second.trajectory()) EXPECT_TRUE(estimate.connected);
 }
 
 }  // namespace

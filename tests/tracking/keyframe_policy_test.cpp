@@ -58,6 +58,22 @@ TEST(KeyFramePolicy, ClosePointsThatRunShortCallForOne) {
   EXPECT_FALSE(wants_keyframe(s, o)) << "there is nothing to be added";
 }
 
+TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
+  KeyFramePolicyOptions o;
+  KeyFrameSituation s = calm();
+  s.inliers = s.reference_landmarks = 99;
+  s.addable = 50;
+  EXPECT_TRUE(wants_keyframe(s, o)) << "although the reference is still in view";
+  s.addable = 49;
+  EXPECT_FALSE(wants_keyframe(s, o)) << "less than half as many again";
+  s.addable = 500;
+  s.inliers = s.reference_landmarks = 100;
+  EXPECT_FALSE(wants_keyframe(s, o)) << "enough is tracked";
+  s.inliers = 99;
+  o.scarce = 0;
+  EXPECT_FALSE(wants_keyframe(s, o));
+}
+
 TEST(KeyFramePolicy, WaitsForTheMinimumOfFrames) {
   KeyFramePolicyOptions o;
   o.min_frames = 3;

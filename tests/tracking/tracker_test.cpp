@@ -29,6 +29,20 @@ class TrackerTest : public ::testing::Test {
   TrackResult track_world(std::int64_t index, double metres) {
     return track(index, see(world_, index, weaving_pose(metres)).features);
   }
+  /// A frame that sees nothing near.
+  std::shared_ptr<const FrameFeatures> far_only(std::int64_t index, double metres) {
+    const auto seen = see(world_, index, weaving_pose(metres));
+    FeatureSet far;
+    std::vector<float> u_right;
+    for (std::size_t i = 0; i < seen.features->size() && far.keypoints.size() < 40; ++i) {
+      if (seen.features->depth(i) < 35) continue;
+      far.keypoints.push_back(seen.features->keypoint(i));
+      far.descriptors.push_back(seen.features->descriptor(i));
+      u_right.push_back(seen.features->u_right(i));
+    }
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(far),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  }
   /// T_w_c of the truth relative to the first frame.
   static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
 
@@ -125,19 +139,6 @@ TEST_F(TrackerTest, TheMotionModelEndsHalfASecondAfterTheLastPose) {
 
 /// Far landmarks alone do not tell how far the camera goes: its last velocity does.
 TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
-  const auto far_only = [&](std::int64_t index, double metres) {
-    const auto seen = see(world_, index, weaving_pose(metres));
-    FeatureSet far;
-    std::vector<float> u_right;
-    for (std::size_t i = 0; i < seen.features->size() && far.keypoints.size() < 40; ++i) {
-      if (seen.features->depth(i) < 35) continue;
-      far.keypoints.push_back(seen.features->keypoint(i));
-      far.descriptors.push_back(seen.features->descriptor(i));
-      u_right.push_back(seen.features->u_right(i));
-    }
-    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(far),
-                                                 std::move(u_right), std::vector<kys::Prior>{});
-  };
   track_world(0, 0);
   track_world(1, 0.4);
   track_world(2, 0.8);
@@ -147,6 +148,23 @@ TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
   EXPECT_EQ(result.reason, "motion model; held by constant velocity");
   EXPECT_LT((result.T_c_w.inverse().t() - truth(1.2).t()).norm(), 0.03);
   EXPECT_FALSE(track_world(4, 1.6).held) << "not where enough else holds it";
+}
+
+/// A velocity is that of the camera, whatever world the last frames were in.
+TEST_F(TrackerTest, ASubmapStartsWithTheLastVelocity) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  const auto nothing = std::make_shared<const FrameFeatures>(
+      testing::kitti_camera(), FeatureSet{}, std::vector<float>{}, std::vector<kys::Prior>{});
+  EXPECT_EQ(track(3, nothing).status, TrackingStatus::kLost);
+  const auto seen = see(world_, 4, weaving_pose(1.6));
+  const TrackResult start = tracker_.start_submap(4, 0.4, seen.features);
+  ASSERT_EQ(start.status, TrackingStatus::kStarted) << start.reason;
+  const TrackResult result = track(5, far_only(5, 2.0));
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_EQ(result.reason, "motion model") << "not the reference keyframe";
+  EXPECT_NEAR(result.T_c_w.t().norm(), 0.4, 0.1);
 }
 
 TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
