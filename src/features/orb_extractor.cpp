@@ -95,6 +95,11 @@ void OrbExtractor::extract(const GrayImage& image, FeatureSet& features) {
   features.clear();
   if (image.empty()) return;
   const OrbOptions& options = impl_->options;
+  // Features of keyframes are kept as they are: without room for more. The last split of a tree
+  // may leave three too many.
+  const auto most = static_cast<std::size_t>(options.features + 3 * options.levels);
+  features.keypoints.reserve(most);
+  features.descriptors.reserve(most);
   impl_->pyramid_builder.build(image, options.scale_factor, options.levels, impl_->pyramid);
   for (std::size_t level = 0; level < impl_->pyramid.levels.size(); ++level) {
     impl_->extract_level(level, features);

@@ -24,6 +24,7 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
     : set_(std::move(left)),
       u_right_(std::move(u_right)),
       priors_(std::move(priors)),
+      bf_(camera.bf()),
       disparity_offset_(disparity_offset) {
   const std::size_t n = set_.size();
   if (set_.descriptors.size() != n || u_right_.size() != n ||
@@ -34,8 +35,6 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
     throw std::logic_error("more than 65535 features in a frame");
   }
   for (float& u : u_right_) u -= disparity_offset_;
-  measure_depths(camera);
-
   cell_width_inv_ = static_cast<float>(kColumns) / static_cast<float>(camera.width);
   cell_height_inv_ = static_cast<float>(kRows) / static_cast<float>(camera.height);
   std::vector<std::uint16_t> cell(n);
@@ -56,14 +55,6 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
     cell_feature_[next[cell[i]]++] = static_cast<std::uint16_t>(i);
 }
 
-void FrameFeatures::measure_depths(const StereoCamera& camera) {
-  depth_.resize(set_.size());
-  for (std::size_t i = 0; i < set_.size(); ++i) {
-    const float disparity = set_.keypoints[i].x - u_right_[i];
-    depth_[i] = disparity > 0 ? static_cast<float>(camera.bf() / disparity) : -1.0f;
-  }
-}
-
 FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left,
                                      std::vector<float> u_right, std::vector<kys::Prior> priors,
                                      float disparity_offset) {
@@ -81,11 +72,10 @@ FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {
   return changed;
 }
 
-FrameFeatures FrameFeatures::with_disparity_offset(const StereoCamera& camera, float offset) const {
+FrameFeatures FrameFeatures::with_disparity_offset(float offset) const {
   FrameFeatures changed = *this;
   for (float& u : changed.u_right_) u -= offset - disparity_offset_;
   changed.disparity_offset_ = offset;
-  changed.measure_depths(camera);
   return changed;
 }
 

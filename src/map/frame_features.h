@@ -53,7 +53,7 @@ class FrameFeatures {
                                              float disparity_offset);
 
   /// The same features with another disparity offset.
-  [[nodiscard]] FrameFeatures with_disparity_offset(const StereoCamera& camera, float offset) const;
+  [[nodiscard]] FrameFeatures with_disparity_offset(float offset) const;
   /// The same features with other priors, one per keypoint or none.
   [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
@@ -77,8 +77,10 @@ class FrameFeatures {
             scales.inv_sigma(k.octave)};
   }
   /// m, along the optical axis; negative without stereo match.
-  [[nodiscard]] float depth(std::size_t i) const { return depth_[i]; }
-  [[nodiscard]] bool has_stereo(std::size_t i) const { return depth_[i] > 0; }
+  [[nodiscard]] float depth(std::size_t i) const {
+    return has_stereo(i) ? static_cast<float>(bf_ / (keypoint(i).x - u_right_[i])) : -1.0f;
+  }
+  [[nodiscard]] bool has_stereo(std::size_t i) const { return keypoint(i).x > u_right_[i]; }
 
   /// Calls f(i) for the features in the square of half side `radius` px around (u, v) whose octave
   /// lies in [min_octave, max_octave], in an order that depends on the features alone.
@@ -86,16 +88,14 @@ class FrameFeatures {
   void for_each_near(float u, float v, float radius, int min_octave, int max_octave, F&& f) const;
 
  private:
-  void measure_depths(const StereoCamera& camera);
-
   static constexpr int kColumns = 64;
   static constexpr int kRows = 32;
   static inline const kys::Prior kNoPrior{};
 
   FeatureSet set_;
   std::vector<float> u_right_;
-  std::vector<float> depth_;
   std::vector<kys::Prior> priors_;
+  double bf_ = 0;               // px m, of the camera
   float disparity_offset_ = 0;  // px, contained in u_right_
   float cell_width_inv_ = 0;    // 1/px
   float cell_height_inv_ = 0;

@@ -125,7 +125,7 @@ void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.submap.valid()) keyframe.submap = id;
   if (keyframe.features->disparity_offset() != disparity_offset_) {
     keyframe.features = std::make_shared<const FrameFeatures>(
-        keyframe.features->with_disparity_offset(camera_, disparity_offset_));
+        keyframe.features->with_disparity_offset(disparity_offset_));
   }
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();
@@ -210,7 +210,7 @@ void Map::set_disparity_offset(float offset) {
   for (const KeyFrameId id : keyframes_.ids()) {
     KeyFrame& keyframe = keyframes_.at(id);
     keyframe.features = std::make_shared<const FrameFeatures>(
-        keyframe.features->with_disparity_offset(camera_, offset));
+        keyframe.features->with_disparity_offset(offset));
     touch(id);
   }
 }

@@ -49,6 +49,11 @@ std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& p
     return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
   };
   std::vector<Bond> bonds;
+  std::size_t most = 0;
+  for (const LandmarkId id : landmarks) most += map.landmark(id).observations.size();
+  bonds.reserve(most);
+  problem.observations.reserve(most);
+  problem.points.reserve(landmarks.size());
   for (const LandmarkId id : landmarks) {
     const Landmark& landmark = map.landmark(id);
     const auto point = static_cast<std::int32_t>(problem.points.size());

@@ -30,10 +30,20 @@ constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
 
-/// Four observations of one point; lanes past its end weigh nothing.
-struct ObservationLanes : MeasuredLanes {
+/// Four observations of one point; lanes past its end weigh nothing. Whole maps have very many, so
+/// they are kept as the floats they come from.
+struct ObservationLanes {
+  using Floats = std::array<float, kLanes>;
+  Floats u{}, v{}, u_right{};  // px
+  Floats inv_sigma{};          // 1/px
+  Floats share{};              // factor on the information
+  Floats stereo{};             // 1, or 0 where there is no u_right
   std::array<std::int32_t, kLanes> pose{};
   std::array<std::int32_t, kLanes> free{-1, -1, -1, -1};  // among the free poses, -1: fixed
+
+  [[nodiscard]] KYS_ALWAYS_INLINE bool all_fixed() const {
+    return (free[0] & free[1] & free[2] & free[3]) < 0;  // the sign of all
+  }
 };
 
 /// One point: its observations [begin, end) in order, its groups of four from `group` on.
@@ -48,10 +58,10 @@ struct SchurPoint {
 
 /// What back-substitution and the gain ratio need of an eliminated point.
 struct EliminatedPoint {
-  Eigen::Matrix3d L_inverse;  // of the Cholesky factor of V + damping
-  Eigen::Vector3d y;          // L^-1 b
-  Eigen::Vector3d b;          // J^T W r
-  Eigen::Vector3d damping;    // what was added to the diagonal of V
+  std::array<double, 6> L_inverse;  // of the Cholesky factor of V + damping: lower triangle by rows
+  Eigen::Vector3d y;                // L^-1 b
+  Eigen::Vector3d b;                // J^T W r
+  Eigen::Vector3d damping;          // what was added to the diagonal of V
 };
 
 /// [R|t], row by row.
@@ -107,18 +117,19 @@ KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* 
   }
 }
 
-/// Takes the products Z_row Z_col^T of one point's observations off the reduced system.
+/// Takes the products Z_row Z_col^T of one point's observations off the reduced system, but for
+/// those of an observation with itself.
 KYS_ALWAYS_INLINE void subtract_products(const std::int32_t* free, const Matrix63* Z,
                                          std::int32_t count, const BlockPlaces& places,
                                          Matrix6d* reduced) {
-  for (std::int32_t row = 0; row < count; ++row) {
+  for (std::int32_t row = 1; row < count; ++row) {
     const std::int32_t r = free[row];
-    for (std::int32_t col = 0; col <= row; ++col) {
+    for (std::int32_t col = 0; col < row; ++col) {
       const std::int32_t c = free[col];
       double* S = reduced[places(r, c)].data();
       subtract_outer(Z[row].data(), Z[col].data(), S);
       // A point seen twice from one pose gives that pose's block both triangles.
-      if (c == r && col != row) subtract_outer(Z[col].data(), Z[row].data(), S);
+      if (c == r) subtract_outer(Z[col].data(), Z[row].data(), S);
     }
   }
 }
@@ -140,16 +151,35 @@ struct View {
   CameraNumbers camera;
   const PoseMatrix* poses;
   bool robust;
+  double disparity_weight, chi2_mono, chi2_stereo;
 };
 
 /// Poses of four observations, [R|t] as lanes, and their errors.
 struct LaneView {
+  MeasuredLanes measured;
   Lanes T[12];
   LaneErrors errors;
 };
 
+KYS_ALWAYS_INLINE Lanes widen(const ObservationLanes::Floats& from) {
+  float __attribute__((vector_size(16))) lanes;
+  __builtin_memcpy(&lanes, from.data(), sizeof lanes);
+  return __builtin_convertvector(lanes, Lanes);
+}
+
 KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const double* p_w,
                             LaneView& to) {
+  MeasuredLanes& m = to.measured;
+  m.u = widen(o.u);
+  m.v = widen(o.v);
+  m.u_right = widen(o.u_right);
+  const Lanes inv_sigma = widen(o.inv_sigma);
+  const Lanes share = widen(o.share);
+  const Lanes stereo = widen(o.stereo);
+  // Errors and their bound shrink together: the kernel acts as on the unweighted error.
+  m.weight = share * (inv_sigma * inv_sigma);
+  m.weight_disparity = m.weight * (stereo * view.disparity_weight);
+  m.bound = share * (stereo != 0.0 ? broadcast(view.chi2_stereo) : broadcast(view.chi2_mono));
   for (int row = 0; row < 3; ++row) {
     Lanes* T = to.T + 4 * row;
     for (int k = 0; k < kLanes; ++k) {
@@ -160,7 +190,7 @@ KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const d
   to.errors.x = to.T[0] * p_w[0] + to.T[1] * p_w[1] + to.T[2] * p_w[2] + to.T[3];
   to.errors.y = to.T[4] * p_w[0] + to.T[5] * p_w[1] + to.T[6] * p_w[2] + to.T[7];
   to.errors.z = to.T[8] * p_w[0] + to.T[9] * p_w[1] + to.T[10] * p_w[2] + to.T[11];
-  errors_of(o, view.camera, to.errors);
+  errors_of(to.measured, view.camera, to.errors);
 }
 
 /// 1/2 the sum of rho over a point's observations.
@@ -171,7 +201,7 @@ KYS_VECTOR_CLONES double cost_of(const ObservationLanes* groups, std::int32_t co
   for (std::int32_t g = 0; g < count; ++g) {
     LaneView v;
     look(groups[g], view, p_w, v);
-    static_cast<void>(huber_weight(groups[g].bound, v.errors.chi2, view.robust, all, cost));
+    static_cast<void>(huber_weight(v.measured.bound, v.errors.chi2, view.robust, all, cost));
   }
   return lane_sum(cost);
 }
@@ -207,8 +237,8 @@ struct PointLanes {
   }
 };
 
-KYS_ALWAYS_INLINE void normal_in_view(const ObservationLanes& o, const View& view,
-                                      const LaneView& v, LaneNormal& n) {
+KYS_ALWAYS_INLINE void normal_in_view(const View& view, const LaneView& v, LaneNormal& n) {
+  const MeasuredLanes& o = v.measured;
   Lanes cost{};
   const Lanes w = huber_weight(o.bound, v.errors.chi2, view.robust, broadcast(1), cost);
   normal_of(v.errors, view.camera, w * o.weight, w * o.weight_disparity, n);
@@ -222,22 +252,40 @@ KYS_VECTOR_CLONES void point_normal_of(const ObservationLanes* groups, std::int3
     LaneView v;
     look(groups[g], view, p_w, v);
     LaneNormal n;
-    normal_in_view(groups[g], view, v, n);
+    normal_in_view(view, v, n);
     sums.add(v.T, n);
   }
   sums.sum_up(normal);
 }
 
+/// Of a pose: its gradient (6 numbers and 2 that are not used), then the diagonal of its block
+/// before points are eliminated (the same).
+struct PoseSums {
+  alignas(32) std::array<double, 16> numbers{};
+
+  [[nodiscard]] double* data() { return numbers.data(); }
+  [[nodiscard]] Eigen::Map<Vector6d> gradient() { return Eigen::Map<Vector6d>(numbers.data()); }
+  [[nodiscard]] Eigen::Map<Vector6d> diagonal() { return Eigen::Map<Vector6d>(numbers.data() + 8); }
+};
+
+/// Step of a pose: turn, 0, shift, 0.
+struct PoseStep {
+  alignas(32) std::array<double, 8> numbers{};
+
+  [[nodiscard]] const double* data() const { return numbers.data(); }
+};
+
 /// Where the parts of the reduced system lie.
 struct ReducedSystem {
   Matrix6d* blocks;
   const BlockPlaces* places;
-  Vector6d* gradient;
-  Vector6d* diagonal;  // of the poses, before points are eliminated
+  PoseSums* sums;
 };
 
-/// Mixed block (pose rows, point columns, column by column) and gradient of four observations.
+/// Of four observations: the blocks of their poses, their mixed blocks (pose rows, point columns,
+/// column by column), their gradients.
 struct MixedLanes {
+  Lanes pose[36];
   Lanes block[18];
   Lanes gradient[6];
 };
@@ -263,43 +311,29 @@ KYS_ALWAYS_INLINE void add_in_row(const double* from, int count, double* to) {
   }
 }
 
-/// Adds the blocks of four observations' poses.
-KYS_ALWAYS_INLINE void add_pose_blocks(const ObservationLanes& o, const LaneNormal& n,
-                                       const LanePoseNormal& p, const ReducedSystem& system) {
-  const Lanes zero{};
-  const Lanes full[36] = {p.h00, p.h10, p.h20, p.b00, p.b01, p.b02,  //
-                          p.h10, p.h11, p.h21, p.b10, p.b11, p.b12,  //
-                          p.h20, p.h21, p.h22, p.b20, p.b21, p.b22,  //
-                          p.b00, p.b10, p.b20, n.a00, zero,  n.a02,  //
-                          p.b01, p.b11, p.b21, zero,  n.a11, n.a12,  //
-                          p.b02, p.b12, p.b22, n.a02, n.a12, n.a22};
-  alignas(32) double rows[kLanes][36];
-  to_rows<36>(full, rows);
-  for (int k = 0; k < kLanes; ++k) {
-    const std::int32_t r = o.free[k];
-    if (r < 0) continue;
-    add_in_row(rows[k], 36, system.blocks[(*system.places)(r, r)].data());
-    for (int d = 0; d < 6; ++d) system.diagonal[r][d] += rows[k][7 * d];
-  }
-}
-
-/// Linearises a point's observations: adds to the blocks of their poses, leaves what mixes poses
-/// and the point, and sums up the point's own.
+/// Linearises a point's observations and sums up the point's own part.
 KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t count,
-                                 const View& view, const double* p_w, const ReducedSystem& system,
-                                 MixedLanes* mixed, PointNormal& normal) {
+                                 const View& view, const double* p_w, MixedLanes* mixed,
+                                 PointNormal& normal) {
   PointLanes sums;
   for (std::int32_t g = 0; g < count; ++g) {
     const ObservationLanes& o = groups[g];
     LaneView v;
     look(o, view, p_w, v);
     LaneNormal n;
-    normal_in_view(o, view, v, n);
+    normal_in_view(view, v, n);
     sums.add(v.T, n);
-    if (o.free[kLanes - 1] < 0 && o.free[0] < 0 && o.free[1] < 0 && o.free[2] < 0) continue;
+    if (o.all_fixed()) continue;
     LanePoseNormal p;
     pose_normal_of(v.errors, n, p);
-    add_pose_blocks(o, n, p, system);
+    const Lanes zero{};
+    const Lanes pose[36] = {p.h00, p.h10, p.h20, p.b00, p.b01, p.b02,  //
+                            p.h10, p.h11, p.h21, p.b10, p.b11, p.b12,  //
+                            p.h20, p.h21, p.h22, p.b20, p.b21, p.b22,  //
+                            p.b00, p.b10, p.b20, n.a00, zero,  n.a02,  //
+                            p.b01, p.b11, p.b21, zero,  n.a11, n.a12,  //
+                            p.b02, p.b12, p.b22, n.a02, n.a12, n.a22};
+    for (int k = 0; k < 36; ++k) mixed[g].pose[k] = pose[k];
     const Lanes* AR = sums.AR;
     const LaneErrors& e = v.errors;
     for (int c = 0; c < 3; ++c) {
@@ -311,18 +345,14 @@ KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t co
       column[4] = AR[3 + c];
       column[5] = AR[6 + c];
     }
-    Lanes* gradient = mixed[g].gradient;
-    gradient[0] = p.g0;
-    gradient[1] = p.g1;
-    gradient[2] = p.g2;
-    gradient[3] = n.g0;
-    gradient[4] = n.g1;
-    gradient[5] = n.g2;
+    const Lanes gradient[6] = {p.g0, p.g1, p.g2, n.g0, n.g1, n.g2};
+    for (int k = 0; k < 6; ++k) mixed[g].gradient[k] = gradient[k];
   }
   sums.sum_up(normal);
 }
 
-/// Takes a linearised point out of the system: Z = mixed L^-T of each of its observations.
+/// Adds a linearised point's observations to the reduced system and takes the point out of it:
+/// Z = mixed L^-T of each of them.
 /// \param L_inverse 00, 10, 11, 20, 21, 22
 KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t count,
                                  const MixedLanes* mixed, const double* L_inverse, const double* y,
@@ -331,25 +361,37 @@ KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t co
   const std::int32_t groups_count = (count + kLanes - 1) / kLanes;
   for (std::int32_t g = 0; g < groups_count; ++g) {
     const ObservationLanes& o = groups[g];
+    if (o.all_fixed()) continue;
     const Lanes* m = mixed[g].block;
     Lanes z[20];
-    Lanes gradient[8];
+    Lanes sums[16];  // gradient, diagonal
     for (int r = 0; r < 6; ++r) {
       z[r] = m[r] * L_inverse[0];
       z[6 + r] = m[r] * L_inverse[1] + m[6 + r] * L_inverse[2];
       z[12 + r] = m[r] * L_inverse[3] + m[6 + r] * L_inverse[4] + m[12 + r] * L_inverse[5];
-      gradient[r] = mixed[g].gradient[r] - (z[r] * y[0] + z[6 + r] * y[1] + z[12 + r] * y[2]);
+      sums[r] = mixed[g].gradient[r] - (z[r] * y[0] + z[6 + r] * y[1] + z[12 + r] * y[2]);
+      sums[8 + r] = mixed[g].pose[7 * r];
     }
-    z[18] = z[19] = gradient[6] = gradient[7] = Lanes{};
+    z[18] = z[19] = sums[6] = sums[7] = sums[14] = sums[15] = Lanes{};
+    Lanes pose[36];
+    for (int c = 0; c < 6; ++c) {
+      for (int r = c; r < 6; ++r) {
+        const Lanes product = z[r] * z[c] + z[6 + r] * z[6 + c] + z[12 + r] * z[12 + c];
+        pose[6 * c + r] = pose[6 * r + c] = mixed[g].pose[6 * c + r] - product;
+      }
+    }
     alignas(32) double z_rows[kLanes][20];
-    alignas(32) double gradient_rows[kLanes][8];
+    alignas(32) double sum_rows[kLanes][16];
+    alignas(32) double pose_rows[kLanes][36];
     to_rows<20>(z, z_rows);
-    to_rows<8>(gradient, gradient_rows);
+    to_rows<16>(sums, sum_rows);
+    to_rows<36>(pose, pose_rows);
     for (int k = 0; k < kLanes; ++k) {
-      if (o.free[k] < 0) continue;
+      const std::int32_t r = o.free[k];
+      if (r < 0) continue;
       __builtin_memcpy(Z[kLanes * g + k].data(), z_rows[k], 18 * sizeof(double));
-      double* to = system.gradient[o.free[k]].data();
-      for (int d = 0; d < 6; ++d) to[d] += gradient_rows[k][d];
+      add_in_row(sum_rows[k], 16, system.sums[r].data());
+      add_in_row(pose_rows[k], 36, system.blocks[(*system.places)(r, r)].data());
     }
   }
   std::int32_t first = 0;
@@ -357,24 +399,61 @@ KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t co
   subtract_products(free + first, Z + first, count - first, *system.places, system.blocks);
 }
 
+/// Sum of the mixed blocks' transposes times the steps of the poses: what these steps mean for a
+/// point's gradient. Made anew rather than kept from the linearisation: the mixed blocks of a whole
+/// map are the largest thing there would be to keep.
+KYS_VECTOR_CLONES void moved_gradient(const ObservationLanes* groups, std::int32_t count,
+                                      const View& view, const double* p_w, const PoseStep* steps,
+                                      double* gradient) {
+  Lanes sum[3]{};
+  for (std::int32_t g = 0; g < count; ++g) {
+    const ObservationLanes& o = groups[g];
+    if (o.all_fixed()) continue;
+    LaneView v;
+    look(o, view, p_w, v);
+    LaneNormal n;
+    normal_in_view(view, v, n);
+    Lanes w[4], t[4];  // turn and shift, interleaved with what is not used
+    for (int k = 0; k < kLanes; ++k) {
+      const double* step = steps[o.free[k] + 1].data();
+      w[k] = *reinterpret_cast<const Four*>(step);
+      t[k] = *reinterpret_cast<const Four*>(step + 4);
+    }
+    transpose(w[0], w[1], w[2], w[3]);
+    transpose(t[0], t[1], t[2], t[3]);
+    const LaneErrors& e = v.errors;
+    const Lanes x = t[0] + (w[1] * e.z - w[2] * e.y);
+    const Lanes y = t[1] + (w[2] * e.x - w[0] * e.z);
+    const Lanes z = t[2] + (w[0] * e.y - w[1] * e.x);
+    const Lanes g0 = n.a00 * x + n.a02 * z;
+    const Lanes g1 = n.a11 * y + n.a12 * z;
+    const Lanes g2 = n.a02 * x + n.a12 * y + n.a22 * z;
+    for (int c = 0; c < 3; ++c) sum[c] += v.T[c] * g0 + v.T[4 + c] * g1 + v.T[8 + c] * g2;
+  }
+  for (int c = 0; c < 3; ++c) gradient[c] = lane_sum(sum[c]);
+}
+
 class SchurBundle {
  public:
   SchurBundle(BundleProblem& problem, const BundleOptions& options, const BundleRound& round)
-      : problem_(problem),
-        options_(options),
-        view_{CameraNumbers(problem.camera), nullptr, round.robust} {
+      : problem_(problem), options_(options), view_{CameraNumbers(problem.camera),
+                                                    nullptr,
+                                                    round.robust,
+                                                    options.disparity_weight,
+                                                    options.chi2_mono,
+                                                    options.chi2_stereo} {
     number_free_poses(round);
     sort_observations(round);
     const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
     places_ = BlockPlaces(pattern);
     if (round.sparse) sparse_.emplace(pattern);
     reduced_.resize(pattern.column.size());
-    gradient_.resize(free_pose_.size());
+    sums_.resize(free_pose_.size());
+    lane_steps_.resize(free_pose_.size() + 1);
     pose_damping_.resize(free_pose_.size());
     pose_step_.resize(free_pose_.size());
     eliminated_.resize(points_.size());
     point_step_.resize(points_.size());
-    Z_.resize(free_of_.size());
     const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
     if (!round.sparse) dense_.resize(size, size);
     flat_gradient_.resize(size);
@@ -473,6 +552,7 @@ class SchurBundle {
       most = std::max(most, points_.back().groups());
     }
     mixed_.resize(static_cast<std::size_t>(most));
+    Z_.resize(static_cast<std::size_t>(kLanes * most));
     free_of_.reserve(order.size());
     for (const std::int32_t i : order) free_of_.push_back(free_of(i));
     groups_.resize(static_cast<std::size_t>(groups));
@@ -529,14 +609,12 @@ class SchurBundle {
 
   void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) const {
     const bool stereo = !std::isnan(o.u_right);
-    // Errors and their bound shrink together: the kernel acts as on the unweighted error.
-    const double weight = o.weight * (static_cast<double>(o.inv_sigma) * o.inv_sigma);
     to.u[lane] = o.u;
     to.v[lane] = o.v;
     to.u_right[lane] = stereo ? o.u_right : 0;
-    to.weight[lane] = weight;
-    to.weight_disparity[lane] = stereo ? weight * options_.disparity_weight : 0;
-    to.bound[lane] = o.weight * (stereo ? options_.chi2_stereo : options_.chi2_mono);
+    to.inv_sigma[lane] = o.inv_sigma;
+    to.share[lane] = o.weight;
+    to.stereo[lane] = stereo ? 1.0f : 0.0f;
     to.pose[lane] = o.pose;
     to.free[lane] = free_index_[o.pose];
   }
@@ -604,8 +682,7 @@ class SchurBundle {
   /// no such step (nothing has moved then).
   double step(double damping) {
     for (Matrix6d& m : reduced_) m.setZero();
-    for (Vector6d& g : gradient_) g.setZero();
-    for (Vector6d& d : pose_damping_) d.setZero();
+    sums_.assign(sums_.size(), {});
     for (std::size_t i = 0; i < points_.size(); ++i) {
       if (i % kPointsBetweenStops == 0 && should_stop()) {
         stopped_ = true;
@@ -622,22 +699,21 @@ class SchurBundle {
   /// Adds a point's observations to the reduced system.
   void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
-    const ReducedSystem system{reduced_.data(), &places_, gradient_.data(), pose_damping_.data()};
+    const ReducedSystem system{reduced_.data(), &places_, sums_.data()};
     const ObservationLanes* groups = groups_.data() + point.group;
     PointNormal normal;
-    linearise(groups, point.groups(), view_, problem_.points[point.point].data(), system,
-              mixed_.data(), normal);
+    linearise(groups, point.groups(), view_, problem_.points[point.point].data(), mixed_.data(),
+              normal);
     EliminatedPoint& e = eliminated_[index];
     Eigen::Matrix3d V = lower_of(normal);
     e.b = Eigen::Vector3d(normal.b);
     e.damping = damping * V.diagonal().cwiseMax(kMinDiagonal);
     V.diagonal() += e.damping;
-    e.L_inverse = inverse_of_cholesky(V);
-    e.y = e.L_inverse * e.b;
-    const Eigen::Matrix3d& L = e.L_inverse;
-    const double lower[6] = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
-    eliminate(groups, point.end - point.begin, mixed_.data(), lower, e.y.data(),
-              free_of_.data() + point.begin, Z_.data() + point.begin, system);
+    const Eigen::Matrix3d L = inverse_of_cholesky(V);
+    e.L_inverse = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
+    e.y = L * e.b;
+    eliminate(groups, point.end - point.begin, mixed_.data(), e.L_inverse.data(), e.y.data(),
+              free_of_.data() + point.begin, Z_.data(), system);
   }
 
   /// The lower triangle is all that is read.
@@ -668,9 +744,9 @@ class SchurBundle {
     if (poses == 0) return true;
     for (std::int32_t r = 0; r < poses; ++r) {
       // The point terms have been taken off already; the damping is that of the full diagonal.
-      pose_damping_[r] = damping * pose_damping_[r].cwiseMax(kMinDiagonal);
+      pose_damping_[r] = damping * sums_[r].diagonal().cwiseMax(kMinDiagonal);
       block(r, r).diagonal() += pose_damping_[r];
-      flat_gradient_.segment<6>(6 * r) = -gradient_[r];
+      flat_gradient_.segment<6>(6 * r) = -sums_[r].gradient();
     }
     if (!(sparse_ ? solve_sparse() : solve_dense())) return false;
     for (std::int32_t r = 0; r < poses; ++r) pose_step_[r] = flat_gradient_.segment<6>(6 * r);
@@ -702,16 +778,22 @@ class SchurBundle {
     double predicted = 0;
     for (std::size_t r = 0; r < pose_step_.size(); ++r) {
       predicted += pose_step_[r].dot(pose_damping_[r].cwiseProduct(pose_step_[r]));
-      predicted -= pose_step_[r].dot(gradient_[r]);  // reduced: the point part is added below
+      Eigen::Map<Eigen::Vector3d>(lane_steps_[r + 1].numbers.data()) = pose_step_[r].head<3>();
+      Eigen::Map<Eigen::Vector3d>(lane_steps_[r + 1].numbers.data() + 4) = pose_step_[r].tail<3>();
+      predicted -=
+          pose_step_[r].dot(sums_[r].gradient());  // reduced: the point part is added below
     }
     for (std::size_t k = 0; k < points_.size(); ++k) {
       const EliminatedPoint& e = eliminated_[k];
-      Eigen::Vector3d moved = Eigen::Vector3d::Zero();  // sum of Z^T pose_step
-      for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
-        const std::int32_t r = free_of_[i];
-        if (r >= 0) moved.noalias() += Z_[i].transpose() * pose_step_[r];
-      }
-      point_step_[k] = -(e.L_inverse.transpose() * (e.y + moved));
+      const SchurPoint& point = points_[k];
+      Eigen::Vector3d gradient;
+      moved_gradient(groups_.data() + point.group, point.groups(), view_,
+                     problem_.points[point.point].data(), lane_steps_.data(), gradient.data());
+      const auto& L = e.L_inverse;
+      Eigen::Matrix3d L_inverse;
+      L_inverse << L[0], 0, 0, L[1], L[2], 0, L[3], L[4], L[5];
+      const Eigen::Vector3d moved = L_inverse * gradient;  // sum of Z^T pose_step
+      point_step_[k] = -(L_inverse.transpose() * (e.y + moved));
       predicted += point_step_[k].dot(e.damping.cwiseProduct(point_step_[k]));
       predicted -= point_step_[k].dot(e.b) + moved.dot(e.y);
     }
@@ -762,13 +844,14 @@ class SchurBundle {
 
   BlockPlaces places_;
   AlignedVector<Matrix6d> reduced_;  // blocks of the lower triangle, row by row
-  AlignedVector<Vector6d> gradient_;
+  std::vector<PoseSums> sums_;
   AlignedVector<Vector6d> pose_damping_;
   AlignedVector<Vector6d> pose_step_;
+  std::vector<PoseStep> lane_steps_;  // the same for lanes; the first is for what is fixed
   std::optional<BlockCholesky> sparse_;
   Eigen::MatrixXd dense_;
   Eigen::VectorXd flat_gradient_;
-  AlignedVector<Matrix63> Z_;
+  AlignedVector<Matrix63> Z_;  // of the point worked on
   std::vector<EliminatedPoint> eliminated_;
   std::vector<Eigen::Vector3d> point_step_;
   std::vector<Rigid3> old_poses_;

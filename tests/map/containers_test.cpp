@@ -137,7 +137,7 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   EXPECT_FALSE(plain.has_stereo(1));
   EXPECT_FALSE(plain.has_stereo(2)) << "a negative disparity has no depth";
 
-  const FrameFeatures shifted = plain.with_disparity_offset(camera, 0.75f);
+  const FrameFeatures shifted = plain.with_disparity_offset(0.75f);
   EXPECT_FLOAT_EQ(shifted.disparity_offset(), 0.75f);
   EXPECT_FLOAT_EQ(shifted.u_right(0), 89.25f);
   EXPECT_FLOAT_EQ(shifted.depth(0), static_cast<float>(camera.bf() / 10.75));
@@ -149,13 +149,13 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   // An offset given at once, and one replaced by another, are the same.
   const FrameFeatures direct(camera, set, {90, testing::kNoStereo, 500.5f}, {}, 0.75f);
   const FrameFeatures again =
-      plain.with_disparity_offset(camera, 0.25f).with_disparity_offset(camera, 0.75f);
+      plain.with_disparity_offset(0.25f).with_disparity_offset(0.75f);
   for (std::size_t i : {0u, 2u}) {
     EXPECT_FLOAT_EQ(direct.u_right(i), shifted.u_right(i));
     EXPECT_FLOAT_EQ(again.u_right(i), shifted.u_right(i));
     EXPECT_FLOAT_EQ(again.depth(i), shifted.depth(i));
   }
-  const FrameFeatures back = again.with_disparity_offset(camera, 0);
+  const FrameFeatures back = again.with_disparity_offset(0);
   EXPECT_FLOAT_EQ(back.u_right(0), 90);
 }
 
