@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys_slam/frame_source.h>
+#include <kys_slam/stereo_rectifier.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -10,8 +11,6 @@
 #include <vector>
 
 namespace kys_slam {
-
-class StereoRectifier;
 
 /// Of a sequence with two stereo pairs (KITTI odometry), the one to use. Their left cameras stand 6
 /// cm apart: perception of one pair does not fit the other.
@@ -117,6 +116,11 @@ bool is_euroc_folder(const std::filesystem::path& folder);
 /// Opens a sequence folder of either kind, known by its layout. \throws InputError as those do.
 std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
                                         const SequenceOptions& options = {});
+
+/// Camera calibration in the ASL format (EuRoC's sensor.yaml): T_BS (4x4, camera to body),
+/// resolution, intrinsics, radial-tangential distortion.
+/// \throws InputError naming the file and the key that is missing, malformed or not finite.
+RawCamera read_sensor_yaml(const std::filesystem::path& path);
 
 /// Rectified left camera to body of an EuRoC sequence, from its calibration alone.
 Rigid3 read_euroc_T_b_c(const std::filesystem::path& folder);

@@ -47,10 +47,8 @@ class Settings {
   /// The effective settings as an annotated YAML text that `load` reads back.
   [[nodiscard]] std::string to_yaml() const;
 
-  /// For the library itself.
-  [[nodiscard]] const SettingsData& data() const { return *data_; }
-
  private:
+  friend struct PrivateAccess;
   std::unique_ptr<SettingsData> data_;
 };
 

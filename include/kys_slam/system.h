@@ -18,8 +18,6 @@
 
 namespace kys_slam {
 
-class Map;
-
 /// When the back end runs and when the tracker sees what it did.
 enum class Schedule : std::uint8_t {
   kSequential,  ///< in program order, in the caller's thread
@@ -74,8 +72,8 @@ class System {
   /// One entry per frame fed.
   [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
   /// Moving things in the frames fed, by frame, then instance, in the frame of the trajectory; told
-  /// of in mode `verified` only, which judges what moves. Frames that the trajectory does not connect
-  /// have none.
+  /// of in mode `verified` only, which judges what moves. Frames that the trajectory does not
+  /// connect have none.
   [[nodiscard]] std::vector<ObjectEstimate> objects() const;
   /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is expressed
   /// in.
@@ -90,10 +88,9 @@ class System {
   /// Reports of all frames, those of the back end filled in. In the feeding thread only, until the
   /// next frame.
   [[nodiscard]] const std::vector<FrameReport>& reports() const;
-  /// The map itself (src/map/map.h); valid after `finish`.
-  [[nodiscard]] const Map& map() const;
 
  private:
+  friend struct PrivateAccess;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

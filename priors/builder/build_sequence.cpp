@@ -4,6 +4,8 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <atomic>
@@ -24,8 +26,6 @@
 #include "priors/builder/estimators.h"
 #include "priors/builder/keypoint_motion.h"
 #include "priors/builder/motion_belief.h"
-#include "util/atomic_file.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 namespace {

@@ -2,6 +2,8 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <array>
 #include <bit>
@@ -10,10 +12,8 @@
 #include <sstream>
 #include <vector>
 
-#include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
 #include "priors/format/byte_io.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace {

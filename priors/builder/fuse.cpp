@@ -1,12 +1,12 @@
 #include "priors/builder/fuse.h"
 
 #include <kys_slam/prior_format.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <cmath>
 
 #include "priors/builder/appearance.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 namespace {

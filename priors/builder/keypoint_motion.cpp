@@ -1,5 +1,7 @@
 #include "priors/builder/keypoint_motion.h"
 
+#include <kys_slam/util/median.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -10,7 +12,6 @@
 #include "matching/stereo_matcher.h"
 #include "motion/follow_back.h"
 #include "optimization/pose_optimization.h"
-#include "util/median.h"
 
 namespace kys_slam {
 namespace {

@@ -2,14 +2,14 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "io/read_bytes.h"
 #include "priors/builder/vkitti_names.h"
-#include "util/memory_limit.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace {

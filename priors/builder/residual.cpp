@@ -1,11 +1,12 @@
 #include "priors/builder/residual.h"
 
+#include <kys_slam/util/median.h>
+
 #include <algorithm>
 #include <cmath>
 #include <span>
 
 #include "priors/builder/flow_row.h"
-#include "util/median.h"
 
 namespace kys_slam {
 namespace {

@@ -4,12 +4,11 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_folder.h>
+#include <kys_slam/util/paths.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <vector>
-
-#include "util/paths.h"
 
 namespace kys_slam {
 

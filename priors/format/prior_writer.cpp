@@ -1,14 +1,13 @@
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
+#include <kys_slam/util/memory_limit.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstdlib>
-
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {

@@ -1,5 +1,6 @@
 #include <kys_slam/error.h>
 #include <kys_slam/stereo_rectifier.h>
+#include <kys_slam/util/memory_limit.h>
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +8,6 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <utility>
-
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 

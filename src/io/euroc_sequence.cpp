@@ -3,14 +3,13 @@
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/stereo_rig.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/text_table.h>
 
 #include <array>
 #include <cmath>
 
-#include "io/sensor_yaml.h"
 #include "io/sequence_parts.h"
-#include "io/text_table.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -2,6 +2,7 @@
 
 #include <kys/error.h>
 #include <kys/prior.h>
+#include <kys_slam/util/hash.h>
 #include <libdeflate.h>
 
 #include <algorithm>
@@ -14,8 +15,6 @@
 #include <stdexcept>
 #include <string>
 #include <tuple>
-
-#include "util/hash.h"
 
 namespace kys_slam {
 namespace {

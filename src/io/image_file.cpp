@@ -1,5 +1,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <vector>
 
@@ -7,8 +9,6 @@
 #include "io/luma.h"
 #include "io/png_decoder.h"
 #include "io/png_encoder.h"
-#include "io/read_bytes.h"
-#include "util/atomic_file.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

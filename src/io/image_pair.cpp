@@ -1,14 +1,14 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/image_pair.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <cmath>
 
 #include "io/sequence_parts.h"
-#include "io/text_table.h"
-#include "util/parse_number.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 

@@ -1,12 +1,11 @@
 #include "io/jpeg_codec.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
 #include <turbojpeg.h>
 
 #include <memory>
 #include <new>
-
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {

@@ -1,9 +1,9 @@
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/text_table.h>
 
 #include "io/sequence_parts.h"
-#include "io/text_table.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -1,11 +1,11 @@
 #include <kys_slam/error.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/text_table.h>
 
 #include <cmath>
 #include <numbers>
 
 #include "io/sequence_parts.h"
-#include "io/text_table.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -1,6 +1,7 @@
 #include "io/png_decoder.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
 #include <libdeflate.h>
 #include <spng.h>
 
@@ -10,7 +11,6 @@
 #include <vector>
 
 #include "io/png_unfilter.h"
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {

@@ -1,11 +1,10 @@
-#include "io/sensor_yaml.h"
-
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/sequence.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/parse_number.h>
 
 #include "io/yaml_file.h"
-#include "util/parse_number.h"
 
 namespace kys_slam {
 namespace {

@@ -2,12 +2,11 @@
 #include <kys_slam/image_file.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/stereo_rectifier.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <cstdint>
-
-#include "io/read_bytes.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace {

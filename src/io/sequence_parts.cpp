@@ -2,12 +2,12 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 
 #include "camera/kitti_calibration.h"
-#include "io/text_table.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -2,6 +2,8 @@
 #include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rig.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,9 +11,7 @@
 #include <string_view>
 #include <utility>
 
-#include "io/read_bytes.h"
 #include "io/yaml_file.h"
-#include "util/parse_number.h"
 
 namespace kys_slam {
 

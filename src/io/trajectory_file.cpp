@@ -1,9 +1,8 @@
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/text_table.h>
 
 #include <cstdio>
-
-#include "io/text_table.h"
-#include "util/atomic_file.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

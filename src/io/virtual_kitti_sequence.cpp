@@ -1,6 +1,8 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/median.h>
+#include <kys_slam/util/text_table.h>
 
 #include <array>
 #include <cmath>
@@ -11,8 +13,6 @@
 
 #include "camera/plausible.h"
 #include "io/sequence_parts.h"
-#include "io/text_table.h"
-#include "util/median.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -1,12 +1,11 @@
 #include "io/yaml_file.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/read_bytes.h>
 #include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
 #include <sstream>
-
-#include "io/read_bytes.h"
 
 namespace kys_slam {
 namespace {

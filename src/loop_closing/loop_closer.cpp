@@ -1,11 +1,11 @@
 #include "loop_closing/loop_closer.h"
 
+#include <kys_slam/util/stopwatch.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>
-
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 

@@ -1,12 +1,12 @@
 #include "map_file/map_file.h"
 
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/read_bytes.h>
+
 #include <cstdint>
 #include <utility>
 #include <vector>
-
-#include "io/read_bytes.h"
-#include "util/atomic_file.h"
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 

@@ -1,6 +1,6 @@
 #include "mapping/local_mapper.h"
 
-#include "util/stopwatch.h"
+#include <kys_slam/util/stopwatch.h>
 
 namespace kys_slam {
 

@@ -1,6 +1,7 @@
 #include "matching/stereo_matcher.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/median.h>
 
 #include <algorithm>
 #include <array>
@@ -11,7 +12,6 @@
 
 #include "matching/patch_alignment.h"
 #include "matching/patch_kernels.h"
-#include "util/median.h"
 
 namespace kys_slam {
 

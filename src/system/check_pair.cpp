@@ -1,5 +1,6 @@
 #include <kys/distance_model.h>
 #include <kys_slam/check_pair.h>
+#include <kys_slam/util/median.h>
 
 #include <cmath>
 #include <cstdio>
@@ -7,7 +8,6 @@
 #include <vector>
 
 #include "features/orb_extractor.h"
-#include "util/median.h"
 
 namespace kys_slam {
 

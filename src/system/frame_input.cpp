@@ -1,15 +1,16 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
+#include <kys_slam/feature_file.h>
 #include <kys_slam/frame_input.h>
 #include <kys_slam/settings.h>
+#include <kys_slam/util/paths.h>
 
 #include <cmath>
 #include <fstream>
 #include <utility>
 
-#include "io/feature_sequence.h"
+#include "system/private_access.h"
 #include "system/settings_data.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 
@@ -53,7 +54,7 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
 void check_features(const FrameInput& input, const Settings& settings,
                     const std::filesystem::path& path) {
   if (input.has_images) return;
-  const OrbOptions& orb = settings.data().orb;
+  const OrbOptions& orb = PrivateAccess::data(settings).orb;
   const std::string wanted = settings.get("control.label_space");
   if (!input.label_space.empty() && input.label_space != wanted) {
     throw InputError(fmt::format("{}: its priors have labels of {}; control.label_space says {}",

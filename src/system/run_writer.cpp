@@ -5,6 +5,8 @@
 #include <kys_slam/run_main.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/process_figures.h>
 
 #include <algorithm>
 #include <array>
@@ -18,8 +20,6 @@
 #include <stdexcept>
 
 #include "map/map.h"
-#include "util/atomic_file.h"
-#include "util/process_figures.h"
 
 namespace kys_slam {
 
@@ -214,9 +214,9 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   if (!info.complete) json["end_reason"] = printable(info.end_reason);
   json["frames"] = outcome.trajectory.size();
   json["frames_tracked"] = outcome.tracked;
-  json["keyframes"] = system.map().keyframes().size();
+  json["keyframes"] = map_of(system).keyframes().size();
   json["keyframes_made"] = outcome.keyframes_made;
-  json["landmarks"] = system.map().landmarks().size();
+  json["landmarks"] = map_of(system).landmarks().size();
   json["loops_closed"] = outcome.loops;
   json["submaps"] = system.submaps();
   json["submaps_merged"] = outcome.merges;
@@ -350,7 +350,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
   };
   row("frames tracked", fmt::format("{} of {}", outcome.tracked, outcome.trajectory.size()));
   row("keyframes, landmarks",
-      fmt::format("{}, {}", system.map().keyframes().size(), system.map().landmarks().size()));
+      fmt::format("{}, {}", map_of(system).keyframes().size(), map_of(system).landmarks().size()));
   if (outcome.loops + outcome.merges + outcome.relocalised > 0) {
     row("loops closed", std::to_string(outcome.loops));
     row("sub-maps left, merged", fmt::format("{}, {}", system.submaps(), outcome.merges));

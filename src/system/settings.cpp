@@ -3,6 +3,8 @@
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/settings.h>
+#include <kys_slam/util/nearest_name.h>
+#include <kys_slam/util/parse_number.h>
 
 #include <algorithm>
 #include <cctype>
@@ -13,8 +15,6 @@
 #include "io/yaml_file.h"
 #include "kys/error.h"
 #include "system/settings_data.h"
-#include "util/nearest_name.h"
-#include "util/parse_number.h"
 
 namespace kys_slam {
 

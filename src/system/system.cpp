@@ -4,6 +4,10 @@
 #include <kys_slam/error.h>
 #include <kys_slam/logic_error.h>
 #include <kys_slam/system.h>
+#include <kys_slam/util/interrupt.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/process_figures.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <array>
 #include <chrono>
@@ -21,10 +25,6 @@
 #include "system/take_snapshot.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker.h"
-#include "util/interrupt.h"
-#include "util/memory_limit.h"
-#include "util/process_figures.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 
@@ -151,7 +151,7 @@ struct System::Impl {
   Impl(const StereoCamera& camera_in, const Settings& settings, Schedule schedule,
        std::unique_ptr<PriorProvider> priors_in)
       : camera(camera_in),
-        options(settings.data()),
+        options(PrivateAccess::data(settings)),
         model(make_model(options)),
         priors(std::move(priors_in)),
         scales(options.orb.scale_factor, options.orb.levels),
@@ -584,8 +584,8 @@ const std::vector<FrameReport>& System::reports() const {
   return impl_->reports;
 }
 
-const Map& System::map() const {
-  return impl_->runner.map();
+const Map& PrivateAccess::map(const System& system) {
+  return system.impl_->runner.map();
 }
 
 }  // namespace kys_slam

@@ -1,13 +1,12 @@
 #include "tracking/front_end.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <cmath>
 #include <span>
 #include <string>
-
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 

@@ -2,6 +2,7 @@
 
 #include <kys/prior.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +10,6 @@
 
 #include "matching/descriptor_matcher.h"
 #include "matching/predicted_view.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 

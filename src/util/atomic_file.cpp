@@ -1,7 +1,7 @@
-#include "util/atomic_file.h"
-
 #include <fcntl.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -13,8 +13,6 @@
 #include <string>
 #include <string_view>
 #include <system_error>
-
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;

@@ -1,6 +1,5 @@
-#include "util/interrupt.h"
-
 #include <fcntl.h>
+#include <kys_slam/util/interrupt.h>
 #include <signal.h>
 #include <unistd.h>
 

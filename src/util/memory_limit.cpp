@@ -1,6 +1,7 @@
-#include "util/memory_limit.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/process_figures.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -8,9 +9,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-
-#include "util/parse_number.h"
-#include "util/process_figures.h"
 
 namespace kys_slam {
 namespace {

@@ -1,4 +1,4 @@
-#include "util/nearest_name.h"
+#include <kys_slam/util/nearest_name.h>
 
 #include <algorithm>
 #include <utility>

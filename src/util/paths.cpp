@@ -1,7 +1,6 @@
-#include "util/paths.h"
-
 #include <dirent.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/paths.h>
 
 #include <algorithm>
 #include <cerrno>

@@ -1,5 +1,4 @@
-#include "util/process_figures.h"
-
+#include <kys_slam/util/process_figures.h>
 #include <sys/resource.h>
 #include <unistd.h>
 

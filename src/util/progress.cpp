@@ -1,5 +1,4 @@
-#include "util/progress.h"
-
+#include <kys_slam/util/progress.h>
 #include <unistd.h>
 
 #include <algorithm>

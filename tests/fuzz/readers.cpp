@@ -3,6 +3,7 @@
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
+#include <kys_slam/feature_file.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
@@ -22,8 +23,6 @@
 #include <vector>
 
 #include "io/feature_payload.h"
-#include "io/feature_sequence.h"
-#include "io/sensor_yaml.h"
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 #include "object_files.h"

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/read_bytes.h>
 #include <spng.h>
 
 #include <cstdlib>
@@ -7,7 +8,6 @@
 #include <random>
 
 #include "io/png_unfilter.h"
-#include "io/read_bytes.h"
 #include "temporary_folder.h"
 
 namespace kys_slam {

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/read_bytes.h>
 
-#include "io/read_bytes.h"
 #include "sequence_fixtures.h"
 
 namespace kys_slam {

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/read_bytes.h>
 
-#include "io/read_bytes.h"
 #include "temporary_folder.h"
 
 namespace kys_slam {

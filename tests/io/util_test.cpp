@@ -1,5 +1,12 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/interrupt.h>
+#include <kys_slam/util/nearest_name.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/process_figures.h>
+#include <kys_slam/util/progress.h>
+#include <kys_slam/util/read_bytes.h>
 #include <signal.h>
 #include <sys/resource.h>
 
@@ -7,14 +14,7 @@
 #include <chrono>
 #include <thread>
 
-#include "io/read_bytes.h"
 #include "temporary_folder.h"
-#include "util/atomic_file.h"
-#include "util/interrupt.h"
-#include "util/nearest_name.h"
-#include "util/parse_number.h"
-#include "util/process_figures.h"
-#include "util/progress.h"
 
 namespace kys_slam {
 namespace {

@@ -1,4 +1,6 @@
 #include <benchmark/benchmark.h>
+#include <kys_slam/util/process_figures.h>
+#include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <atomic>
@@ -10,8 +12,6 @@
 #include "optimization/pose_graph.h"
 #include "optimization/pose_optimization.h"
 #include "synthetic_scene.h"
-#include "util/process_figures.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam::test {
 namespace {

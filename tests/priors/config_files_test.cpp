@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "options_file.h"
+#include "priors/builder/options_file.h"
 
 namespace kys_slam {
 namespace {

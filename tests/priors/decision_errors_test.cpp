@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/util/atomic_file.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,8 +11,6 @@
 #include <cstdio>
 #include <fstream>
 #include <map>
-
-#include "util/atomic_file.h"
 
 namespace kys_slam {
 namespace {

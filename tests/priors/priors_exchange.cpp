@@ -1,9 +1,8 @@
 // Reads a prior file and writes it again, without tolerance: for tests of other implementations.
 #include <kys_slam/prior_writer.h>
+#include <kys_slam/util/atomic_file.h>
 
 #include <iostream>
-
-#include "util/atomic_file.h"
 
 int main(int argc, char** argv) {
   if (argc != 3) return 2;

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "evaluation/recall.h"
 #include "io/temporary_folder.h"
+#include "measure/recall.h"
 #include "support/run_command.h"
 
 namespace kys_slam {

@@ -3,6 +3,7 @@
 
 #include "map/map.h"
 #include "support/feature_world.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 namespace {
@@ -38,10 +39,10 @@ DriveResult drive(double added, bool calibrate) {
   System system(world.camera(), settings, Schedule::kSequential);
   for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
-  system.map().check_consistency();
+  map_of(system).check_consistency();
   DriveResult run;
-  run.offset = system.map().disparity_offset();
-  run.keyframes = static_cast<int>(system.map().keyframes().size());
+  run.offset = map_of(system).disparity_offset();
+  run.keyframes = static_cast<int>(map_of(system).keyframes().size());
   const Rigid3 T_0_w = weaving_pose(0).inverse();
   for (const FrameEstimate& estimate : system.trajectory()) {
     EXPECT_TRUE(estimate.connected);

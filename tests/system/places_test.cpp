@@ -6,6 +6,7 @@
 
 #include "map/map.h"
 #include "support/feature_world.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 namespace {
@@ -46,9 +47,9 @@ Ride ride(const FeatureWorld& world, const std::vector<std::optional<Rigid3>>& p
     system.feed(frame);
   }
   system.finish();
-  system.map().check_consistency();
+  map_of(system).check_consistency();
   Ride result{system.trajectory(), system.reports(), 0};
-  system.map().keyframes().for_each(
+  map_of(system).keyframes().for_each(
       [&](KeyFrameId, const KeyFrame& k) { result.submaps += k.parent.valid() ? 0 : 1; });
   return result;
 }

@@ -3,6 +3,7 @@
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
+#include <kys_slam/util/atomic_file.h>
 
 #include <algorithm>
 #include <functional>
@@ -10,7 +11,6 @@
 
 #include "support/run_command.h"
 #include "support/small_sequence.h"
-#include "util/atomic_file.h"
 
 namespace kys_slam {
 namespace {

@@ -11,6 +11,7 @@
 #include "map/map.h"
 #include "map_file/map_file.h"
 #include "support/feature_world.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 namespace {
@@ -37,7 +38,7 @@ class SavedMapTest : public ::testing::TestWithParam<Schedule> {
     for (int i = 0; i < 100; ++i) system.feed(world_.look(i, weaving_pose(0.8 * i)));
     system.finish();
     system.save_map(file());
-    keyframes_ = system.map().keyframes().size();
+    keyframes_ = map_of(system).keyframes().size();
   }
   [[nodiscard]] std::filesystem::path file() const { return folder_.path() / "road.map"; }
   /// Frame `i` of a later session, with other noise.
@@ -70,7 +71,7 @@ TEST_P(SavedMapTest, LocalisesInAFrozenMap) {
         << i << ": " << system.reports()[static_cast<std::size_t>(i)].reason;
     EXPECT_LT(error(estimate, 20 + 0.8 * i), 0.15) << "m, in the saved map's frame";
   }
-  EXPECT_EQ(encode_map(system.map()), before) << "the map is as it was";
+  EXPECT_EQ(encode_map(map_of(system)), before) << "the map is as it was";
   EXPECT_TRUE(system.keyframes().empty()) << "none were made";
 }
 
@@ -80,7 +81,7 @@ TEST_P(SavedMapTest, AFrozenMapIsNotExtendedWhereItEnds) {
   for (int i = 0; i < 40; ++i) system.feed(later(i, 150 + 0.8 * i));
   system.finish();
   for (const FrameEstimate& estimate : system.trajectory()) EXPECT_FALSE(estimate.connected);
-  EXPECT_EQ(system.map().keyframes().size(), keyframes_);
+  EXPECT_EQ(map_of(system).keyframes().size(), keyframes_);
 }
 
 TEST_P(SavedMapTest, GoesOnMapping) {
@@ -88,8 +89,8 @@ TEST_P(SavedMapTest, GoesOnMapping) {
   system.load_map(file());
   for (int i = 0; i < 120; ++i) system.feed(later(i, 40 + 0.8 * i));
   system.finish();
-  system.map().check_consistency();
-  EXPECT_GT(system.map().keyframes().size(), keyframes_ + 5);
+  map_of(system).check_consistency();
+  EXPECT_GT(map_of(system).keyframes().size(), keyframes_ + 5);
   EXPECT_GT(system.keyframes().size(), 5u);
   for (int i = 0; i < 120; ++i) {
     const FrameEstimate estimate = system.trajectory()[static_cast<std::size_t>(i)];
@@ -98,7 +99,7 @@ TEST_P(SavedMapTest, GoesOnMapping) {
   }
   const std::filesystem::path again = folder_.path() / "longer.map";
   system.save_map(again);
-  EXPECT_EQ(load_map(again).keyframes().size(), system.map().keyframes().size());
+  EXPECT_EQ(load_map(again).keyframes().size(), map_of(system).keyframes().size());
 }
 
 /// A session that begins elsewhere makes a sub-map and joins when it comes to the known place.
@@ -107,7 +108,7 @@ TEST_P(SavedMapTest, ASessionThatBeginsElsewhereJoinsLater) {
   system.load_map(file());
   for (int i = 0; i < 130; ++i) system.feed(later(i, 140 - 0.8 * i));
   system.finish();
-  system.map().check_consistency();
+  map_of(system).check_consistency();
   int merged = 0;
   for (const FrameReport& report : system.reports()) {
     merged += report.loop == LoopEvent::kMerged ? 1 : 0;

@@ -6,6 +6,7 @@
 
 #include "map/map.h"
 #include "support/feature_world.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 namespace {
@@ -25,9 +26,9 @@ Drive drive(const FeatureWorld& world, Schedule schedule, int frames, double ste
   System system(world.camera(), Settings(), schedule);
   for (int i = 0; i < frames; ++i) system.feed(world.look(i, weaving_pose(step * i)));
   system.finish();
-  system.map().check_consistency();
-  return {system.trajectory(), system.reports(), system.map().landmarks().size(),
-          system.map().keyframes().size()};
+  map_of(system).check_consistency();
+  return {system.trajectory(), system.reports(), map_of(system).landmarks().size(),
+          map_of(system).keyframes().size()};
 }
 
 /// Largest distance between estimate and truth, both relative to the first frame, m.
@@ -79,8 +80,8 @@ TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
   constexpr double kStep = 0.8;
   for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
-  system.map().check_consistency();
-  EXPECT_NEAR(system.map().disparity_offset(), -0.4, 0.1);
+  map_of(system).check_consistency();
+  EXPECT_NEAR(map_of(system).disparity_offset(), -0.4, 0.1);
   const auto estimates = system.trajectory();
   // Frame to frame: the correction has to move landmarks and last frame together.
   for (std::size_t i = 1; i < kFrames; ++i) {

@@ -8,6 +8,7 @@
 
 #include "map/map.h"
 #include "support/small_sequence.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 namespace {
@@ -47,7 +48,7 @@ std::string fingerprint(const System& system) {
     text << e.index << e.connected << e.T_w_c.rotation.coeffs().transpose() << "|"
          << e.T_w_c.translation.transpose() << "\n";
   }
-  system.map().landmarks().for_each([&](LandmarkId id, const Landmark& l) {
+  map_of(system).landmarks().for_each([&](LandmarkId id, const Landmark& l) {
     text << id.value << " " << l.p_w.transpose() << " " << l.observations.size() << "\n";
   });
   return text.str();

@@ -26,7 +26,8 @@ if(KYS_SANITIZE)
 endif()
 
 # kys_add_library(NAME SOURCES... [DEPENDS targets...] [SYSTEM_DEPENDS imported targets...])
-# A static library called kys_slam_NAME whose headers are included as "NAME/header.h".
+# A static library called kys_slam_NAME. Those who link it see the public headers; the headers of src
+# are seen in src, priors and tests alone (include_directories there), not by tools and Python.
 function(kys_add_library name)
   cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
   set(target kys_slam_${name})
@@ -40,7 +41,6 @@ function(kys_add_library name)
     set(scope INTERFACE)
   endif()
   target_include_directories(${target} ${scope}
-    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src>
     $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_link_libraries(${target} ${scope} ${ARG_DEPENDS})

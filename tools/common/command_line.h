@@ -2,14 +2,13 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
+#include <kys_slam/util/parse_number.h>
 
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
-
-#include "util/parse_number.h"
 
 namespace kys_slam {
 

@@ -2,6 +2,7 @@
 #include <kys_slam/evaluation.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/text_table.h>
 
 #include <cstdio>
 #include <map>
@@ -10,8 +11,6 @@
 #include <string>
 
 #include "common/command_line.h"
-#include "io/sensor_yaml.h"
-#include "io/text_table.h"
 
 namespace kys_slam {
 namespace {

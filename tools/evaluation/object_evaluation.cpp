@@ -1,5 +1,7 @@
 #include "object_evaluation.h"
 
+#include <kys_slam/util/median.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,8 +10,6 @@
 #include <optional>
 #include <set>
 #include <tuple>
-
-#include "util/median.h"
 
 namespace kys_slam {
 namespace {

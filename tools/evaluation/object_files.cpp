@@ -2,12 +2,11 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-
-#include "io/text_table.h"
 
 namespace kys_slam {
 namespace {

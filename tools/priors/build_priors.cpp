@@ -1,5 +1,6 @@
 // build_priors: perception outputs of a sequence in, prior files out.
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory.h>
 #include <unistd.h>
 
 #include <cstdint>
@@ -8,9 +9,8 @@
 
 #include "common/command_line.h"
 #include "open_sequence.h"
-#include "options_file.h"
 #include "priors/builder/build_sequence.h"
-#include "util/keep_memory.h"
+#include "priors/builder/options_file.h"
 
 namespace {
 

@@ -1,15 +1,15 @@
 // compare_priors: at how many ORB keypoints two sets of priors differ.
 #include <kys_slam/error.h>
+#include <kys_slam/feature_extractor.h>
 #include <kys_slam/prior_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 
 #include <cstdio>
 
 #include "common/command_line.h"
 #include "exposure.h"
-#include "features/orb_extractor.h"
 #include "open_sequence.h"
-#include "util/atomic_file.h"
-#include "util/paths.h"
 
 namespace {
 
@@ -36,9 +36,9 @@ void print(const char* what, std::size_t count, std::size_t total) {
 }
 
 void run(const fs::path& reference, const fs::path& other, const fs::path& folder,
-         const OrbOptions& orb, const std::string& csv) {
+         const Settings& settings, const std::string& csv) {
   const BuildSequence sequence = open_build_sequence(folder);
-  OrbExtractor extractor(orb);
+  FeatureExtractor extractor(settings);
   FeatureSet features;
   std::vector<kys::Prior> a, b;
   Exposure total;
@@ -89,18 +89,20 @@ int run(int argc, char** argv) {
       "Keypoint exposure: the share of ORB keypoints of a sequence that get another prior from "
       "one folder than from another, e.g. from perturbed perception.");
   std::string reference, other, sequence, csv;
-  OrbOptions orb;
+  int features = 2000;
   app.add_option("reference", reference, "Folder of prior files")->required();
   app.add_option("other", other, "Folder of prior files")->required();
   app.add_option("sequence", sequence, "Sequence folder, for the keypoints")->required();
-  app.add_option("--features", orb.features, "Keypoints wanted per image")->capture_default_str();
+  app.add_option("--features", features, "Keypoints wanted per image")->capture_default_str();
   app.add_option("--csv", csv, "Table of counts per frame and camera to write");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
-  orb.check();
+  Settings settings;
+  settings.set("orb.features", std::to_string(features));
+  settings.check();
   for (const std::string& folder : {reference, other}) {
     if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
   }
-  run(reference, other, sequence, orb, csv);
+  run(reference, other, sequence, settings, csv);
   return 0;
 }
 

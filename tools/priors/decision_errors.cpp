@@ -3,6 +3,9 @@
 #include <kys_slam/error.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/nearest_name.h>
+#include <kys_slam/util/progress.h>
 
 #include <algorithm>
 #include <array>
@@ -10,9 +13,6 @@
 #include <numeric>
 
 #include "seeded_random.h"
-#include "util/atomic_file.h"
-#include "util/nearest_name.h"
-#include "util/progress.h"
 
 namespace kys_slam {
 namespace {

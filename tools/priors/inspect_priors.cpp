@@ -6,6 +6,8 @@
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -17,8 +19,6 @@
 #include <vector>
 
 #include "common/command_line.h"
-#include "util/atomic_file.h"
-#include "util/paths.h"
 
 namespace {
 

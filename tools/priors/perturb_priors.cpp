@@ -4,13 +4,13 @@
 // flow would take the errors out again: build with flow_check.enabled=false. Decisions: prior files
 // whose motion detector is wrong, late or absent.
 #include <kys_slam/error.h>
+#include <kys_slam/util/paths.h>
 
 #include <cstdio>
 
 #include "common/command_line.h"
 #include "decision_errors.h"
 #include "perturbation.h"
-#include "util/paths.h"
 
 namespace {
 

@@ -2,6 +2,9 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "io/read_bytes.h"
 #include "seeded_random.h"
-#include "util/atomic_file.h"
-#include "util/paths.h"
 
 namespace kys_slam {
 namespace {

@@ -2,13 +2,13 @@
 // in the rectified geometry.
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 
 #include <cstdio>
 
 #include "common/command_line.h"
 #include "open_sequence.h"
-#include "util/atomic_file.h"
-#include "util/paths.h"
 
 namespace {
 

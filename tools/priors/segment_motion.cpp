@@ -1,6 +1,8 @@
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/median.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +11,6 @@
 #include "common/command_line.h"
 #include "priors/builder/field_input.h"
 #include "priors/builder/panoptic_input.h"
-#include "util/atomic_file.h"
-#include "util/median.h"
 
 namespace {
 

@@ -4,6 +4,7 @@
 #include <kys_slam/prior_file.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/util/paths.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -11,7 +12,6 @@
 
 #include "common/command_line.h"
 #include "open_sequence.h"
-#include "util/paths.h"
 
 namespace {
 

@@ -2,6 +2,7 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <array>
@@ -12,8 +13,6 @@
 #include <unordered_map>
 
 #include "euroc_rig.h"
-#include "io/feature_payload.h"
-#include "io/read_bytes.h"
 #include "rng.h"
 #include "scenery.h"
 #include "traffic.h"

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys_slam/feature_file.h>
+
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -7,7 +9,6 @@
 #include <string>
 
 #include "boxes.h"
-#include "io/feature_sequence.h"
 
 namespace kys_slam::simulator {
 

@@ -1,13 +1,13 @@
 #include "layouts.h"
 
 #include <fmt/printf.h>
+#include <kys_slam/util/atomic_file.h>
 
 #include <cinttypes>
 #include <cmath>
 
 #include "euroc_rig.h"
 #include "rng.h"
-#include "util/atomic_file.h"
 
 namespace kys_slam::simulator {
 namespace {

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <cstdint>
+#include <kys_slam/util/hash.h>
 
-#include "util/hash.h"
+#include <cstdint>
 
 namespace kys_slam::simulator {
 

@@ -3,6 +3,8 @@
 #include <fmt/printf.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,24 +14,15 @@
 #include <mutex>
 #include <thread>
 
-#include "io/png_encoder.h"
 #include "layouts.h"
 #include "object_truth.h"
 #include "renderer.h"
 #include "segments.h"
-#include "util/atomic_file.h"
-#include "util/paths.h"
 
 namespace kys_slam::simulator {
 namespace {
 
 namespace fs = std::filesystem;
-
-template <typename Pixel>
-void write_image(const fs::path& path, const ImageOf<Pixel>& image, int channels, int bits) {
-  write_file_atomic(path, encode_png(image.data(), image.width(), image.height(), channels, bits),
-                    Durable::kNo);
-}
 
 // What a frame adds to the files that cover the sequence.
 struct FrameRecord {
@@ -146,7 +139,7 @@ class Writer {
     Panoptic panoptic[2];
     for (int camera = 0; camera < 2; ++camera) {
       if (is_dropped(world_, frame, camera, options_.drop_camera, options_.drop_share)) continue;
-      write_image(folder_ / image_path(world_, frame, camera), renderer.image(frame, camera), 1, 8);
+      write_png(folder_ / image_path(world_, frame, camera), renderer.image(frame, camera));
       if (!truth_) continue;
       const ViewTruth truth = renderer.truth(frame, camera);
       panoptic[camera] = make_panoptic(world_, truth, frame, camera, moving);
@@ -160,14 +153,12 @@ class Writer {
   void write_truth(const ViewTruth& truth, const Panoptic& panoptic, int frame, int camera,
                    FrameRecord& record) {
     const fs::path name = image_path(world_, frame, 0).filename();
-    write_image(folder_ / (camera == 0 ? "disparity" : "disparity_right") / name,
-                encode_disparity(truth, world_.rectified.bf()), 1, 16);
+    write_png(folder_ / (camera == 0 ? "disparity" : "disparity_right") / name,
+              encode_disparity(truth, world_.rectified.bf()));
     if (!truth.flow.empty()) {
-      write_image(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth),
-                  3, 16);
+      write_png(folder_ / (camera == 0 ? "flow_left" : "flow_right") / name, encode_flow(truth));
     }
-    write_image(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids,
-                3, 8);
+    write_png(folder_ / (camera == 0 ? "panoptic_left" : "panoptic_right") / name, panoptic.ids);
     describe_segments(panoptic, name.stem().string(), frame, camera, record);
   }
 

@@ -3,6 +3,7 @@
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <cmath>
@@ -13,7 +14,6 @@
 #include <optional>
 
 #include "drive_path.h"
-#include "io/text_table.h"
 #include "rng.h"
 #include "scene.h"
 

@@ -4,6 +4,7 @@
 #include <kys_slam/read_ahead.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/system.h>
+#include <kys_slam/util/progress.h>
 
 #include <exception>
 #include <memory>
@@ -12,7 +13,6 @@
 #include <vector>
 
 #include "common/command_line.h"
-#include "util/progress.h"
 
 namespace kys_slam {
 namespace {
@@ -120,8 +120,7 @@ int run(int argc, char** argv) {
   app.add_option("--modes", a.modes, "modes to compare with the first")->capture_default_str();
   one_at_a_time(
       app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated"));
-  app.add_option("--frames", a.frames, "number of frames (default: all)")
-      ->check(whole_number(1));
+  app.add_option("--frames", a.frames, "number of frames (default: all)")->check(whole_number(1));
   app.add_option("--rounds", a.rounds, "passes over the sequence")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();

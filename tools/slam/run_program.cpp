@@ -8,6 +8,15 @@
 #include <kys_slam/read_ahead.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/interrupt.h>
+#include <kys_slam/util/memory.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/process_figures.h>
+#include <kys_slam/util/progress.h>
+#include <kys_slam/util/read_bytes.h>
+#include <kys_slam/util/stopwatch.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -22,15 +31,6 @@
 
 #include "common/command_line.h"
 #include "frame_priors.h"
-#include "io/read_bytes.h"
-#include "util/atomic_file.h"
-#include "util/interrupt.h"
-#include "util/memory_limit.h"
-#include "util/memory_reserve.h"
-#include "util/paths.h"
-#include "util/process_figures.h"
-#include "util/progress.h"
-#include "util/stopwatch.h"
 
 namespace kys_slam {
 

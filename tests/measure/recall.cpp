@@ -1,4 +1,4 @@
-#include "recall.h"
+#include "measure/recall.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,6 +1,6 @@
-#include "io/feature_sequence.h"
-
 #include <kys_slam/error.h>
+#include <kys_slam/feature_file.h>
+#include <kys_slam/util/memory_limit.h>
 #include <libdeflate.h>
 #include <unistd.h>
 
@@ -15,7 +15,6 @@
 #include <stdexcept>
 
 #include "io/feature_payload.h"
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {

@@ -3,6 +3,8 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/progress.h>
 
 #include <algorithm>
 #include <cmath>
@@ -15,8 +17,6 @@
 #include "common/command_line.h"
 #include "features/orb_extractor.h"
 #include "matching/stereo_matcher.h"
-#include "util/atomic_file.h"
-#include "util/progress.h"
 
 namespace kys_slam {
 namespace {

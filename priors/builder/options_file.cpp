@@ -1,4 +1,4 @@
-#include "options_file.h"
+#include "priors/builder/options_file.h"
 
 #include <kys_slam/error.h>
 

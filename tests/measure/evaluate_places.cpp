@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/atomic_file.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -11,10 +12,9 @@
 #include <vector>
 
 #include "common/command_line.h"
-#include "draw_matches.h"
-#include "place_run.h"
-#include "recall.h"
-#include "util/atomic_file.h"
+#include "measure/draw_matches.h"
+#include "measure/place_run.h"
+#include "measure/recall.h"
 
 namespace kys_slam {
 namespace {

@@ -1,15 +1,15 @@
-#include "place_run.h"
+#include "measure/place_run.h"
 
 #include <kys_slam/error.h>
 #include <kys_slam/evaluation.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/progress.h>
 #include <time.h>
 
 #include <algorithm>
 #include <numbers>
 
 #include "tracking/front_end.h"
-#include "util/progress.h"
 
 namespace kys_slam {
 

@@ -1,5 +1,4 @@
-#include "util/memory_reserve.h"
-
+#include <kys_slam/util/memory.h>
 #include <sys/mman.h>
 
 namespace kys_slam {

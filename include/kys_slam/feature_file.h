@@ -37,6 +37,12 @@ struct FeatureLook {
   std::uint64_t value = 0;
 };
 
+/// The 256 bits that the state of a generator stands for.
+kys::Descriptor expand_look(std::uint64_t key);
+
+/// The bits that a feature's look stands for, before any bit flips; zero for kRaw.
+kys::Descriptor base_descriptor(const FeatureLook& look, std::int32_t landmark, std::uint64_t seed);
+
 /// The features of one frame, and which landmark each one is of (-1: none, an outlier).
 struct FeatureFrame {
   FeatureSet left, right;

@@ -1,4 +1,4 @@
-#include "draw_matches.h"
+#include "measure/draw_matches.h"
 
 #include <algorithm>
 #include <array>

@@ -1,10 +1,8 @@
-#include "io/text_table.h"
-
 #include <kys_slam/error.h>
-
-#include "io/read_bytes.h"
-#include "util/memory_limit.h"
-#include "util/parse_number.h"
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/read_bytes.h>
+#include <kys_slam/util/text_table.h>
 
 namespace kys_slam {
 namespace {

@@ -1,14 +1,12 @@
-#include "io/read_bytes.h"
-
 #include <fcntl.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/read_bytes.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
-
-#include "util/memory_limit.h"
 
 namespace kys_slam {
 namespace {
