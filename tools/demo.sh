@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets everything up, renders a simulated street with a lorry ahead and other traffic, makes priors
+# Sets everything up, renders a simulated street with a truck ahead and other traffic, makes priors
 # from its exact perception, and tracks it three times: with poses that most matches agree on, with
 # poses that most of the image area agrees on, and with priors. Then once around a block: a loop to
 # close. Draws all of it.

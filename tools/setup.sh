@@ -14,7 +14,7 @@ packages=(
   build-essential cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libyaml-cpp-dev libcli11-dev
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
-  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev python3 python3-venv python3-dev
+  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
 )
 as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 

@@ -71,7 +71,8 @@ inline Eigen::Vector3d so3_log(const Eigen::Quaterniond& q_in) {
   return 2.0 * std::atan2(n, q.w()) / n * q.vec();
 }
 
-/// Increment used by every optimiser here: rotation and translation are moved separately,
+/// Increment of a pose (the other is plus_left() of src/geometry/so3.h), rotation and translation
+/// apart:
 ///   plus(T, [w; v]) = { exp(w) * R, t + v },   minus(A, B) = [log(R_A R_B^-1); t_A - t_B].
 /// The rotation comes first (rad), then the translation (m).
 inline Rigid3 plus(const Rigid3& T, const Eigen::Matrix<double, 6, 1>& delta) {

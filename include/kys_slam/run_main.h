@@ -23,7 +23,7 @@ struct Failure {
 Failure describe_failure(const std::exception_ptr& exception) noexcept;
 
 /// `text` on one line that every terminal and every JSON reader takes: control characters and bytes
-/// that are not UTF-8 become \n, \x1b and the like. Of more than `max_bytes` the middle is left out.
+/// that are not UTF-8 become backslash escapes. Of more than `max_bytes` the middle is left out.
 std::string printable(std::string_view text, std::size_t max_bytes = 2000);
 
 /// Writes a line "program: message" to stderr.

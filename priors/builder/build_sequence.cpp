@@ -5,6 +5,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/hash.h>
 #include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
@@ -24,6 +25,7 @@
 #include "priors/builder/association.h"
 #include "priors/builder/debug_image.h"
 #include "priors/builder/estimators.h"
+#include "priors/builder/fuse.h"
 #include "priors/builder/keypoint_motion.h"
 #include "priors/builder/motion_belief.h"
 
@@ -71,14 +73,12 @@ void for_each_index(std::size_t count, int jobs, Function&& function) {
   if (failure) std::rethrow_exception(failure);
 }
 
-/// FNV-1a of text: what a prior file was made from.
+/// Hash of texts: what a prior file was made from.
 class Digest {
  public:
   void add(const std::string& text) {
-    for (const char c : text) {
-      value_ = (value_ ^ static_cast<std::uint8_t>(c)) * 0x100000001B3ull;
-    }
-    value_ = (value_ ^ 0xFF) * 0x100000001B3ull;
+    hash_.add(text);
+    hash_.add(std::uint8_t{0xFF});
   }
   void add_file(const fs::path& path) {
     std::error_code error;
@@ -87,10 +87,10 @@ class Digest {
     add(path.string() + " " + std::to_string(size) + " " +
         std::to_string(time.time_since_epoch().count()));
   }
-  [[nodiscard]] std::uint64_t value() const { return value_ == 0 ? 1 : value_; }
+  [[nodiscard]] std::uint64_t value() const { return hash_.value() == 0 ? 1 : hash_.value(); }
 
  private:
-  std::uint64_t value_ = 0xCBF29CE484222325ull;
+  Fnv1a hash_;
 };
 
 class SequenceBuilder {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "priors/builder/field_input.h"
-#include "priors/builder/fuse.h"
+#include "priors/builder/fusion_times.h"
 #include "priors/builder/options.h"
 #include "priors/builder/panoptic_input.h"
 

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "priors/builder/panoptic.h"
-#include "util/lanes.h"
 
 namespace kys_slam {
 
@@ -29,7 +28,7 @@ struct InverseDepth {
   InverseDepth(double bf, double max_depth)
       : scale(static_cast<float>(1.0 / bf)), least(static_cast<float>(1.0 / max_depth)) {}
 
-  KYS_ALWAYS_INLINE float operator()(float disparity) const {
+  [[gnu::always_inline]] float operator()(float disparity) const {
     const float value = disparity * scale;
     const float capped = value < least ? least : value;
     return disparity > 0 ? capped : kNoValue;

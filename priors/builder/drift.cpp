@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "util/lanes.h"
+
 namespace kys_slam {
 namespace {
 

@@ -10,6 +10,7 @@
 #include "priors/builder/depth.h"
 #include "priors/builder/detection.h"
 #include "priors/builder/ego_motion.h"
+#include "priors/builder/fusion_times.h"
 #include "priors/builder/options.h"
 #include "priors/builder/panoptic.h"
 #include "priors/builder/residual.h"
@@ -24,21 +25,6 @@ struct CameraPerception {
   std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
   const GrayImage* now = nullptr;       ///< with `next`: appearance is compared
   const GrayImage* next = nullptr;
-};
-
-/// Where the time of one camera went, ms.
-struct FusionTimes {
-  double fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
-
-  [[nodiscard]] double total() const { return fit + residual + drift + statistics + decide_export; }
-  FusionTimes& operator+=(const FusionTimes& other) {
-    fit += other.fit;
-    residual += other.residual;
-    drift += other.drift;
-    statistics += other.statistics;
-    decide_export += other.decide_export;
-    return *this;
-  }
 };
 
 /// What fusion found out, for the tables and the pictures.

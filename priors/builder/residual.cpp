@@ -7,6 +7,7 @@
 #include <span>
 
 #include "priors/builder/flow_row.h"
+#include "util/lanes.h"
 
 namespace kys_slam {
 namespace {

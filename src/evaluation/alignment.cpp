@@ -1,31 +1,25 @@
 #include <kys_slam/evaluation.h>
 
-#include <Eigen/SVD>
+#include "geometry/absolute_orientation.h"
 
 namespace kys_slam {
 namespace {
 
-struct Moments {
-  Eigen::Vector3d mean_reference = Eigen::Vector3d::Zero();
-  Eigen::Vector3d mean_estimate = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  // of reference with estimate
-  double variance_estimate = 0;
-};
+// Of straight lines: a car's way that leaves the line by 1 mm in 1 km still determines the
+// rotation.
+constexpr double kMinSpread = 1e-12;
 
-Moments moments(const TrajectoryPair& pair) {
-  Moments m;
-  const auto n = static_cast<double>(pair.size());
-  for (std::size_t i = 0; i < pair.size(); ++i) {
-    m.mean_reference += pair.reference[i].T_w_c.t() / n;
-    m.mean_estimate += pair.estimate[i].T_w_c.t() / n;
-  }
-  for (std::size_t i = 0; i < pair.size(); ++i) {
-    const Eigen::Vector3d r = pair.reference[i].T_w_c.t() - m.mean_reference;
-    const Eigen::Vector3d e = pair.estimate[i].T_w_c.t() - m.mean_estimate;
-    m.covariance += r * e.transpose() / n;
-    m.variance_estimate += e.squaredNorm() / n;
-  }
-  return m;
+std::vector<Eigen::Vector3d> positions(const std::vector<TimedPose>& poses) {
+  std::vector<Eigen::Vector3d> result;
+  result.reserve(poses.size());
+  for (const TimedPose& pose : poses) result.push_back(pose.T_w_c.t());
+  return result;
+}
+
+Eigen::Vector3d mean(const std::vector<Eigen::Vector3d>& points) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) sum += p;
+  return sum / static_cast<double>(points.size());
 }
 
 }  // namespace
@@ -33,22 +27,19 @@ Moments moments(const TrajectoryPair& pair) {
 Similarity align(const TrajectoryPair& pair, Alignment alignment) {
   Similarity result;
   if (alignment == Alignment::kNone || pair.size() == 0) return result;
-  const Moments m = moments(pair);
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m.covariance,
-                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d& d = svd.singularValues();
-  Eigen::Matrix3d R;
-  if (pair.size() < 3 || !(d(1) > 1e-12 * d(0)) || !(d(0) > 0)) {
-    result.degenerate = true;
-    R = (pair.reference[0].T_w_c.rotation * pair.estimate[0].T_w_c.rotation.conjugate())
-            .toRotationMatrix();
-  } else {
-    Eigen::Vector3d sign(1, 1, 1);
-    if (svd.matrixU().determinant() * svd.matrixV().determinant() < 0) sign(2) = -1;
-    R = svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
-    if (alignment == Alignment::kSim3) result.scale = d.dot(sign) / m.variance_estimate;
+  const std::vector<Eigen::Vector3d> reference = positions(pair.reference);
+  const std::vector<Eigen::Vector3d> estimate = positions(pair.estimate);
+  const auto aligned =
+      align_points(reference, estimate, {}, alignment == Alignment::kSim3, kMinSpread);
+  if (aligned) {
+    result.scale = aligned->scale;
+    result.T = aligned->T;
+    return result;
   }
-  result.T = Rigid3(R, Eigen::Vector3d(m.mean_reference - result.scale * R * m.mean_estimate));
+  result.degenerate = true;
+  const Rigid3 first(pair.reference[0].T_w_c.rotation * pair.estimate[0].T_w_c.rotation.conjugate(),
+                     Eigen::Vector3d::Zero());
+  result.T = Rigid3(first.rotation, mean(reference) - first * mean(estimate));
   return result;
 }
 

@@ -5,12 +5,13 @@
 
 namespace kys_slam {
 
-std::optional<Rigid3> absolute_orientation(std::span<const Eigen::Vector3d> points_a,
+std::optional<PointAlignment> align_points(std::span<const Eigen::Vector3d> points_a,
                                            std::span<const Eigen::Vector3d> points_b,
-                                           std::span<const double> weights) {
+                                           std::span<const double> weights, bool with_scale,
+                                           double min_spread) {
   const std::size_t count = points_a.size();
   if (points_b.size() != count || (!weights.empty() && weights.size() != count)) {
-    throw std::invalid_argument("absolute_orientation: arrays differ in length");
+    throw std::invalid_argument("align_points: arrays differ in length");
   }
   if (count < 3) return std::nullopt;
   const auto weight = [&](std::size_t i) { return weights.empty() ? 1.0 : weights[i]; };
@@ -36,11 +37,30 @@ std::optional<Rigid3> absolute_orientation(std::span<const Eigen::Vector3d> poin
                                               Eigen::ComputeFullU | Eigen::ComputeFullV);
   // Two directions have to be told apart; the third follows from handedness.
   const Eigen::Vector3d& s = svd.singularValues();
-  if (!(s[1] > 1e-10 * s[0]) || s[0] <= 0) return std::nullopt;
+  if (!(s[1] > min_spread * s[0]) || s[0] <= 0) return std::nullopt;
   Eigen::Matrix3d U = svd.matrixU();
-  if (U.determinant() * svd.matrixV().determinant() < 0) U.col(2) = -U.col(2);
+  const bool mirrored = U.determinant() * svd.matrixV().determinant() < 0;
+  if (mirrored) U.col(2) = -U.col(2);
   const Rigid3 rotation(Eigen::Matrix3d(U * svd.matrixV().transpose()), Eigen::Vector3d::Zero());
-  return Rigid3(rotation.rotation, mean_a - rotation * mean_b);
+  PointAlignment result;
+  if (with_scale) {
+    double spread_b = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      spread_b += weight(i) * (points_b[i] - mean_b).squaredNorm();
+    }
+    result.scale = (s[0] + s[1] + (mirrored ? -s[2] : s[2])) / spread_b;
+  }
+  result.T = Rigid3(rotation.rotation, mean_a - result.scale * (rotation * mean_b));
+  return result;
+}
+
+std::optional<Rigid3> absolute_orientation(std::span<const Eigen::Vector3d> points_a,
+                                           std::span<const Eigen::Vector3d> points_b,
+                                           std::span<const double> weights) {
+  constexpr double kMinSpread = 1e-10;
+  const auto aligned = align_points(points_a, points_b, weights, false, kMinSpread);
+  if (!aligned) return std::nullopt;
+  return aligned->T;
 }
 
 }  // namespace kys_slam

@@ -36,7 +36,7 @@ class ImageCells {
 };
 
 /// Cells across the image's width. Coarse cells count area best: measured on tuning streets, a
-/// lorry with most matches holds 0.27-0.44 of the area at 6 to 12 columns, the street 0.56-0.68; at
+/// truck with most matches holds 0.27-0.44 of the area at 6 to 12 columns, the street 0.56-0.68; at
 /// 32 columns the two are equal.
 inline constexpr int kAreaColumns = 10;
 

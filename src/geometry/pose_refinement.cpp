@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "geometry/reprojection.h"
+#include "geometry/so3.h"
 
 namespace kys_slam {
 namespace {
@@ -41,7 +42,7 @@ Eigen::Matrix3d information_of(const StereoCamera& camera, const Rigid3& T_a_b,
   return information;
 }
 
-/// J^T W J and J^T W r for the increment p_a -> exp(w) p_a + v. Returns the cost.
+/// J^T W J and J^T W r for the increment of plus_left(). Returns the cost.
 double normal_equations(const StereoCamera& camera, const Rigid3& T_a_b,
                         std::span<const ReprojectionTerm> terms,
                         std::span<const Eigen::Matrix3d> information, Matrix6d& H, Vector6d& g) {
@@ -103,8 +104,7 @@ Rigid3 refine_pose(const StereoCamera& camera, const Rigid3& T_a_b,
     H.diagonal() += 1e-9 * H.diagonal() + Vector6d::Constant(1e-12);
     const Vector6d step = H.ldlt().solve(-g);
     if (!step.allFinite()) break;
-    const Eigen::Quaterniond turn = so3_exp(step.head<3>());
-    const Rigid3 candidate(turn * best.rotation, turn * best.translation + step.tail<3>());
+    const Rigid3 candidate = plus_left(best, step);
     const double candidate_cost = normal_equations(camera, candidate, terms, information, H, g);
     if (!(candidate_cost < cost)) break;
     const bool converged = cost - candidate_cost <= 1e-9 * cost;

@@ -2,6 +2,9 @@
 
 #include <kys_slam/rigid3.h>
 
+/// Derivatives on SO(3), and the second of the two increments of a pose (plus() of rigid3.h is the
+/// other). Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
+/// robotics", arXiv 1812.01537, eqs. 145-146.
 namespace kys_slam {
 
 /// Left Jacobian of SO(3): exp(w + d) = exp(J_l(w) d) exp(w) to first order in d.
@@ -24,6 +27,13 @@ inline Eigen::Matrix3d so3_left_jacobian_inverse(const Eigen::Vector3d& w) {
   const double c = angle < 1e-3 ? 1.0 / 12.0 + angle_sq / 720.0
                                 : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / angle_sq;
   return Eigen::Matrix3d::Identity() - 0.5 * W + c * W * W;
+}
+
+/// The increment on the left, p_a -> exp(w) p_a + v: for solvers whose derivatives are those of the
+/// points in frame a, [-hat(p_a), I] whatever T_a_b is. With that of plus(): v = v_plus + hat(t) w.
+inline Rigid3 plus_left(const Rigid3& T_a_b, const Eigen::Matrix<double, 6, 1>& delta) {
+  const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
+  return {turn * T_a_b.rotation, turn * T_a_b.translation + delta.tail<3>()};
 }
 
 }  // namespace kys_slam

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "geometry/chi_square.h"
 #include "geometry/observation.h"
 
 namespace kys_slam {
@@ -21,11 +22,11 @@ struct PointMatch {
 
 struct RansacOptions {
   std::uint64_t seed = 0;
-  int iterations = 300;         ///< at most; fewer as soon as `confidence` is reached
-  double confidence = 0.999;    ///< of having met a sample without outliers
-  int min_inliers = 10;         ///< fewer is no success
-  double chi2_mono = 9.210;     ///< 99 %, 2 degrees of freedom
-  double chi2_stereo = 11.345;  ///< 99 %, 3 degrees of freedom
+  int iterations = 300;       ///< at most; fewer as soon as `confidence` is reached
+  double confidence = 0.999;  ///< of having met a sample without outliers
+  int min_inliers = 10;       ///< fewer is no success
+  double chi2_mono = kChi2Mono99;
+  double chi2_stereo = kChi2Stereo99;
 };
 
 /// What a RANSAC over matches found. Without success T is the identity and nobody an inlier.

@@ -12,12 +12,17 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <stdexcept>
 
 #include "io/feature_payload.h"
+#include "util/byte_stream.h"
 
 namespace kys_slam {
 namespace {
+
+using byte_stream::ByteReader;
+using byte_stream::ByteWriter;
 
 namespace fs = std::filesystem;
 
@@ -39,42 +44,6 @@ std::uint32_t crc32_of(const std::vector<std::uint8_t>& bytes, std::size_t count
   return libdeflate_crc32(0, bytes.data(), count);
 }
 
-// Little-endian numbers, whatever the machine.
-class Packer {
- public:
-  explicit Packer(std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
-  void u8(std::uint8_t v) { bytes_.push_back(v); }
-  void u16(std::uint16_t v) { put(v, 2); }
-  void u32(std::uint32_t v) { put(v, 4); }
-  void u64(std::uint64_t v) { put(v, 8); }
-  void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
-
- private:
-  void put(std::uint64_t v, int count) {
-    for (int i = 0; i < count; ++i) bytes_.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
-  }
-  std::vector<std::uint8_t>& bytes_;
-};
-
-class Unpacker {
- public:
-  explicit Unpacker(const std::uint8_t* p) : p_(p) {}
-  std::uint8_t u8() { return *p_++; }
-  std::uint16_t u16() { return static_cast<std::uint16_t>(get(2)); }
-  std::uint32_t u32() { return static_cast<std::uint32_t>(get(4)); }
-  std::uint64_t u64() { return get(8); }
-  double f64() { return std::bit_cast<double>(u64()); }
-
- private:
-  std::uint64_t get(int count) {
-    std::uint64_t v = 0;
-    for (int i = 0; i < count; ++i) v |= static_cast<std::uint64_t>(p_[i]) << (8 * i);
-    p_ += count;
-    return v;
-  }
-  const std::uint8_t* p_;
-};
-
 /// The truth as it is on disk, and its size before it was deflated.
 struct PackedTruth {
   std::vector<std::uint8_t> bytes;
@@ -82,8 +51,8 @@ struct PackedTruth {
 };
 
 std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info, const PackedTruth& truth) {
-  std::vector<std::uint8_t> bytes(kMagic, kMagic + 8);
-  Packer p(bytes);
+  ByteWriter p;
+  for (const char c : kMagic) p.u8(static_cast<std::uint8_t>(c));
   p.u32(static_cast<std::uint32_t>(info.version));
   p.u32(info.version == 1 ? kHeaderBytes : kHeaderBytes2);
   p.u32(static_cast<std::uint32_t>(info.camera.width));
@@ -102,14 +71,13 @@ std::vector<std::uint8_t> pack_header(const FeatureFileInfo& info, const PackedT
     p.u64(truth.bytes.size());
     p.u64(truth.size);
   }
-  p.u32(crc32_of(bytes, bytes.size()));
-  return bytes;
+  p.u32(crc32_of(p.bytes(), p.size()));
+  return std::move(p.bytes());
 }
 
 std::vector<std::uint8_t> pack_poses(const std::vector<TimedPose>& poses) {
-  std::vector<std::uint8_t> bytes;
-  bytes.reserve(poses.size() * kPoseBytes + 4);
-  Packer p(bytes);
+  ByteWriter p;
+  p.reserve(poses.size() * kPoseBytes + 4);
   for (const TimedPose& pose : poses) {
     const auto& q = pose.T_w_c.rotation;
     const auto& t = pose.T_w_c.translation;
@@ -117,11 +85,12 @@ std::vector<std::uint8_t> pack_poses(const std::vector<TimedPose>& poses) {
       p.f64(v);
     }
   }
-  p.u32(crc32_of(bytes, bytes.size()));
-  return bytes;
+  p.u32(crc32_of(p.bytes(), p.size()));
+  return std::move(p.bytes());
 }
 
-void pack_features(Packer& p, const FeatureSet& set, const std::vector<std::int32_t>& landmarks) {
+void pack_features(ByteWriter& p, const FeatureSet& set,
+                   const std::vector<std::int32_t>& landmarks) {
   if (set.keypoints.size() != set.descriptors.size() || landmarks.size() != set.size()) {
     throw std::logic_error("features, descriptors and landmarks differ in number");
   }
@@ -140,7 +109,7 @@ void pack_features(Packer& p, const FeatureSet& set, const std::vector<std::int3
   }
 }
 
-void unpack_features(Unpacker& p, std::uint32_t count, FeatureSet& set,
+void unpack_features(ByteReader& p, std::uint32_t count, FeatureSet& set,
                      std::vector<std::int32_t>& landmarks) {
   set.keypoints.resize(count);
   set.descriptors.resize(count);
@@ -170,7 +139,7 @@ struct FeatureSequenceWriter::Impl {
   std::size_t frames_left = 0;
   int version = 1;
   std::uint64_t seed = 0;
-  std::vector<std::uint8_t> bytes;
+  ByteWriter payload;
 
   void pack(const FeatureFrame& frame);
   [[noreturn]] void fail() const {
@@ -195,9 +164,11 @@ FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const Feature
   try {
     PackedTruth packed;
     if (info.version != 1) {
-      const std::vector<std::uint8_t> bytes = encode_truth(truth);
-      packed = {deflate(bytes), bytes.size()};
-      Packer(packed.bytes).u32(crc32_of(packed.bytes, packed.bytes.size()));
+      const std::vector<std::uint8_t> plain = encode_truth(truth);
+      ByteWriter p;
+      p.raw(deflate(plain));
+      p.u32(crc32_of(p.bytes(), p.size()));
+      packed = {std::move(p.bytes()), plain.size()};
     }
     impl_->put(pack_header(info, packed));
     impl_->put(pack_poses(info.poses));
@@ -217,8 +188,8 @@ FeatureSequenceWriter::~FeatureSequenceWriter() {
 }
 
 void FeatureSequenceWriter::Impl::pack(const FeatureFrame& frame) {
-  bytes.clear();
-  Packer p(bytes);
+  payload.clear();
+  ByteWriter& p = payload;
   if (version == 1) {
     p.u32(static_cast<std::uint32_t>(frame.left.size()));
     p.u32(static_cast<std::uint32_t>(frame.right.size()));
@@ -229,19 +200,18 @@ void FeatureSequenceWriter::Impl::pack(const FeatureFrame& frame) {
   const std::vector<std::uint8_t> plain = encode_frame(frame, seed);
   const std::vector<std::uint8_t> packed = deflate(plain);
   p.u32(static_cast<std::uint32_t>(plain.size()));
-  bytes.insert(bytes.end(), packed.begin(), packed.end());
+  p.raw(packed);
 }
 
 void FeatureSequenceWriter::write(const FeatureFrame& frame) {
   if (impl_->frames_left == 0) throw std::logic_error("more frames than poses");
   impl_->pack(frame);
-  const std::vector<std::uint8_t>& payload = impl_->bytes;
-  std::vector<std::uint8_t> head;
-  Packer h(head);
+  const std::vector<std::uint8_t>& payload = impl_->payload.bytes();
+  ByteWriter h;
   h.u32(kFrameMark);
   h.u32(static_cast<std::uint32_t>(payload.size()));
   h.u32(crc32_of(payload, payload.size()));
-  impl_->put(head);
+  impl_->put(h.bytes());
   impl_->put(payload);
   --impl_->frames_left;
 }
@@ -287,14 +257,14 @@ struct FeatureSequence::Impl {
   }
   std::uint64_t read_header();
   void read_poses(std::uint64_t frames);
-  void read_header_2(Unpacker& p);
+  void read_header_2(ByteReader& p);
   void skip_frame();
   std::uint32_t read_head();
   void unpack_frame(std::uint32_t size, const std::string& where);
   void unpack_frame_2(std::uint32_t size);
 };
 
-void FeatureSequence::Impl::read_header_2(Unpacker& p) {
+void FeatureSequence::Impl::read_header_2(ByteReader& p) {
   std::string padded(kLabelSpaceBytes, 0);
   for (char& c : padded) c = static_cast<char>(p.u8());
   info.label_space = padded.substr(0, padded.find('\0'));
@@ -308,7 +278,7 @@ std::uint64_t FeatureSequence::Impl::read_header() {
   std::size_t got = std::fread(bytes.data(), 1, kHeaderBytes, file.get());
   if (got < 8 || std::memcmp(bytes.data(), kMagic, 8) != 0) fail("not a feature file");
   if (got < kHeaderBytes) fail("truncated in the header");
-  Unpacker p(bytes.data() + 8);
+  ByteReader p(std::span<const std::uint8_t>(bytes).subspan(8));
   const std::uint32_t version = p.u32();
   if (version != 1 && version != 2) {
     fail("version " + std::to_string(version) + " of the format is not known");
@@ -349,7 +319,7 @@ void FeatureSequence::Impl::read_poses(std::uint64_t frames) {
     fail("truncated: too short for the objects");
   }
   get(frames * kPoseBytes + 4, "the poses");
-  Unpacker p(bytes.data());
+  ByteReader p(bytes);
   double last = -std::numeric_limits<double>::infinity();
   for (std::uint64_t i = 0; i < frames; ++i) {
     double v[8];
@@ -368,7 +338,7 @@ void FeatureSequence::Impl::read_poses(std::uint64_t frames) {
 std::uint32_t FeatureSequence::Impl::read_head() {
   const std::string where = "frame " + std::to_string(next_frame);
   get(kFrameHeadBytes, where.c_str());
-  Unpacker p(bytes.data());
+  ByteReader p(bytes);
   const bool marked = p.u32() == kFrameMark;
   const std::uint32_t size = p.u32();
   const bool fits = info.version == 1 ? size >= 8 && (size - 8) % kFeatureBytes == 0 &&
@@ -417,7 +387,7 @@ std::optional<std::int64_t> FeatureSequence::size() const {
 }
 
 void FeatureSequence::Impl::unpack_frame_2(std::uint32_t size) {
-  const std::uint32_t plain = Unpacker(bytes.data()).u32();
+  const std::uint32_t plain = ByteReader(bytes).u32();
   if (plain > kMaxFrameBytes) throw std::runtime_error("the size makes no sense");
   frame = decode_frame(inflate(std::span(bytes).subspan(4, size - 4), plain), info.seed);
 }
@@ -433,7 +403,7 @@ void FeatureSequence::Impl::unpack_frame(std::uint32_t size, const std::string& 
     if (frame.has_priors && info.label_space.empty()) fail(where + ": priors of no label space");
     return;
   }
-  Unpacker p(bytes.data());
+  ByteReader p(bytes);
   const std::uint32_t left = p.u32();
   const std::uint32_t right = p.u32();
   if (static_cast<std::uint64_t>(left) + right != (size - 8) / kFeatureBytes) {
@@ -449,7 +419,8 @@ std::optional<StereoFrame> FeatureSequence::next() {
   if (s.next_frame >= s.end) return std::nullopt;
   const std::string where = "frame " + std::to_string(s.next_frame);
   const std::uint32_t size = s.read_head();
-  const std::uint32_t checksum = Unpacker(s.bytes.data() + 8).u32();
+  const std::uint32_t checksum =
+      ByteReader(std::span<const std::uint8_t>(s.bytes).subspan(8)).u32();
   s.get(size, where.c_str());
   if (crc32_of(s.bytes, size) != checksum) s.fail("corrupt " + where + " (checksum)");
   s.unpack_frame(size, where);
@@ -504,7 +475,8 @@ FeatureTruth FeatureSequence::truth() const {
     s.fail("truncated in the objects");
   }
   const std::size_t packed = bytes.size() - 4;
-  if (Unpacker(bytes.data() + packed).u32() != crc32_of(bytes, packed)) {
+  if (ByteReader(std::span<const std::uint8_t>(bytes).subspan(packed)).u32() !=
+      crc32_of(bytes, packed)) {
     s.fail("corrupt objects (checksum)");
   }
   try {

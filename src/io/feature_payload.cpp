@@ -16,8 +16,14 @@
 #include <string>
 #include <tuple>
 
+#include "util/byte_stream.h"
+
 namespace kys_slam {
 namespace {
+
+using byte_stream::ByteReader;
+using byte_stream::ByteWriter;
+using byte_stream::require;
 
 constexpr double kAngleSteps = 65536.0 / (2.0 * std::numbers::pi);
 constexpr std::uint32_t kMaxFeatures = 1'000'000;
@@ -27,73 +33,25 @@ constexpr int kDeflateLevel = 3;
 constexpr std::uint8_t kHasPriors = 1;  // flag of a frame
 
 // Numbers as byte planes: all low bytes, then all second bytes. They deflate better so.
-class Writer {
- public:
-  void u8(std::uint8_t v) { bytes.push_back(v); }
-  void u16(std::uint16_t v) { put(v, 2); }
-  void u32(std::uint32_t v) { put(v, 4); }
-  void f32(float v) { put(std::bit_cast<std::uint32_t>(v), 4); }
-  void f64(double v) { put(std::bit_cast<std::uint64_t>(v), 8); }
-  template <typename Get>
-  void planes(std::size_t count, int width, const Get& get) {
-    for (int plane = 0; plane < width; ++plane) {
-      for (std::size_t i = 0; i < count; ++i) {
-        bytes.push_back(
-            static_cast<std::uint8_t>(static_cast<std::uint64_t>(get(i)) >> (8 * plane)));
-      }
-    }
-  }
-  std::vector<std::uint8_t> bytes;
-
- private:
-  void put(std::uint64_t v, int count) {
-    for (int i = 0; i < count; ++i) bytes.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
-  }
-};
-
-class Reader {
- public:
-  explicit Reader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
-  std::uint8_t u8() { return take(1)[0]; }
-  std::uint16_t u16() { return static_cast<std::uint16_t>(get(2)); }
-  std::uint32_t u32() { return static_cast<std::uint32_t>(get(4)); }
-  float f32() { return std::bit_cast<float>(u32()); }
-  double f64() { return std::bit_cast<double>(get(8)); }
-  const std::uint8_t* take(std::size_t count) {
-    if (count > bytes_.size() - at_) throw std::runtime_error("too short");
-    at_ += count;
-    return bytes_.data() + at_ - count;
-  }
-  template <typename Set>
-  void planes(std::size_t count, int width, const Set& set) {
-    const std::uint8_t* p = take(count * static_cast<std::size_t>(width));
+template <typename Get>
+void put_planes(ByteWriter& out, std::size_t count, int width, const Get& get) {
+  for (int plane = 0; plane < width; ++plane) {
     for (std::size_t i = 0; i < count; ++i) {
-      std::uint64_t v = 0;
-      for (int plane = 0; plane < width; ++plane) {
-        v |= static_cast<std::uint64_t>(p[static_cast<std::size_t>(plane) * count + i])
-             << (8 * plane);
-      }
-      set(i, v);
+      out.u8(static_cast<std::uint8_t>(static_cast<std::uint64_t>(get(i)) >> (8 * plane)));
     }
   }
-  [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
-  void expect_end() const {
-    if (left() != 0) throw std::runtime_error("bytes left over");
-  }
-
- private:
-  std::uint64_t get(int count) {
-    const std::uint8_t* p = take(static_cast<std::size_t>(count));
+}
+template <typename Set>
+void take_planes(ByteReader& in, std::size_t count, int width, const Set& set) {
+  const std::uint8_t* p = in.raw(count * static_cast<std::size_t>(width)).data();
+  for (std::size_t i = 0; i < count; ++i) {
     std::uint64_t v = 0;
-    for (int i = 0; i < count; ++i) v |= static_cast<std::uint64_t>(p[i]) << (8 * i);
-    return v;
+    for (int plane = 0; plane < width; ++plane) {
+      v |= static_cast<std::uint64_t>(p[static_cast<std::size_t>(plane) * count + i])
+           << (8 * plane);
+    }
+    set(i, v);
   }
-  std::span<const std::uint8_t> bytes_;
-  std::size_t at_ = 0;
-};
-
-void require(bool good, const char* what) {
-  if (!good) throw std::runtime_error(what);
 }
 
 std::uint16_t fixed_pixel(float v) {
@@ -124,15 +82,17 @@ struct CameraColumns {
   const std::vector<kys::Prior>& priors;
 };
 
-void encode_keypoints(Writer& w, const CameraColumns& c) {
+void encode_keypoints(ByteWriter& w, const CameraColumns& c) {
   const std::size_t n = c.set.size();
   const auto& k = c.set.keypoints;
-  w.planes(n, 2, [&](std::size_t i) { return fixed_pixel(k[i].x); });
-  w.planes(n, 2, [&](std::size_t i) { return fixed_pixel(k[i].y); });
-  w.planes(n, 2, [&](std::size_t i) { return std::llround(k[i].angle * kAngleSteps) & 0xffff; });
-  w.planes(n, 1, [&](std::size_t i) { return std::clamp(std::lround(k[i].response), 0L, 255L); });
-  w.planes(n, 1, [&](std::size_t i) { return k[i].octave; });
-  w.planes(n, 4, [&](std::size_t i) { return static_cast<std::uint32_t>(c.landmarks[i]); });
+  put_planes(w, n, 2, [&](std::size_t i) { return fixed_pixel(k[i].x); });
+  put_planes(w, n, 2, [&](std::size_t i) { return fixed_pixel(k[i].y); });
+  put_planes(w, n, 2,
+             [&](std::size_t i) { return std::llround(k[i].angle * kAngleSteps) & 0xffff; });
+  put_planes(w, n, 1,
+             [&](std::size_t i) { return std::clamp(std::lround(k[i].response), 0L, 255L); });
+  put_planes(w, n, 1, [&](std::size_t i) { return k[i].octave; });
+  put_planes(w, n, 4, [&](std::size_t i) { return static_cast<std::uint32_t>(c.landmarks[i]); });
 }
 
 // Positions of the bits that differ, each as its distance from the one before.
@@ -149,7 +109,7 @@ std::vector<std::uint8_t> flip_gaps(const kys::Descriptor& a, const kys::Descrip
   return gaps;
 }
 
-void encode_looks(Writer& w, const CameraColumns& c, std::uint64_t seed) {
+void encode_looks(ByteWriter& w, const CameraColumns& c, std::uint64_t seed) {
   const std::size_t n = c.set.size();
   std::vector<FeatureLook> looks = c.looks;
   looks.resize(n);  // kRaw
@@ -173,15 +133,15 @@ void encode_looks(Writer& w, const CameraColumns& c, std::uint64_t seed) {
     counts.push_back(static_cast<std::uint8_t>(flips.size()));
     gaps.insert(gaps.end(), flips.begin(), flips.end());
   }
-  w.planes(n, 1, [&](std::size_t i) { return static_cast<std::uint8_t>(looks[i].kind); });
-  w.planes(families.size(), 2, [&](std::size_t i) { return families[i]; });
-  w.planes(states.size(), 8, [&](std::size_t i) { return states[i]; });
-  w.planes(counts.size(), 1, [&](std::size_t i) { return counts[i]; });
-  w.planes(gaps.size(), 1, [&](std::size_t i) { return gaps[i]; });
-  w.planes(raw.size(), 8, [&](std::size_t i) { return raw[i]; });
+  put_planes(w, n, 1, [&](std::size_t i) { return static_cast<std::uint8_t>(looks[i].kind); });
+  put_planes(w, families.size(), 2, [&](std::size_t i) { return families[i]; });
+  put_planes(w, states.size(), 8, [&](std::size_t i) { return states[i]; });
+  put_planes(w, counts.size(), 1, [&](std::size_t i) { return counts[i]; });
+  put_planes(w, gaps.size(), 1, [&](std::size_t i) { return gaps[i]; });
+  put_planes(w, raw.size(), 8, [&](std::size_t i) { return raw[i]; });
 }
 
-void encode_priors(Writer& w, const CameraColumns& c) {
+void encode_priors(ByteWriter& w, const CameraColumns& c) {
   const std::size_t n = c.set.size();
   using Key = std::tuple<std::uint16_t, std::uint16_t, std::int32_t, float>;
   std::map<Key, std::uint16_t> index;
@@ -204,11 +164,11 @@ void encode_priors(Writer& w, const CameraColumns& c) {
     w.u32(static_cast<std::uint32_t>(instance));
     w.f32(scale);
   }
-  w.planes(n, 2, [&](std::size_t i) { return segment_of[i]; });
-  w.planes(n, 1, [&](std::size_t i) { return motion_code(c.priors[i].motion); });
+  put_planes(w, n, 2, [&](std::size_t i) { return segment_of[i]; });
+  put_planes(w, n, 1, [&](std::size_t i) { return motion_code(c.priors[i].motion); });
 }
 
-void decode_keypoints(Reader& r, std::size_t n, FeatureSet& set,
+void decode_keypoints(ByteReader& r, std::size_t n, FeatureSet& set,
                       std::vector<std::int32_t>& landmarks) {
   require(n * 12 <= r.left(), "too short");  // before anything is allocated
   set.keypoints.resize(n);
@@ -216,15 +176,16 @@ void decode_keypoints(Reader& r, std::size_t n, FeatureSet& set,
   landmarks.resize(n);
   auto& k = set.keypoints;
   const auto pixel = [](std::uint64_t v) { return static_cast<float>(v) / 32.0F; };
-  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) { k[i].x = pixel(v); });
-  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) { k[i].y = pixel(v); });
-  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, n, 2, [&](std::size_t i, std::uint64_t v) { k[i].x = pixel(v); });
+  take_planes(r, n, 2, [&](std::size_t i, std::uint64_t v) { k[i].y = pixel(v); });
+  take_planes(r, n, 2, [&](std::size_t i, std::uint64_t v) {
     k[i].angle = static_cast<float>(static_cast<double>(v) / kAngleSteps);
   });
-  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) { k[i].response = static_cast<float>(v); });
-  r.planes(n, 1,
-           [&](std::size_t i, std::uint64_t v) { k[i].octave = static_cast<std::uint8_t>(v); });
-  r.planes(n, 4, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, n, 1,
+              [&](std::size_t i, std::uint64_t v) { k[i].response = static_cast<float>(v); });
+  take_planes(r, n, 1,
+              [&](std::size_t i, std::uint64_t v) { k[i].octave = static_cast<std::uint8_t>(v); });
+  take_planes(r, n, 4, [&](std::size_t i, std::uint64_t v) {
     landmarks[i] = static_cast<std::int32_t>(static_cast<std::uint32_t>(v));
   });
 }
@@ -238,12 +199,12 @@ void flip(kys::Descriptor& d, const std::uint8_t* gaps, std::size_t count) {
   }
 }
 
-void decode_looks(Reader& r, std::uint64_t seed, FeatureSet& set,
+void decode_looks(ByteReader& r, std::uint64_t seed, FeatureSet& set,
                   const std::vector<std::int32_t>& landmarks, std::vector<FeatureLook>& looks) {
   const std::size_t n = set.size();
   looks.resize(n);
   std::array<std::size_t, 4> count{};
-  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, n, 1, [&](std::size_t i, std::uint64_t v) {
     require(v < count.size(), "an unknown kind of descriptor");
     looks[i].kind = static_cast<FeatureLook::Kind>(v);
     ++count[v];
@@ -253,16 +214,16 @@ void decode_looks(Reader& r, std::uint64_t seed, FeatureSet& set,
   };
   std::vector<std::uint64_t> families(of_kind(FeatureLook::Kind::kFamily));
   std::vector<std::uint64_t> states(of_kind(FeatureLook::Kind::kState));
-  r.planes(families.size(), 2, [&](std::size_t i, std::uint64_t v) { families[i] = v; });
+  take_planes(r, families.size(), 2, [&](std::size_t i, std::uint64_t v) { families[i] = v; });
   std::uint64_t last = 0;
-  r.planes(states.size(), 8, [&](std::size_t i, std::uint64_t v) { states[i] = last += v; });
+  take_planes(r, states.size(), 8, [&](std::size_t i, std::uint64_t v) { states[i] = last += v; });
   const std::size_t keyed = n - of_kind(FeatureLook::Kind::kRaw);
-  const std::uint8_t* counts = r.take(keyed);
+  const std::uint8_t* counts = r.raw(keyed).data();
   std::size_t gap_count = 0;
   for (std::size_t i = 0; i < keyed; ++i) gap_count += counts[i];
-  const std::uint8_t* gaps = r.take(gap_count);
+  const std::uint8_t* gaps = r.raw(gap_count).data();
   std::vector<std::uint64_t> raw(4 * of_kind(FeatureLook::Kind::kRaw));
-  r.planes(raw.size(), 8, [&](std::size_t i, std::uint64_t v) { raw[i] = v; });
+  take_planes(r, raw.size(), 8, [&](std::size_t i, std::uint64_t v) { raw[i] = v; });
   std::size_t family = 0, state = 0, word = 0;
   for (std::size_t i = 0; i < n; ++i) {
     kys::Descriptor& d = set.descriptors[i];
@@ -278,7 +239,7 @@ void decode_looks(Reader& r, std::uint64_t seed, FeatureSet& set,
   }
 }
 
-void decode_priors(Reader& r, std::size_t n, std::vector<kys::Prior>& priors) {
+void decode_priors(ByteReader& r, std::size_t n, std::vector<kys::Prior>& priors) {
   std::vector<kys::Prior> segments(static_cast<std::size_t>(r.u16()) + 1);
   try {
     for (std::size_t k = 1; k < segments.size(); ++k) {
@@ -293,11 +254,11 @@ void decode_priors(Reader& r, std::size_t n, std::vector<kys::Prior>& priors) {
     throw std::runtime_error(error.what());
   }
   priors.resize(n);
-  r.planes(n, 2, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, n, 2, [&](std::size_t i, std::uint64_t v) {
     require(v < segments.size(), "a feature of no segment");
     priors[i] = segments[v];
   });
-  r.planes(n, 1, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, n, 1, [&](std::size_t i, std::uint64_t v) {
     kys::Prior& p = priors[i];
     if (v == 0 || p.label == kys::kVoidLabel) return;
     p = kys::make_prior(p.label, p.instance, p.scale, motion_of_code()[v], p.dynamic != 0);
@@ -328,7 +289,7 @@ kys::Descriptor base_descriptor(const FeatureLook& look, std::int32_t landmark,
 }
 
 std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t seed) {
-  Writer w;
+  ByteWriter w;
   w.u32(static_cast<std::uint32_t>(frame.left.size()));
   w.u32(static_cast<std::uint32_t>(frame.right.size()));
   w.u8(frame.has_priors ? kHasPriors : 0);
@@ -345,11 +306,11 @@ std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t 
     encode_looks(w, c, seed);
     if (frame.has_priors) encode_priors(w, c);
   }
-  return std::move(w.bytes);
+  return std::move(w.bytes());
 }
 
 FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t seed) {
-  Reader r(bytes);
+  ByteReader r(bytes);
   FeatureFrame f;
   const std::uint32_t left = r.u32();
   const std::uint32_t right = r.u32();
@@ -372,7 +333,7 @@ FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t see
 }
 
 std::vector<std::uint8_t> encode_truth(const FeatureTruth& truth) {
-  Writer w;
+  ByteWriter w;
   w.u32(static_cast<std::uint32_t>(truth.objects.size()));
   w.u32(static_cast<std::uint32_t>(truth.landmarks.size()));
   for (const FeatureObject& o : truth.objects) {
@@ -389,17 +350,18 @@ std::vector<std::uint8_t> encode_truth(const FeatureTruth& truth) {
   }
   const auto& l = truth.landmarks;
   for (int axis = 0; axis < 3; ++axis) {
-    w.planes(l.size(), 4,
-             [&](std::size_t i) { return std::bit_cast<std::uint32_t>(l[i].position[axis]); });
+    put_planes(w, l.size(), 4,
+               [&](std::size_t i) { return std::bit_cast<std::uint32_t>(l[i].position[axis]); });
   }
-  w.planes(l.size(), 4, [&](std::size_t i) { return static_cast<std::uint32_t>(l[i].object); });
-  w.planes(l.size(), 2, [&](std::size_t i) { return l[i].label; });
-  return std::move(w.bytes);
+  put_planes(w, l.size(), 4,
+             [&](std::size_t i) { return static_cast<std::uint32_t>(l[i].object); });
+  put_planes(w, l.size(), 2, [&](std::size_t i) { return l[i].label; });
+  return std::move(w.bytes());
 }
 
 namespace {
 
-FeatureObject decode_object(Reader& r, std::int64_t frames) {
+FeatureObject decode_object(ByteReader& r, std::int64_t frames) {
   FeatureObject o;
   o.label = r.u16();
   const std::uint16_t kind = r.u16();
@@ -430,7 +392,7 @@ FeatureObject decode_object(Reader& r, std::int64_t frames) {
 }  // namespace
 
 FeatureTruth decode_truth(std::span<const std::uint8_t> bytes, std::int64_t frames) {
-  Reader r(bytes);
+  ByteReader r(bytes);
   const std::uint32_t objects = r.u32();
   const std::uint32_t landmarks = r.u32();
   require(objects <= kMaxObjects && landmarks <= kMaxLandmarks, "numbers out of range");
@@ -440,18 +402,18 @@ FeatureTruth decode_truth(std::span<const std::uint8_t> bytes, std::int64_t fram
   auto& l = truth.landmarks;
   l.resize(landmarks);
   for (int axis = 0; axis < 3; ++axis) {
-    r.planes(landmarks, 4, [&](std::size_t i, std::uint64_t v) {
+    take_planes(r, landmarks, 4, [&](std::size_t i, std::uint64_t v) {
       l[i].position[axis] = std::bit_cast<float>(static_cast<std::uint32_t>(v));
       require(std::isfinite(l[i].position[axis]), "a landmark is not finite");
     });
   }
-  r.planes(landmarks, 4, [&](std::size_t i, std::uint64_t v) {
+  take_planes(r, landmarks, 4, [&](std::size_t i, std::uint64_t v) {
     l[i].object = static_cast<std::int32_t>(static_cast<std::uint32_t>(v));
     require(l[i].object >= -1 && l[i].object < static_cast<std::int64_t>(objects),
             "a landmark of no object");
   });
-  r.planes(landmarks, 2,
-           [&](std::size_t i, std::uint64_t v) { l[i].label = static_cast<std::uint16_t>(v); });
+  take_planes(r, landmarks, 2,
+              [&](std::size_t i, std::uint64_t v) { l[i].label = static_cast<std::uint16_t>(v); });
   return truth;
 }
 

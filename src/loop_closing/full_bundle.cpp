@@ -38,7 +38,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
   map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
     if (map.keyframe(landmark.reference).submap == submap) job->landmarks.push_back(id);
   });
-  job->bonds = add_landmarks(map, job->keyframes, job->landmarks, job->problem);
+  job->observations = add_landmarks(map, job->keyframes, job->landmarks, job->problem);
   job->T_c_w = job->problem.T_c_w;
   job->points = job->problem.points;
   const auto size = static_cast<int>(job->keyframes.size());
@@ -128,9 +128,9 @@ void FullBundle::take_over(Map& map, const Job& job) const {
   for (const KeyFrameId id : ids) T_c_w.push_back(corrected.at(id));
   map.move_keyframes(ids, T_c_w);
   for (const auto& [id, p_w] : positions) map.set_position(id, p_w);
-  for (std::size_t k = 0; k < job.bonds.size(); ++k) {
-    if (job.summary.outlier[k] == 0 || !map.has(job.bonds[k].landmark)) continue;
-    map.remove_observation(job.bonds[k].landmark, job.bonds[k].keyframe);
+  for (std::size_t k = 0; k < job.observations.size(); ++k) {
+    if (job.summary.outlier[k] == 0 || !map.has(job.observations[k].landmark)) continue;
+    map.remove_observation(job.observations[k].landmark, job.observations[k].keyframe);
   }
   for (const auto& entry : positions) {
     if (map.has(entry.first)) map.refresh_geometry(entry.first);

@@ -48,7 +48,7 @@ class FullBundle {
     float disparity_offset = 0;
     std::vector<KeyFrameId> keyframes;  // by id
     std::vector<LandmarkId> landmarks;  // by id
-    std::vector<Bond> bonds;
+    std::vector<ObservationRef> observations;
     std::vector<Rigid3> T_c_w;            // before
     std::vector<Eigen::Vector3d> points;  // before
     BundleProblem problem;                // after, once done

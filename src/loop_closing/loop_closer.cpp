@@ -17,7 +17,7 @@ double degrees(const Rigid3& T) {
 }
 
 /// Keyframes that share landmarks with `current`, or with one that does: no loop leads to them.
-std::vector<KeyFrameId> vicinity(const Map& map, KeyFrameId current) {
+std::vector<KeyFrameId> covisibility_neighbourhood(const Map& map, KeyFrameId current) {
   std::vector<KeyFrameId> near{current};
   for (const Covisible& c : map.keyframe(current).covisible) {
     near.push_back(c.keyframe);
@@ -68,8 +68,9 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrame
                                                         LoopReport& report) const {
   Stopwatch watch;
   const FrameFeatures& features = *map.keyframe(current).features;
-  const std::vector<PlaceCandidate> candidates = index.query(
-      features, *model_, report.statistics, vicinity(map, current), options_.candidates);
+  const std::vector<PlaceCandidate> candidates =
+      index.query(features, *model_, report.statistics, covisibility_neighbourhood(map, current),
+                  options_.candidates);
   report.query = watch.lap_ms();
   std::optional<Confirmed> best;
   for (const PlaceCandidate& candidate : candidates) {

@@ -33,6 +33,15 @@ struct ScaleLevels {
   }
   /// Octave at which a landmark of this largest distance appears when seen from `distance`.
   [[nodiscard]] int predict_octave(float max_distance, float distance) const;
+  /// Distances (m) between which a landmark can be matched that was seen at `octave` from
+  /// `distance`.
+  struct DistanceRange {
+    float min, max;
+  };
+  [[nodiscard]] DistanceRange distance_range(double distance, int octave) const {
+    const float max = static_cast<float>(distance) * scale[static_cast<std::size_t>(octave)];
+    return {max / scale.back(), max};
+  }
 };
 
 /// Features of the left image of one frame with what stereo and priors add to them. Made once by

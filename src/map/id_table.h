@@ -94,4 +94,16 @@ class IdTable {
   std::size_t size_ = 0;
 };
 
+/// Follows replaced objects to the one alive: `id` itself when it is, invalid when nothing is left.
+template <typename IdType, typename T>
+[[nodiscard]] IdType resolve_replaced(const IdTable<IdType, T>& alive,
+                                      const IdTable<IdType, IdType>& successor, IdType id) {
+  while (!alive.contains(id)) {
+    const IdType* next = successor.find(id);
+    if (next == nullptr) return {};
+    id = *next;
+  }
+  return id;
+}
+
 }  // namespace kys_slam

@@ -83,12 +83,7 @@ int Map::observation_weight(LandmarkId id) const {
 }
 
 LandmarkId Map::resolve(LandmarkId id) const {
-  while (!landmarks_.contains(id)) {
-    const LandmarkId* next = successor_.find(id);
-    if (next == nullptr) return {};
-    id = *next;
-  }
-  return id;
+  return resolve_replaced(landmarks_, successor_, id);
 }
 
 std::optional<Rigid3> Map::pose(KeyFrameId id) const {
@@ -220,14 +215,14 @@ void Map::scale_culled(double factor) {
 }
 
 bool Map::cull_keyframe(KeyFrameId id) {
-  const KeyFrame& doomed = keyframe(id);
-  if (!doomed.parent.valid()) return false;
-  const KeyFrameId grandparent = doomed.parent;
+  const KeyFrame& culled = keyframe(id);
+  if (!culled.parent.valid()) return false;
+  const KeyFrameId grandparent = culled.parent;
 
   // Each child joins the heaviest covisible keyframe among the grandparent and the children that
   // have been placed already; one without such a neighbour joins the grandparent.
   std::vector<KeyFrameId> placed{grandparent};
-  const std::vector<KeyFrameId> children = doomed.children;
+  const std::vector<KeyFrameId> children = culled.children;
   erase_sorted(keyframes_.at(grandparent).children, id);
   for (const KeyFrameId child : children) {
     KeyFrameId parent = grandparent;
@@ -245,16 +240,16 @@ bool Map::cull_keyframe(KeyFrameId id) {
     touch(parent);
     placed.push_back(child);
   }
-  for (const KeyFrameId other : doomed.loop_edges) {
+  for (const KeyFrameId other : culled.loop_edges) {
     erase_sorted(keyframes_.at(other).loop_edges, id);
   }
 
-  const std::vector<LandmarkId> seen = doomed.landmarks;
+  const std::vector<LandmarkId> seen = culled.landmarks;
   for (const LandmarkId landmark : seen) {
     if (landmark.valid() && has(landmark)) remove_observation(landmark, id);
   }
   const CulledKeyFrame record{id, grandparent,
-                              doomed.T_c_w * keyframe(grandparent).T_c_w.inverse()};
+                              culled.T_c_w * keyframe(grandparent).T_c_w.inverse()};
   keyframes_.erase(id);
   culled_.put(id, record);
   newly_culled_.push_back(record);
@@ -425,9 +420,9 @@ void Map::refresh_geometry(LandmarkId id) {
   const KeyFrame& keyframe = keyframes_.at(reference->keyframe);
   const int octave = keyframe.features->keypoint(reference->feature).octave;
   const double distance = (landmark.p_w - keyframe.T_c_w.inverse_t()).norm();
-  landmark.max_distance =
-      static_cast<float>(distance) * scales_.scale[static_cast<std::size_t>(octave)];
-  landmark.min_distance = landmark.max_distance / scales_.scale.back();
+  const ScaleLevels::DistanceRange range = scales_.distance_range(distance, octave);
+  landmark.min_distance = range.min;
+  landmark.max_distance = range.max;
   touch(id);
 }
 

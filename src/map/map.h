@@ -96,8 +96,8 @@ class Map {
   void add_landmark(Landmark landmark);
   void set_position(LandmarkId id, const Eigen::Vector3d& p_w);
   void add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found);
-  /// A keyframe's feature sees a landmark. Both have to be free of such a bond: returns false
-  /// otherwise.
+  /// A keyframe's feature sees a landmark. Both have to be free of such an observation: returns
+  /// false otherwise.
   bool add_observation(LandmarkId landmark, KeyFrameId keyframe, std::uint32_t feature);
   /// Takes an observation back; a landmark left with an observation weight of 2 or less is erased.
   void remove_observation(LandmarkId landmark, KeyFrameId keyframe);
@@ -130,9 +130,9 @@ class Map {
   [[nodiscard]] LandmarkView view(LandmarkId id) const;
   [[nodiscard]] KeyFrameView view(KeyFrameId id) const;
 
-  /// Checks every invariant, in time linear in observations and covisible pairs: bonds in both
-  /// directions, weights recounted, tree connected, finite numbers. \throws std::logic_error with
-  /// the first violation.
+  /// Checks every invariant, in time linear in observations and covisible pairs: observations in
+  /// both directions, weights recounted, tree connected, finite numbers. \throws std::logic_error
+  /// with the first violation.
   void check_consistency() const;
 
   static constexpr int kCovisibilityMin = 15;  ///< landmarks shared by covisible keyframes

@@ -41,9 +41,10 @@ void check_observations(const Map& map, LandmarkId id, const Landmark& landmark)
   require(sees_reference, id, " is not seen by its reference");
 }
 
-/// Both directions of every bond, and the covisibility recounted from them. `shared` has a zero
-/// for every keyframe id, before and after.
-void check_bonds(const Map& map, KeyFrameId id, const KeyFrame& k, std::vector<int>& shared) {
+/// Both directions of every observation, and the covisibility recounted from them. `shared` has a
+/// zero for every keyframe id, before and after.
+void check_observations(const Map& map, KeyFrameId id, const KeyFrame& k,
+                        std::vector<int>& shared) {
   require(k.id == id, id, " is stored under another id");
   require(k.T_c_w.is_finite(), id, " has a pose that is not finite");
   require(k.landmarks.size() == k.features->size(), id, " has a list of wrong length");
@@ -117,7 +118,7 @@ void Map::check_consistency() const {
       [&](LandmarkId id, const Landmark& landmark) { check_observations(*this, id, landmark); });
   std::vector<int> shared(keyframes_.id_end(), 0);
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
-    check_bonds(*this, id, k, shared);
+    check_observations(*this, id, k, shared);
     check_relatives(*this, id, k);
   });
   check_ancestors(*this);

@@ -14,12 +14,7 @@ void Replica::apply(const ChangeSet& changes) {
 }
 
 LandmarkId Replica::resolve(LandmarkId id) const {
-  while (!landmarks_.contains(id)) {
-    const LandmarkId* next = successor_.find(id);
-    if (next == nullptr) return {};
-    id = *next;
-  }
-  return id;
+  return resolve_replaced(landmarks_, successor_, id);
 }
 
 Replica::Anchor Replica::resolve(KeyFrameId id) const {

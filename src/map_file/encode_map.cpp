@@ -2,7 +2,6 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "map_file/byte_stream.h"
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 

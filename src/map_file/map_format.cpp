@@ -2,8 +2,6 @@
 
 #include <libdeflate.h>
 
-#include "map_file/byte_stream.h"
-
 namespace kys_slam::map_format {
 
 std::uint32_t checksum(std::span<const std::uint8_t> bytes) {

@@ -5,11 +5,15 @@
 #include <cstdint>
 #include <span>
 
+#include "util/byte_stream.h"
+
 /// The numbers of the map file format, version 1, described byte by byte in README.md.
 namespace kys_slam::map_format {
 
-class ByteReader;
-class ByteWriter;
+using byte_stream::ByteReader;
+using byte_stream::ByteWriter;
+using byte_stream::Damage;
+using byte_stream::require;
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
 inline constexpr std::uint16_t kVersion = 1;

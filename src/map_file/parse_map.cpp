@@ -7,7 +7,6 @@
 #include <limits>
 #include <new>
 
-#include "map_file/byte_stream.h"
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 

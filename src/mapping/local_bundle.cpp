@@ -42,16 +42,17 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
 
 }  // namespace
 
-std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
-                                const std::vector<LandmarkId>& landmarks, BundleProblem& problem) {
+std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
+                                          const std::vector<LandmarkId>& landmarks,
+                                          BundleProblem& problem) {
   const auto pose_index = [&](KeyFrameId id) {
     const auto at = std::lower_bound(poses.begin(), poses.end(), id);
     return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
   };
-  std::vector<Bond> bonds;
+  std::vector<ObservationRef> observations;
   std::size_t most = 0;
   for (const LandmarkId id : landmarks) most += map.landmark(id).observations.size();
-  bonds.reserve(most);
+  observations.reserve(most);
   problem.observations.reserve(most);
   problem.points.reserve(landmarks.size());
   for (const LandmarkId id : landmarks) {
@@ -66,10 +67,10 @@ std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& p
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
       problem.observations.push_back(
           {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, weight});
-      bonds.push_back({id, o.keyframe});
+      observations.push_back({id, o.keyframe});
     }
   }
-  return bonds;
+  return observations;
 }
 
 LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundleOptions& options,
@@ -92,7 +93,8 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   }
   if (free_poses == poses.size()) problem.pose_fixed.front() = 1;
 
-  const std::vector<Bond> bonds = add_landmarks(map, poses, window.landmarks, problem);
+  const std::vector<ObservationRef> observations =
+      add_landmarks(map, poses, window.landmarks, problem);
 
   BundleOptions bundle = options.bundle;
   bundle.stop = stop;
@@ -105,10 +107,11 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
     map.set_position(window.landmarks[k], problem.points[k]);
   }
   LocalBundleReport report;
-  for (std::size_t k = 0; k < bonds.size(); ++k) {
+  for (std::size_t k = 0; k < observations.size(); ++k) {
     if (summary.outlier[k] == 0) continue;
     ++report.outliers;
-    if (map.has(bonds[k].landmark)) map.remove_observation(bonds[k].landmark, bonds[k].keyframe);
+    if (map.has(observations[k].landmark))
+      map.remove_observation(observations[k].landmark, observations[k].keyframe);
   }
   for (const LandmarkId id : window.landmarks) {
     if (map.has(id)) map.refresh_geometry(id);
@@ -116,7 +119,7 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   report.keyframes = static_cast<int>(window.free.size());
   report.fixed = static_cast<int>(window.fixed.size());
   report.landmarks = static_cast<int>(window.landmarks.size());
-  report.observations = static_cast<int>(bonds.size());
+  report.observations = static_cast<int>(observations.size());
   report.iterations = summary.iterations;
   return report;
 }

@@ -25,15 +25,16 @@ struct LocalBundleReport {
 };
 
 /// One observation of a bundle problem as the map knows it.
-struct Bond {
+struct ObservationRef {
   LandmarkId landmark;
   KeyFrameId keyframe;
 };
 
 /// Adds landmarks and those of their observations that fall on `poses` (increasing ids, in the
-/// order of the problem's poses) to a bundle problem. Returns one bond per observation.
-std::vector<Bond> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
-                                const std::vector<LandmarkId>& landmarks, BundleProblem& problem);
+/// order of the problem's poses) to a bundle problem. Returns one reference per observation.
+std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
+                                          const std::vector<LandmarkId>& landmarks,
+                                          BundleProblem& problem);
 
 /// Bundle adjustment of a keyframe, its covisible ones and all landmarks they see; other keyframes
 /// that see these landmarks stay fixed (ORB-SLAM, Sec. VI-D). Observations that do not fit are

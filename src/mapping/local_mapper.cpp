@@ -8,7 +8,7 @@ LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceM
     : options_(options), model_(&model), calibration_(options.calibration) {}
 
 void LocalMapper::continue_map(std::uint32_t landmark_id_end) {
-  next_landmark_ = (landmark_id_end + 1) / 2;
+  landmark_ids_.continue_after(landmark_id_end);
   options_.calibration.enabled = false;
   calibration_ = StereoCalibration(options_.calibration);
 }
@@ -25,7 +25,7 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   report.insert = watch.lap_ms();
 
   const std::vector<LandmarkId> made = triangulate_landmarks(
-      map, id, next_landmark_, options_.triangulation, *model_, report.statistics);
+      map, id, landmark_ids_, options_.triangulation, *model_, report.statistics);
   for (const LandmarkId landmark : made) recent_.add(landmark);
   report.triangulated = static_cast<int>(made.size());
   report.triangulate = watch.lap_ms();

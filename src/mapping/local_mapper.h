@@ -63,7 +63,7 @@ class LocalMapper {
   const kys::DistanceModel* model_;
   RecentLandmarks recent_;
   StereoCalibration calibration_;
-  std::uint32_t next_landmark_ = 0;  // the back end's ids are odd, the tracker's even
+  LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kBackEnd};
 };
 
 /// Puts a keyframe and its new landmarks into the map. Its pose is the measured motion from the

@@ -73,18 +73,18 @@ void shift_disparities(BundleProblem& problem, double offset) {
 /// Adjusts poses and points and takes out what does not fit: the same observations have to serve at
 /// every offset, or the costs could not be compared. Returns false when it was stopped.
 bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
-  BundleOptions settle;
-  settle.iterations = 10;
-  settle.refine_iterations = 10;
-  settle.disparity_weight = kDisparityWeight;
-  settle.stop = stop;
-  const BundleSummary settled = adjust_bundle(problem, settle);
+  BundleOptions refine;
+  refine.iterations = 10;
+  refine.refine_iterations = 10;
+  refine.disparity_weight = kDisparityWeight;
+  refine.stop = stop;
+  const BundleSummary refined = adjust_bundle(problem, refine);
   std::vector<BundleProblem::Observation> inliers;
   for (std::size_t k = 0; k < problem.observations.size(); ++k) {
-    if (settled.outlier[k] == 0) inliers.push_back(problem.observations[k]);
+    if (refined.outlier[k] == 0) inliers.push_back(problem.observations[k]);
   }
   problem.observations = std::move(inliers);
-  return !settled.stopped;
+  return !refined.stopped;
 }
 
 /// Number of residuals beyond that of the unknowns.
@@ -195,12 +195,12 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   // All landmarks, those with one stereo view as well: what stayed behind would mislead the
   // tracker.
   Whole whole = whole_map(map, 1);
-  BundleOptions settle;
-  settle.iterations = 10;
-  settle.refine_iterations = 10;
-  settle.stop = stop;
+  BundleOptions refine;
+  refine.iterations = 10;
+  refine.refine_iterations = 10;
+  refine.stop = stop;
   const double before = way(whole.problem);
-  adjust_bundle(whole.problem, settle);
+  adjust_bundle(whole.problem, refine);
   if (before > 0) map.scale_culled(way(whole.problem) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);

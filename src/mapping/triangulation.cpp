@@ -4,14 +4,12 @@
 #include <cmath>
 #include <optional>
 
+#include "geometry/chi_square.h"
 #include "geometry/reprojection.h"
 
 namespace kys_slam {
 
 namespace {
-
-constexpr double kChi2Mono = 5.991;
-constexpr double kChi2Stereo = 7.815;
 
 /// A feature of a keyframe seen as a ray.
 struct Ray {
@@ -71,7 +69,7 @@ bool reprojects(const StereoCamera& camera, const ScaleLevels& scales, const Ray
   const Eigen::Vector3d e =
       reprojection_error(camera, p_c, k.x, k.y, features.u_right(ray.feature));
   const double error = ray.has_stereo() ? e.squaredNorm() : e.head<2>().squaredNorm();
-  const double bound = ray.has_stereo() ? kChi2Stereo : kChi2Mono;
+  const double bound = ray.has_stereo() ? kChi2Stereo95 : kChi2Mono95;
   const double inv_sigma = scales.inv_sigma(k.octave);
   return error * inv_sigma * inv_sigma <= bound;
 }
@@ -98,7 +96,7 @@ std::vector<std::uint8_t> free_features(const KeyFrame& keyframe) {
 }  // namespace
 
 std::vector<LandmarkId> triangulate_landmarks(Map& map, KeyFrameId current,
-                                              std::uint32_t& next_landmark,
+                                              LandmarkIdAllocator& ids,
                                               const TriangulationOptions& options,
                                               const kys::DistanceModel& model,
                                               kys::Statistics& statistics) {
@@ -124,7 +122,7 @@ std::vector<LandmarkId> triangulate_landmarks(Map& map, KeyFrameId current,
       }
       if (!scale_agrees(scales, ray_a, ray_b, *p_w, options.scale_tolerance)) continue;
       Landmark landmark;
-      landmark.id = {2 * next_landmark++ + 1};
+      landmark.id = ids.next();
       landmark.p_w = *p_w;
       landmark.first_keyframe = current;
       landmark.reference = current;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "map/landmark_id_allocator.h"
 #include "map/map.h"
 #include "matching/epipolar_matcher.h"
 
@@ -19,9 +20,8 @@ struct TriangulationOptions {
 
 /// New landmarks from features of `current` and its best covisible keyframes that have none yet
 /// (ORB-SLAM, Sec. VI-C; ORB-SLAM2: the wider of ray and stereo parallax gives the depth).
-/// Ids are odd: 2 * next_landmark++ + 1.
 std::vector<LandmarkId> triangulate_landmarks(Map& map, KeyFrameId current,
-                                              std::uint32_t& next_landmark,
+                                              LandmarkIdAllocator& ids,
                                               const TriangulationOptions& options,
                                               const kys::DistanceModel& model,
                                               kys::Statistics& statistics);

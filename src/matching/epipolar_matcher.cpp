@@ -11,7 +11,7 @@ namespace kys_slam {
 namespace {
 
 /// The part of an epipolar line between two depths, in pixels of the other image.
-struct Stretch {
+struct EpipolarSegment {
   Eigen::Vector2f near = Eigen::Vector2f::Zero();
   Eigen::Vector2f direction = Eigen::Vector2f::UnitX();  // from near to far, unit length
   float length = 0;
@@ -92,8 +92,8 @@ class EpipolarSearch {
   };
   [[nodiscard]] Found find(const FrameFeatures& a, std::size_t i, const kys::DistanceModel& model,
                            kys::Statistics& statistics) const {
-    Stretch stretch;
-    if (!stretch_of(a, i, stretch)) return {};
+    EpipolarSegment segment;
+    if (!segment_of(a, i, segment)) return {};
     const Keypoint& keypoint = a.keypoint(i);
     Found best;
     best.distance = std::nextafter(options_.max_distance, std::numeric_limits<float>::infinity());
@@ -107,14 +107,14 @@ class EpipolarSearch {
         tier = d.tier;
       }
     };
-    visit_along(stretch, keypoint.octave, !a.has_stereo(i), consider);
+    visit_along(segment, keypoint.octave, !a.has_stereo(i), consider);
     if (best.feature < 0) return {};
     statistics.accept(tier);
     return best;
   }
 
  private:
-  bool stretch_of(const FrameFeatures& a, std::size_t i, Stretch& stretch) const {
+  bool segment_of(const FrameFeatures& a, std::size_t i, EpipolarSegment& segment) const {
     const Keypoint& k = a.keypoint(i);
     // Nearer than about two baselines along the way the two views differ too much in scale for
     // their octaves to be neighbours.
@@ -135,52 +135,52 @@ class EpipolarSearch {
       return true;
     };
     Eigen::Vector2f far;
-    if (!project(nearest, stretch.near) || !project(farthest, far)) return false;
-    const Eigen::Vector2f along = far - stretch.near;
-    stretch.length = along.norm();
-    if (stretch.length > 1e-3f) stretch.direction = along / stretch.length;
+    if (!project(nearest, segment.near) || !project(farthest, far)) return false;
+    const Eigen::Vector2f along = far - segment.near;
+    segment.length = along.norm();
+    if (segment.length > 1e-3f) segment.direction = along / segment.length;
     return true;
   }
 
-  /// Visits the free features within 3.84 sigma^2 of the stretch, band by band; each one once.
+  /// Visits the free features within 3.84 sigma^2 of the segment, band by band; each one once.
   /// For a feature without depth (`mono`), others without depth near the epipole are left out.
   template <typename F>
-  void visit_along(const Stretch& stretch, int octave, bool mono, F&& f) const {
+  void visit_along(const EpipolarSegment& segment, int octave, bool mono, F&& f) const {
     const int min_octave = octave - 1;
     const int max_octave = octave + 1;
     const float reach =
         slack_[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
-    const Eigen::Vector2f& direction = stretch.direction;
-    const Eigen::Vector2f far = stretch.near + stretch.length * direction;
-    // What lies beside the stretch and not beyond its ends by more than the reach has a column
+    const Eigen::Vector2f& direction = segment.direction;
+    const Eigen::Vector2f far = segment.near + segment.length * direction;
+    // What lies beside the segment and not beyond its ends by more than the reach has a column
     // within `wide` of that of the line in its row, or of where the line enters or leaves its band.
     const float wide = reach * (1 + std::abs(direction.x()));
-    const float top = std::min(stretch.near.y(), far.y()) - reach;
-    const float bottom = std::max(stretch.near.y(), far.y()) + reach;
+    const float top = std::min(segment.near.y(), far.y()) - reach;
+    const float bottom = std::max(segment.near.y(), far.y()) + reach;
     if (!(bottom >= 0 && top <= static_cast<float>(camera_.height))) return;
     const bool level = std::abs(direction.y()) < 1e-3f;
     const std::size_t last = bands_.band(bottom);
     for (std::size_t band = bands_.band(top); band <= last; ++band) {
-      float begin = 0, end = stretch.length;
+      float begin = 0, end = segment.length;
       if (!level) {
         const float y = static_cast<float>(band) * RowBands::kHeight;
-        const float s0 = (y - reach - stretch.near.y()) / direction.y();
-        const float s1 = (y + RowBands::kHeight + reach - stretch.near.y()) / direction.y();
-        begin = std::clamp(std::min(s0, s1), 0.0f, stretch.length);
-        end = std::clamp(std::max(s0, s1), 0.0f, stretch.length);
+        const float s0 = (y - reach - segment.near.y()) / direction.y();
+        const float s1 = (y + RowBands::kHeight + reach - segment.near.y()) / direction.y();
+        begin = std::clamp(std::min(s0, s1), 0.0f, segment.length);
+        end = std::clamp(std::max(s0, s1), 0.0f, segment.length);
       }
-      const float x0 = stretch.near.x() + begin * direction.x();
-      const float x1 = stretch.near.x() + end * direction.x();
+      const float x0 = segment.near.x() + begin * direction.x();
+      const float x1 = segment.near.x() + end * direction.x();
       const float right = std::max(x0, x1) + wide;
       for (const RowBands::Entry& e : bands_.from(band, std::min(x0, x1) - wide)) {
         if (e.x > right) break;
         if (e.octave < min_octave || e.octave > max_octave) continue;
-        const Eigen::Vector2f offset(e.x - stretch.near.x(), e.y - stretch.near.y());
+        const Eigen::Vector2f offset(e.x - segment.near.x(), e.y - segment.near.y());
         const float slack = slack_[e.octave];
         const float across = direction.x() * offset.y() - direction.y() * offset.x();
         const float position = direction.dot(offset);
         if (std::abs(across) >= slack) continue;
-        if (position < -slack || position > stretch.length + slack) continue;
+        if (position < -slack || position > segment.length + slack) continue;
         if (mono && e.beside_epipole) continue;
         f(e.feature);
       }

@@ -28,7 +28,7 @@ struct EpipolarOptions {
 };
 
 /// Features of keyframe a that have no landmark yet, matched to such features of keyframe b along
-/// their epipolar lines (ORB-SLAM, Sec. VI-C). Where stereo gives a depth, just the stretch of the
+/// their epipolar lines (ORB-SLAM, Sec. VI-C). Where stereo gives a depth, just the segment of the
 /// line that this depth allows is searched.
 /// \param free_a, free_b one flag per feature, 1: no landmark yet
 /// \param T_b_a from the camera of a to that of b

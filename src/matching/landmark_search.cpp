@@ -5,12 +5,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "geometry/chi_square.h"
+
 namespace kys_slam {
 
 namespace {
 
-constexpr float kChi2Mono = 5.991f;    // 95 %, 2 degrees of freedom
-constexpr float kChi2Stereo = 7.815f;  // 95 %, 3 degrees of freedom
+constexpr auto kChi2Mono = static_cast<float>(kChi2Mono95);
+constexpr auto kChi2Stereo = static_cast<float>(kChi2Stereo95);
 
 bool within_error_bound(const FrameFeatures& features, const ScaleLevels& scales, std::size_t i,
                         const SearchQuery& query) {

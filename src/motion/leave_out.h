@@ -10,27 +10,25 @@
 #include <vector>
 
 #include "geometry/observation.h"
+#include "geometry/so3.h"
 #include "motion/instance_motion.h"
 
 namespace kys_slam {
 
 /// A landmark that takes part in a frame's pose.
 struct PoseTerm {
-  Eigen::Vector3d p_w;         ///< m
+  Eigen::Vector3d p_w;  ///< m
   StereoPixel pixel;
   float weight = 1;            ///< 0..1, factor on its information
   std::int32_t instance = -1;  ///< of the thing it is on; -1: of none
 };
 
-/// A pose as an increment p_c -> exp(w) p_c + v of another in the camera's frame, [rad; m].
+/// A pose as an increment (plus_left()) of another in the camera's frame, [rad; m].
 struct PoseIncrement {
   Vector6d delta = Vector6d::Zero();
   Matrix6d covariance = Matrix6d::Zero();
 
-  [[nodiscard]] Rigid3 applied_to(const Rigid3& T_c_w) const {
-    const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
-    return {turn * T_c_w.rotation, turn * T_c_w.translation + delta.tail<3>()};
-  }
+  [[nodiscard]] Rigid3 applied_to(const Rigid3& T_c_w) const { return plus_left(T_c_w, delta); }
 };
 
 /// The pose of a frame as it would be without one of its instances: one Gauss-Newton step from the

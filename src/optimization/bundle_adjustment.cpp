@@ -108,8 +108,8 @@ BundleRoundSummary run_round(BundleProblem& problem, const BundleOptions& option
   const std::vector<std::uint8_t> fixed = hold_gauge(problem, active);
   const BundleSolver solver = choose_solver(options, fixed);
   const BundleRound round{active, fixed, robust, iterations, solver == BundleSolver::kSparseSchur};
-  return solver == BundleSolver::kCeres ? solve_bundle_ceres(problem, options, round)
-                                        : solve_bundle_schur(problem, options, round);
+  return options.round_solver != nullptr ? options.round_solver(problem, options, round)
+                                         : solve_bundle_schur(problem, options, round);
 }
 
 }  // namespace
@@ -118,9 +118,6 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
   check(problem);
   if (!(options.disparity_weight > 0)) {
     throw std::invalid_argument("adjust_bundle: disparity_weight must be positive");
-  }
-  if (options.solver == BundleSolver::kCeres && options.disparity_weight != 1) {
-    throw std::invalid_argument("adjust_bundle: disparity_weight is not for Ceres");
   }
   BundleSummary summary;
   const std::vector<std::uint8_t> usable = usable_observations(problem);

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "geometry/chi_square.h"
+
 namespace kys_slam {
 
 /// Poses, points and the observations between them, by position in their arrays: what local and
@@ -33,21 +35,27 @@ enum class BundleSolver : std::uint8_t {
   kAuto,         ///< kSchur up to kDenseMaxPoses free poses, kSparseSchur above
   kSchur,        ///< own Levenberg-Marquardt, points eliminated, dense reduced system: windows
   kSparseSchur,  ///< the same with a sparse reduced system: whole maps
-  kCeres,        ///< Ceres, the reference: DENSE_SCHUR for few free poses, SPARSE_SCHUR for many
 };
 inline constexpr int kDenseMaxPoses = 150;
 
+struct BundleRound;
+struct BundleRoundSummary;
+struct BundleOptions;
+/// Minimises over a fixed set of observations (bundle_solver.h).
+using BundleRoundSolver = BundleRoundSummary (*)(BundleProblem&, const BundleOptions&,
+                                                 const BundleRound&);
+
 struct BundleOptions {
   BundleSolver solver = BundleSolver::kAuto;
-  int iterations = 5;           ///< of the robust round
-  int refine_iterations = 10;   ///< after outliers are set aside; 0: no second round
-  double chi2_mono = 5.991;     ///< 95 %, 2 degrees of freedom
-  double chi2_stereo = 7.815;   ///< 95 %, 3 degrees of freedom
-  bool robust = true;           ///< Huber loss in the first round
-  double disparity_weight = 1;  ///< information of a disparity over that of u and v; not for kCeres
-  double function_tolerance = 1e-4;         ///< stop when the cost falls by less than this share
-  int threads = 1;                          ///< kCeres only; more give no reproducible sums
-  const std::atomic<bool>* stop = nullptr;  ///< asked every few ms to 100 ms
+  int iterations = 5;          ///< of the robust round
+  int refine_iterations = 10;  ///< after outliers are set aside; 0: no second round
+  double chi2_mono = kChi2Mono95;
+  double chi2_stereo = kChi2Stereo95;
+  bool robust = true;                        ///< Huber loss in the first round
+  double disparity_weight = 1;               ///< information of a disparity over that of u and v
+  double function_tolerance = 1e-4;          ///< stop when the cost falls by less than this share
+  const std::atomic<bool>* stop = nullptr;   ///< asked every few ms to 100 ms
+  BundleRoundSolver round_solver = nullptr;  ///< in the place of ours, e.g. a reference
 };
 
 struct BundleSummary {

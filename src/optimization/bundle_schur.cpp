@@ -7,6 +7,7 @@
 #include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
 #include "optimization/bundle_solver.h"
+#include "optimization/damping.h"
 #include "optimization/reprojection_lanes.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
@@ -24,8 +25,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix63 = Eigen::Matrix<double, 6, 3>;
 
 constexpr double kInitialDamping = 1e-4;
-constexpr double kMinDiagonal = 1e-6;  // as Ceres: damping where a direction is not observed at all
-constexpr double kMaxDamping = 1e16;
 constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
@@ -465,41 +464,36 @@ class SchurBundle {
     double cost = evaluate();
     summary.initial_cost = summary.final_cost = cost;
     if (points_.empty()) return summary;
-    double damping = kInitialDamping;
-    double growth = 2;
-    while (summary.iterations < iterations && damping < kMaxDamping) {
+    Damping damping(kInitialDamping);
+    while (summary.iterations < iterations && !damping.exhausted()) {
       if (should_stop()) {
         summary.stopped = true;
         break;
       }
       ++summary.iterations;
-      const double predicted = step(damping);
+      const double predicted = step(damping.value());
       if (stopped_) {  // nothing has moved
         summary.stopped = true;
         break;
       }
       if (!(predicted >= 0)) {  // no factorisation, or NaN
-        damping *= growth;
-        growth *= 2;
+        damping.refuse();
         continue;
       }
       if (predicted <= 1e-3 * options_.function_tolerance * cost) break;
-      if (sparse_) settle_points();
+      if (sparse_) iterate_points();
       const double candidate = evaluate();
       const double decrease = cost - candidate;
       const double gain = decrease / predicted;
-      if (gain > 1e-3) {
+      if (gain > Damping::kMinGain) {
         const bool converged = decrease <= options_.function_tolerance * cost;
         cost = candidate;
-        // Nielsen's rule: the better the model held, the less damping.
-        damping *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));
-        growth = 2;
+        damping.accept(gain);
         if (converged) break;
       } else {
         restore();
         if (std::abs(decrease) <= options_.function_tolerance * cost) break;
-        damping *= growth;
-        growth *= 2;
+        damping.refuse();
       }
     }
     summary.final_cost = cost;
@@ -644,7 +638,7 @@ class SchurBundle {
   /// "Pushing the envelope of modern methods for bundle adjustment", 2012, Sec. 4: embedded point
   /// iterations). The linear model is poor for the few points of little parallax; without this they
   /// get steps refused that were good for all others.
-  void settle_points() {
+  void iterate_points() {
     for (std::size_t k = 0; k < points_.size(); ++k) {
       if (k % kPointsBetweenStops == 0 && should_stop()) return;
       Eigen::Vector3d& p_w = problem_.points[points_[k].point];
@@ -670,7 +664,7 @@ class SchurBundle {
     point_normal_of(groups_.data() + point.group, point.groups(), view_, p_w.data(), normal);
     Eigen::Matrix3d V = lower_of(normal);
     const Eigen::Vector3d b(normal.b);
-    V.diagonal() += kPointDamping * V.diagonal().cwiseMax(kMinDiagonal);
+    V.diagonal() += kPointDamping * V.diagonal().cwiseMax(Damping::kMinDiagonal);
     const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
     return -(L_inverse.transpose() * (L_inverse * b));
   }
@@ -707,7 +701,7 @@ class SchurBundle {
     EliminatedPoint& e = eliminated_[index];
     Eigen::Matrix3d V = lower_of(normal);
     e.b = Eigen::Vector3d(normal.b);
-    e.damping = damping * V.diagonal().cwiseMax(kMinDiagonal);
+    e.damping = damping * V.diagonal().cwiseMax(Damping::kMinDiagonal);
     V.diagonal() += e.damping;
     const Eigen::Matrix3d L = inverse_of_cholesky(V);
     e.L_inverse = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
@@ -744,7 +738,7 @@ class SchurBundle {
     if (poses == 0) return true;
     for (std::int32_t r = 0; r < poses; ++r) {
       // The point terms have been taken off already; the damping is that of the full diagonal.
-      pose_damping_[r] = damping * sums_[r].diagonal().cwiseMax(kMinDiagonal);
+      pose_damping_[r] = damping * sums_[r].diagonal().cwiseMax(Damping::kMinDiagonal);
       block(r, r).diagonal() += pose_damping_[r];
       flat_gradient_.segment<6>(6 * r) = -sums_[r].gradient();
     }
@@ -806,8 +800,7 @@ class SchurBundle {
     for (std::size_t r = 0; r < free_pose_.size(); ++r) {
       Rigid3& T = problem_.T_c_w[free_pose_[r]];
       old_poses_.push_back(T);
-      const Eigen::Quaterniond turn = so3_exp(pose_step_[r].head<3>());
-      T = {turn * T.rotation, turn * T.translation + pose_step_[r].tail<3>()};
+      T = plus_left(T, pose_step_[r]);
     }
     for (std::size_t k = 0; k < points_.size(); ++k) {
       Eigen::Vector3d& p_w = problem_.points[points_[k].point];

@@ -6,7 +6,7 @@
 
 namespace kys_slam {
 
-/// One minimisation over a fixed set of observations: what the solvers behind adjust_bundle share.
+/// One minimisation over a fixed set of observations: what adjust_bundle hands to its solver.
 struct BundleRound {
   std::span<const std::uint8_t> active;      ///< per observation: takes part
   std::span<const std::uint8_t> pose_fixed;  ///< per pose, gauge taken care of
@@ -22,9 +22,7 @@ struct BundleRoundSummary {
   bool stopped = false;
 };
 
-/// Both change T_c_w and points of the problem in place, and leave them valid when stopped.
-BundleRoundSummary solve_bundle_ceres(BundleProblem& problem, const BundleOptions& options,
-                                      const BundleRound& round);
+/// Changes T_c_w and points of the problem in place, and leaves them valid when stopped.
 BundleRoundSummary solve_bundle_schur(BundleProblem& problem, const BundleOptions& options,
                                       const BundleRound& round);
 

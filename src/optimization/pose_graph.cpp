@@ -6,6 +6,7 @@
 
 #include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
+#include "optimization/damping.h"
 
 namespace kys_slam {
 namespace {
@@ -16,8 +17,6 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 // Small, as a bend of the whole way costs next to nothing in any single edge: more damping than
 // this holds a long loop open.
 constexpr double kInitialDamping = 1e-8;
-constexpr double kMinDiagonal = 1e-6;
-constexpr double kMaxDamping = 1e16;
 constexpr double kTolerance = 1e-9;  // of the cost
 
 void check(const std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
@@ -96,11 +95,10 @@ class PoseGraph {
     if (edges_.empty()) return;
     BlockCholesky cholesky(pattern_);
     double cost = evaluate();
-    double damping = kInitialDamping;
-    double growth = 2;
-    for (int k = 0; k < options.iterations && damping < kMaxDamping; ++k) {
+    Damping damping(kInitialDamping);
+    for (int k = 0; k < options.iterations && !damping.exhausted(); ++k) {
       if (options.stop != nullptr && options.stop->load(std::memory_order_relaxed)) return;
-      build(damping);
+      build(damping.value());
       const auto result = cholesky.factorise(blocks_, options.stop);
       if (result == BlockCholesky::Result::kStopped) return;
       double candidate = cost;
@@ -116,17 +114,15 @@ class PoseGraph {
         candidate = evaluate();
       }
       const double gain = (cost - candidate) / predicted;
-      if (predicted > 0 && gain > 1e-3) {
+      if (predicted > 0 && gain > Damping::kMinGain) {
         const bool converged = cost - candidate <= kTolerance * cost;
         cost = candidate;
         if (converged) return;
-        damping *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));  // Nielsen's rule
-        growth = 2;
+        damping.accept(gain);
         before_.clear();
       } else {
         restore();
-        damping *= growth;
-        growth *= 2;
+        damping.refuse();
       }
     }
   }
@@ -193,7 +189,7 @@ class PoseGraph {
     }
     for (std::int32_t r = 0; r < pattern_.rows(); ++r) {
       Matrix6d& own = blocks_[pattern_.row_begin[r + 1] - 1];
-      damping_.segment<6>(6 * r) = damping * own.diagonal().cwiseMax(kMinDiagonal);
+      damping_.segment<6>(6 * r) = damping * own.diagonal().cwiseMax(Damping::kMinDiagonal);
       own.diagonal() += damping_.segment<6>(6 * r);
     }
   }

@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "geometry/so3.h"
 #include "optimization/reprojection_lanes.h"
 
 namespace kys_slam {
@@ -218,12 +219,6 @@ class PoseProblem {
   std::vector<ObservationLanes> lanes_;
 };
 
-/// The pose moved in the camera frame: p_c -> exp(w) p_c + v.
-Rigid3 moved(const Rigid3& T_c_w, const Vector6d& delta) {
-  const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
-  return {turn * T_c_w.rotation, turn * T_c_w.translation + delta.tail<3>()};
-}
-
 /// Levenberg-Marquardt from `T_c_w`, at most `iterations` linearisations. Returns the best pose.
 Rigid3 minimise(const PoseProblem& problem, Rigid3 T_c_w, bool robust, int iterations) {
   NormalEquations best = problem.linearise(T_c_w, robust);
@@ -234,7 +229,7 @@ Rigid3 minimise(const PoseProblem& problem, Rigid3 T_c_w, bool robust, int itera
     const Eigen::LDLT<Matrix6d> factor(damped);
     const Vector6d step = factor.solve(-best.gradient);
     if (!step.allFinite()) break;
-    const Rigid3 candidate = moved(T_c_w, step);
+    const Rigid3 candidate = plus_left(T_c_w, step);
     const NormalEquations next = problem.linearise(candidate, robust);
     if (next.cost <= best.cost) {
       const double decrease = best.cost - next.cost;
@@ -252,7 +247,7 @@ Rigid3 minimise(const PoseProblem& problem, Rigid3 T_c_w, bool robust, int itera
   return T_c_w;
 }
 
-/// From the increment of moved() to that of plus(): v_moved = v_plus + hat(t) w.
+/// From the increment of plus_left() to that of plus(): v_moved = v_plus + hat(t) w.
 Matrix6d information_of_plus(const Matrix6d& information, const Eigen::Vector3d& t) {
   Matrix6d change = Matrix6d::Identity();
   change.bottomLeftCorner<3, 3>() = hat(t);

@@ -9,6 +9,8 @@
 #include <span>
 #include <vector>
 
+#include "geometry/chi_square.h"
+
 namespace kys_slam {
 
 /// A landmark of known position seen in one frame.
@@ -29,10 +31,10 @@ struct PosePrior {
 };
 
 struct PoseOptions {
-  int rounds = 4;              ///< outliers are classified anew after each
-  int iterations = 10;         ///< per round, at most
-  double chi2_mono = 5.991;    ///< 95 %, 2 degrees of freedom
-  double chi2_stereo = 7.815;  ///< 95 %, 3 degrees of freedom
+  int rounds = 4;       ///< outliers are classified anew after each
+  int iterations = 10;  ///< per round, at most
+  double chi2_mono = kChi2Mono95;
+  double chi2_stereo = kChi2Stereo95;
   std::optional<PosePrior> prior;
 };
 

@@ -12,7 +12,7 @@
 
 namespace kys_slam {
 
-/// The ballot box of one query: which keyframes may be voted for, and how many votes they have.
+/// The votes of one query: which keyframes may be voted for, and how many votes they have.
 class PlaceVotes {
  public:
   using Neighbours = IdTable<KeyFrameId, std::vector<KeyFrameId>>;

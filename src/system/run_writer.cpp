@@ -20,6 +20,7 @@
 #include <stdexcept>
 
 #include "map/map.h"
+#include "system/private_access.h"
 
 namespace kys_slam {
 

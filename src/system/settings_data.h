@@ -40,15 +40,16 @@ struct SettingsData {
 };
 
 /// Least and greatest sensible value of a number, both allowed. Lower ends keep what is divided by,
-/// compared or allocated in order; upper ends lie far above what has a use, and keep a slip of the
-/// pen (a missing point, one zero too many) from running for days.
+/// compared or allocated in order; upper ends lie far above what has a use, and keep a typing
+/// error (a missing point, one zero too many) from running for days.
 struct SettingRange {
   double least;
   double most;
 };
 
 /// Calls visit(key, reference to the value, range, unit, meaning) for every number and visit(key,
-/// reference to the value, unit, meaning) for every truth value and text, but those of kys.
+/// reference to the value, unit, meaning) for every truth value and text, but those of kys. A
+/// table.
 template <typename Data, typename Visitor>
 void visit_settings(Data& s, Visitor&& visit) {
   visit("orb.features", s.orb.features, {1, 60000}, "", "keypoints wanted per image");

@@ -19,8 +19,9 @@
 #include "camera/plausible.h"
 #include "map_file/map_file.h"
 #include "system/back_end.h"
-#include "system/frame_links.h"
 #include "system/object_log.h"
+#include "system/private_access.h"
+#include "system/relative_frame_poses.h"
 #include "system/settings_data.h"
 #include "system/take_snapshot.h"
 #include "tracking/front_end.h"
@@ -198,9 +199,9 @@ struct System::Impl {
   BackEndRunner runner;
   ObjectLog objects;
   std::vector<FrameReport> reports;
-  FrameLinks links;              // of every frame fed
-  std::int64_t count = 0;        // frames fed: the index everything inside goes by
-  KeyFrameId first_keyframe{0};  // older ones come from a loaded map
+  RelativeFramePoses frame_poses;  // of every frame fed
+  std::int64_t count = 0;          // frames fed: the index everything inside goes by
+  KeyFrameId first_keyframe{0};    // older ones come from a loaded map
   InterruptibleWait stall;
   int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
 };
@@ -257,7 +258,7 @@ void System::save_map(const std::filesystem::path& file) const {
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
   }
-  kys_slam::save_map(map(), file, label_space_name(impl_->options.control.label_space));
+  kys_slam::save_map(impl_->runner.map(), file, label_space_name(impl_->options.control.label_space));
 }
 
 void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {
@@ -453,10 +454,10 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     s.seen_features = seen.features;
     s.observe(report, *seen.features, tracked.instances);
   }
-  s.links.add(tracked.pose);
+  s.frame_poses.add(tracked.pose);
   s.objects.add(frame.timestamp, tracked.instances);
   if (tracked.keyframe && s.options.control.blend_poses) {
-    s.links.close(tracked.keyframe->id, s.tracker);
+    s.frame_poses.close(tracked.keyframe->id, s.tracker);
   }
   ++s.count;
   if (tracked.keyframe) s.runner.submit(std::move(*tracked.keyframe));
@@ -479,11 +480,11 @@ void System::interrupt() {
 /// Where a frame is; nothing for a frame without a pose. When the back end has failed, the frames
 /// whose keyframe never reached the map are where the tracker saw them.
 std::optional<System::Impl::Place> System::Impl::place(std::size_t frame) const {
-  if (frame >= links.size()) return std::nullopt;  // feeding it failed
-  if (const auto T_w_c = links.pose(runner.map(), frame)) {
-    return Place{links.submap(runner.map(), frame), *T_w_c};
+  if (frame >= frame_poses.size()) return std::nullopt;  // feeding it failed
+  if (const auto T_w_c = frame_poses.pose(runner.map(), frame)) {
+    return Place{frame_poses.submap(runner.map(), frame), *T_w_c};
   }
-  const FramePose& pose = links.before(frame);
+  const FramePose& pose = frame_poses.before(frame);
   if (!pose.reference.valid()) return std::nullopt;
   const KeyFrameId submap = tracker.submap(pose.reference);
   if (!submap.valid()) return std::nullopt;
@@ -499,7 +500,7 @@ const Map& System::Impl::quiet_map(const std::unique_lock<std::mutex>& lock) {
 /// The sub-map with most frames; of equals the oldest. The trajectory is expressed in its frame.
 KeyFrameId System::Impl::main_submap() const {
   std::map<KeyFrameId, int> frames;
-  for (std::size_t k = 0; k < links.size(); ++k) {
+  for (std::size_t k = 0; k < frame_poses.size(); ++k) {
     if (const auto at = place(k)) ++frames[at->submap];
   }
   KeyFrameId main;

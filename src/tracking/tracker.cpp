@@ -114,7 +114,7 @@ Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,
                            bool frozen) {
   next_keyframe_ = keyframe_id_end;
-  next_landmark_ = (landmark_id_end + 1) / 2;
+  landmark_ids_.continue_after(landmark_id_end);
   frozen_ = frozen;
 }
 
@@ -144,14 +144,14 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
     lose_instances();
     return result;
   }
-  settle(std::move(frame), waiting, result);
+  finish_tracked(std::move(frame), waiting, result);
   // The next picture shows what the camera did meanwhile.
   if (repeated && repeats_ <= kMostRepeats) velocity_ = moving;
   return result;
 }
 
 /// A frame with a pose: perhaps a keyframe, and what the next one starts from.
-void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
+void Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   result.status = TrackingStatus::kTracked;
   if (result.overruled) result.reason += "; image area against most matches";
@@ -161,7 +161,7 @@ void Tracker::settle(Frame frame, int waiting, TrackResult& result) {
     result.keyframe = make_keyframe(frame);
   }
   result.times.keyframe = watch.lap_ms();
-  leave(std::move(frame), result);
+  keep_as_last(std::move(frame), result);
 }
 
 TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
@@ -188,7 +188,7 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
     return result;
   }
   if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
-  settle(std::move(frame), waiting, result);
+  finish_tracked(std::move(frame), waiting, result);
   return result;
 }
 
@@ -219,11 +219,11 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
   result.keyframe = make_keyframe(frame);
   first_keyframe_ = result.keyframe->id;
   result.inliers = result.matches = static_cast<int>(result.keyframe->new_landmarks.size());
-  leave(std::move(frame), result);
+  keep_as_last(std::move(frame), result);
 }
 
-/// What a frame leaves behind for the next one.
-void Tracker::leave(Frame frame, TrackResult& result) {
+/// What the next frame starts from.
+void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   const Replica::Anchor anchor = replica_.resolve(reference_);
   frame.pose.reference = anchor.keyframe;
   frame.pose.T_c_reference = frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
@@ -678,7 +678,7 @@ void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message)
     if (frame.landmarks[i].valid()) continue;
     const Keypoint& keypoint = frame.features->keypoint(i);
     const Eigen::Vector3d p_w = T_w_c * camera_.back_project(keypoint.x, keypoint.y, depth);
-    const LandmarkId id{2 * next_landmark_++};
+    const LandmarkId id = landmark_ids_.next();
     message.new_landmarks.push_back({id, static_cast<std::uint32_t>(i), p_w});
     replica_.put(id, first_view(frame, i, p_w, message.id));
   }
@@ -692,9 +692,10 @@ LandmarkView Tracker::first_view(const Frame& frame, std::size_t feature,
   LandmarkView view;
   view.p_w = p_w;
   view.normal = ray.normalized().cast<float>();
-  view.max_distance =
-      static_cast<float>(ray.norm()) * scales_.scale[frame.features->keypoint(feature).octave];
-  view.min_distance = view.max_distance / scales_.scale.back();
+  const ScaleLevels::DistanceRange range =
+      scales_.distance_range(ray.norm(), frame.features->keypoint(feature).octave);
+  view.min_distance = range.min;
+  view.max_distance = range.max;
   view.descriptor = frame.features->descriptor(feature);
   view.prior = frame.features->prior(feature);
   view.observers = {keyframe};

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "map/keyframe_message.h"
+#include "map/landmark_id_allocator.h"
 #include "map/replica.h"
 #include "matching/landmark_search.h"
 #include "motion/instance_tracker.h"
@@ -139,7 +140,7 @@ class Tracker {
   Frame make_frame(std::int64_t index, double timestamp,
                    std::shared_ptr<const FrameFeatures> features);
   void start_map(Frame& frame, TrackResult& result);
-  void settle(Frame frame, int waiting, TrackResult& result);
+  void finish_tracked(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
@@ -169,7 +170,7 @@ class Tracker {
   void count_visible(LandmarkId id);
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
-  void leave(Frame frame, TrackResult& result);
+  void keep_as_last(Frame frame, TrackResult& result);
 
   StereoCamera camera_;
   ScaleLevels scales_;
@@ -194,8 +195,8 @@ class Tracker {
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
-  std::uint32_t next_landmark_ = 0;  // the tracker's ids are even, the back end's odd
-  bool frozen_ = false;              // no keyframes, no landmarks
+  LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kTracker};
+  bool frozen_ = false;  // no keyframes, no landmarks
   IdTable<LandmarkId, VisibilityCount> counts_;
   std::optional<InstanceTracker> instances_;  // when the model wants belief
   std::deque<FramePose> judged_;              // of the frames it keeps, latest first

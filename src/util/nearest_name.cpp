@@ -26,7 +26,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }
 
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates) {
-  if (name.size() > 200) return "";  // no slip of the pen, and the table would be large
+  if (name.size() > 200) return "";  // no typing error, and the table would be large
   std::size_t least = std::max<std::size_t>(2, name.size() / 3) + 1;
   std::string nearest;
   for (const std::string& candidate : candidates) {

@@ -4,7 +4,6 @@
 #include <random>
 
 #include "io/temporary_folder.h"
-#include "map_file/byte_stream.h"
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 #include "map_file/sample_map.h"

@@ -143,12 +143,13 @@ class Triangulation : public ::testing::Test {
                                     Rigid3(so3_exp({0, -0.01, 0}), {-0.6, 0.1, 0.8})};
     testing::WorldMap built =
         testing::map_of_world(world, poses, 0, stereo, [](std::size_t p) { return p % 3 == 0; });
-    std::uint32_t next = 5000;
+    LandmarkIdAllocator ids(LandmarkIdAllocator::Maker::kBackEnd);
+    ids.continue_after(5000);
     kys::Statistics statistics;
     const std::vector<LandmarkId> made =
-        triangulate_landmarks(built.map, kf(2), next, {}, kys::DistanceModel(), statistics);
+        triangulate_landmarks(built.map, kf(2), ids, {}, kys::DistanceModel(), statistics);
     built.map.check_consistency();
-    EXPECT_EQ(next, 5000 + made.size());
+    EXPECT_EQ(ids.next().value, 5001 + 2 * made.size());
     Result result;
     result.made = static_cast<int>(made.size());
     for (const LandmarkId id : made) {
@@ -195,10 +196,9 @@ TEST(TriangulationRules, NothingIsMadeWithoutABaseline) {
   const std::vector<Rigid3> poses{Rigid3(), Rigid3(Eigen::Quaterniond::Identity(), {0.3, 0, 0})};
   Map map =
       testing::map_of_world(world, poses, 0, true, [](std::size_t p) { return p % 3 == 0; }).map;
-  std::uint32_t next = 5000;
+  LandmarkIdAllocator ids(LandmarkIdAllocator::Maker::kBackEnd);
   kys::Statistics statistics;
-  EXPECT_TRUE(
-      triangulate_landmarks(map, kf(1), next, {}, kys::DistanceModel(), statistics).empty());
+  EXPECT_TRUE(triangulate_landmarks(map, kf(1), ids, {}, kys::DistanceModel(), statistics).empty());
 }
 
 TEST(Fusion, LandmarksMadeTwiceBecomeOneAndNoOthers) {

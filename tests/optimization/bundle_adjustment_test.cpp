@@ -8,16 +8,24 @@
 #include <stdexcept>
 #include <thread>
 
+#include "ceres_reference/ceres_reference.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam::test {
 namespace {
 
-class AdjustBundle : public ::testing::TestWithParam<BundleSolver> {
+struct Solver {
+  const char* name;
+  BundleSolver own;
+  BundleRoundSolver reference;
+};
+
+class AdjustBundle : public ::testing::TestWithParam<Solver> {
  protected:
   static BundleOptions options() {
     BundleOptions result;
-    result.solver = GetParam();
+    result.solver = GetParam().own;
+    result.round_solver = GetParam().reference;
     result.iterations = 20;
     result.refine_iterations = 20;
     result.function_tolerance = 1e-12;
@@ -218,12 +226,11 @@ TEST_P(AdjustBundle, PointSeenTwiceFromOnePose) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Solvers, AdjustBundle,
-                         ::testing::Values(BundleSolver::kSchur, BundleSolver::kSparseSchur,
-                                           BundleSolver::kCeres),
-                         [](const auto& parameter) {
-                           if (parameter.param == BundleSolver::kCeres) return "ceres";
-                           return parameter.param == BundleSolver::kSchur ? "schur" : "sparse";
-                         });
+                         ::testing::Values(Solver{"schur", BundleSolver::kSchur, nullptr},
+                                           Solver{"sparse", BundleSolver::kSparseSchur, nullptr},
+                                           Solver{"ceres", BundleSolver::kAuto,
+                                                  solve_bundle_ceres}),
+                         [](const auto& parameter) { return parameter.param.name; });
 
 TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
   SceneOptions scene_options = small_scene();
@@ -241,8 +248,9 @@ TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
     bundle.refine_iterations = 0;
     bundle.function_tolerance = 1e-14;
     bundle.solver = BundleSolver::kSchur;
+    bundle.round_solver = nullptr;
     const auto a = adjust_bundle(schur.problem, bundle);
-    bundle.solver = BundleSolver::kCeres;
+    bundle.round_solver = solve_bundle_ceres;
     const auto b = adjust_bundle(ceres.problem, bundle);
     EXPECT_NEAR(a.initial_cost, b.initial_cost, 1e-9 * b.initial_cost);
     EXPECT_NEAR(a.final_cost, b.final_cost, 1e-8 * b.final_cost);
@@ -264,7 +272,7 @@ void expect_same_minimum(const Scene& scene, bool robust) {
   bundle.solver = BundleSolver::kSparseSchur;
   const auto a = adjust_bundle(own, bundle);
   BundleProblem reference = scene.problem;
-  bundle.solver = BundleSolver::kCeres;
+  bundle.round_solver = solve_bundle_ceres;
   const auto b = adjust_bundle(reference, bundle);
   EXPECT_NEAR(a.initial_cost, b.initial_cost, 1e-9 * b.initial_cost);
   EXPECT_NEAR(a.final_cost, b.final_cost, 1e-6 * b.final_cost);

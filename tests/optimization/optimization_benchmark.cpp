@@ -8,6 +8,7 @@
 #include <cmath>
 #include <thread>
 
+#include "ceres_reference/ceres_reference.h"
 #include "optimization/bundle_adjustment.h"
 #include "optimization/pose_graph.h"
 #include "optimization/pose_optimization.h"
@@ -34,7 +35,7 @@ BENCHMARK(pose)->Arg(300)->Arg(1000)->Unit(benchmark::kMicrosecond);
 
 /// A window of range(0) keyframes, range(1) of them fixed, range(2) points; stops when the cost
 /// falls by less than 10^-range(3). Reports how far the poses are from the minimum.
-void bundle(benchmark::State& state, BundleSolver solver) {
+void bundle(benchmark::State& state, BundleRoundSolver solver) {
   SceneOptions options;
   options.poses = static_cast<int>(state.range(0));
   options.fixed = static_cast<int>(state.range(1));
@@ -46,7 +47,7 @@ void bundle(benchmark::State& state, BundleSolver solver) {
     scene.problem.observations[i].u += 15;
   }
   BundleOptions bundle_options;
-  bundle_options.solver = solver;
+  bundle_options.round_solver = solver;
   bundle_options.function_tolerance = std::pow(10.0, -static_cast<double>(state.range(3)));
   BundleProblem problem;
   BundleSummary summary;
@@ -70,7 +71,7 @@ void bundle(benchmark::State& state, BundleSolver solver) {
   state.counters["cost"] = summary.final_cost;
   state.counters["off_mm"] = 1e3 * worst;
 }
-BENCHMARK_CAPTURE(bundle, schur, BundleSolver::kSchur)
+BENCHMARK_CAPTURE(bundle, schur, nullptr)
     ->Args({16, 6, 1800, 3})
     ->Args({25, 10, 2600, 3})
     ->Args({25, 10, 2600, 4})
@@ -79,7 +80,7 @@ BENCHMARK_CAPTURE(bundle, schur, BundleSolver::kSchur)
     ->Args({35, 15, 3800, 3})
     ->Args({120, 1, 12000, 4})
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(bundle, ceres, BundleSolver::kCeres)
+BENCHMARK_CAPTURE(bundle, ceres, solve_bundle_ceres)
     ->Args({16, 6, 1800, 3})
     ->Args({25, 10, 2600, 3})
     ->Args({35, 15, 3800, 3})
@@ -88,13 +89,13 @@ BENCHMARK_CAPTURE(bundle, ceres, BundleSolver::kCeres)
     ->Unit(benchmark::kMillisecond);
 
 /// A whole map, one robust round: CPU time of an iteration and of the preparations, memory.
-void full(benchmark::State& state, BundleSolver solver, bool hall) {
+void full(benchmark::State& state, BundleRoundSolver solver, bool hall) {
   const auto poses = static_cast<int>(state.range(0));
   const auto points = static_cast<int>(state.range(1));
   Scene scene = hall ? make_hall_scene(poses, points, 0.7) : make_loop_scene(poses, points, 0.7);
   perturb(scene, 0.001, 0.05, 0.05);
   BundleOptions options;
-  options.solver = solver;
+  options.round_solver = solver;
   options.refine_iterations = 0;
   options.function_tolerance = 1e-9;
   BundleProblem problem;
@@ -119,21 +120,21 @@ void full(benchmark::State& state, BundleSolver solver, bool hall) {
   state.counters["peak_MB"] = process_figures().peak_resident_mb - before;
   state.counters["cost"] = summary.final_cost;
 }
-BENCHMARK_CAPTURE(full, street_schur, BundleSolver::kSparseSchur, false)
+BENCHMARK_CAPTURE(full, street_schur, nullptr, false)
     ->Args({300, 30000})
     ->Args({1500, 150000})
     ->Unit(benchmark::kSecond)
     ->Iterations(1);
-BENCHMARK_CAPTURE(full, street_ceres, BundleSolver::kCeres, false)
+BENCHMARK_CAPTURE(full, street_ceres, solve_bundle_ceres, false)
     ->Args({300, 30000})
     ->Args({1500, 150000})
     ->Unit(benchmark::kSecond)
     ->Iterations(1);
-BENCHMARK_CAPTURE(full, hall_schur, BundleSolver::kSparseSchur, true)
+BENCHMARK_CAPTURE(full, hall_schur, nullptr, true)
     ->Args({300, 6000})
     ->Unit(benchmark::kSecond)
     ->Iterations(1);
-BENCHMARK_CAPTURE(full, hall_ceres, BundleSolver::kCeres, true)
+BENCHMARK_CAPTURE(full, hall_ceres, solve_bundle_ceres, true)
     ->Args({300, 6000})
     ->Unit(benchmark::kSecond)
     ->Iterations(1);

@@ -31,7 +31,7 @@ struct Street {
   }
 };
 
-/// `scene` landmarks all over the image at 5 to 60 m, and `mover` landmarks on a lorry ahead, 20 %
+/// `scene` landmarks all over the image at 5 to 60 m, and `mover` landmarks on a truck ahead, 20 %
 /// of the image's width, that keeps its distance to the camera.
 Street make_street(int scene, int mover, std::uint64_t seed, double wrong_share = 0) {
   const StereoCamera camera = kitti_camera();
@@ -69,14 +69,14 @@ TEST(PoseConsensus, AreaWinsOverMatches) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     const Street street = make_street(150, 450, seed, 0.2);
     const PoseResult votes = optimize_pose(kitti_camera(), {}, street.observations);
-    EXPECT_GT(position_error(street, votes.T_c_w), 0.5) << "the lorry has three of four matches";
+    EXPECT_GT(position_error(street, votes.T_c_w), 0.5) << "the truck has three of four matches";
     const ConsensusResult area =
         estimate_pose(kitti_camera(), {}, street.observations, {}, std::nullopt, {});
     EXPECT_TRUE(area.contested);
     EXPECT_TRUE(area.overruled);
     EXPECT_LT(position_error(street, area.pose.T_c_w), 0.02) << "seed " << seed;
     for (std::size_t i = 150; i < street.observations.size(); ++i) {
-      ASSERT_EQ(area.pose.outlier[i], 1) << "a feature of the lorry is no inlier";
+      ASSERT_EQ(area.pose.outlier[i], 1) << "a feature of the truck is no inlier";
     }
   }
 }

@@ -1,12 +1,10 @@
 #include "optimization/pose_graph.h"
 
-#include <ceres/problem.h>
-#include <ceres/solver.h>
 #include <gtest/gtest.h>
 
 #include <stdexcept>
 
-#include "optimization/cost_functions.h"
+#include "ceres_reference/ceres_reference.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam::test {
@@ -108,29 +106,6 @@ TEST(PoseGraph, UnusableEdgesAreLeftOut) {
   for (std::size_t i = 0; i < poses.size(); ++i) EXPECT_EQ(poses[i].t(), expected[i].t());
 }
 
-/// The same problem by Ceres.
-std::vector<Rigid3> solve_by_ceres(std::vector<Rigid3> poses, const Loop& loop) {
-  std::vector<Eigen::Matrix<double, 6, 1>> increments(poses.size());
-  for (auto& increment : increments) increment.setZero();
-  ceres::Problem problem;
-  for (const PoseGraphEdge& e : loop.edges) {
-    const auto a = static_cast<std::size_t>(e.a);
-    const auto b = static_cast<std::size_t>(e.b);
-    problem.AddResidualBlock(new RelativePoseCost(&poses[a], &poses[b], e.T_a_b, e.weight), nullptr,
-                             increments[a].data(), increments[b].data());
-  }
-  problem.SetParameterBlockConstant(increments[0].data());
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  options.max_num_iterations = 300;
-  options.function_tolerance = options.parameter_tolerance = options.gradient_tolerance = 1e-15;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  for (std::size_t i = 0; i < poses.size(); ++i) poses[i] = plus(poses[i], increments[i]);
-  return poses;
-}
-
 TEST(PoseGraph, ReachesTheMinimumOfTheReference) {
   Loop loop = make_loop(150, 0.001);
   Random random(4);
@@ -145,7 +120,8 @@ TEST(PoseGraph, ReachesTheMinimumOfTheReference) {
   PoseGraphOptions options;
   options.iterations = 100;
   optimize_pose_graph(poses, loop.fixed, loop.edges, options);
-  const std::vector<Rigid3> reference = solve_by_ceres(loop.drifted, loop);
+  std::vector<Rigid3> reference = loop.drifted;
+  solve_pose_graph_ceres(reference, loop.fixed, loop.edges, 300, 1e-15);
   for (std::size_t i = 0; i < poses.size(); ++i) {
     EXPECT_LT(minus(poses[i], reference[i]).norm(), 1e-5) << i;
   }

@@ -28,7 +28,7 @@ import virtual_kitti  # noqa: E402
 PLACE = harness.Workplace(os.environ["KYS_BUILD"])
 FRAMES, MIDDLE = 30, 15
 CASE = {"input": {"world": "street", "size": "620x188", "frames": FRAMES, "priors": True},
-        # By votes the lorry ahead captures the tracker: only priors that are right free it.
+        # By votes the truck ahead captures the tracker: only priors that are right free it.
         "run": {"program": "run_stereo_kitti",
                 "arguments": ["--schedule", "sequential", "--set", "tracking.balanced=false"]}}
 NEAR = 3.0  # m. Nearer, whole centimetres of depth move the predicted flow by up to half a pixel.
@@ -147,7 +147,7 @@ class VirtualKitti(unittest.TestCase):
                 self.assertEqual(results["completeness"], 1, (mode, name))
                 accuracy[mode, name] = results["ate"]
         self.assertLess(accuracy["kys", "vkitti"], 1.5 * accuracy["kys", "coco"] + 0.005)
-        # The lorry ahead takes the tracker along, unless its motion is known.
+        # The truck ahead takes the tracker along, unless its motion is known.
         self.assertLess(accuracy["kys", "vkitti"], 0.1 * accuracy["stock", "vkitti"])
 
     def copy_scene(self):

@@ -3,6 +3,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/hash.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
@@ -27,9 +28,9 @@ double gaussian(std::uint64_t seed, std::uint64_t a, std::uint64_t b) {
 }
 
 std::uint64_t hash_of(const std::string& text) {
-  std::uint64_t value = 0xCBF29CE484222325ull;
-  for (const char c : text) value = (value ^ static_cast<std::uint8_t>(c)) * 0x100000001B3ull;
-  return value;
+  Fnv1a hash;
+  hash.add(text);
+  return hash.value();
 }
 
 /// Smooth noise of unit variance: Gaussian numbers on a coarse grid, interpolated bilinearly.

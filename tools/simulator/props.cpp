@@ -67,13 +67,18 @@ void car_ends(Mesh& mesh, const Station& rear, const Station& front) {
              kCarFront);
 }
 
-}  // namespace
+/// Cross sections of a car's body from the rear to the front, and where its axles are.
+struct CarBody {
+  std::vector<Station> stations;
+  double wheel_front = 1.28, wheel_rear = -1.28;  ///< m
+};
 
-Mesh make_car(CarModel model) {
+// A table: one entry per model.
+CarBody car_body(CarModel model) {
   constexpr int G = kCarGlass;
   constexpr int P = kCarPaint;
-  std::vector<Station> s;
-  double wheel_front = 1.28, wheel_rear = -1.28;
+  CarBody body;
+  std::vector<Station>& s = body.stations;
   switch (model) {
     case CarModel::kHatchback:
       s = {{-1.98, 0.26, 0.86, 0.86, 0.74, 0.78, 0.74, P, G},
@@ -97,8 +102,8 @@ Mesh make_car(CarModel model) {
            {1.15, 0.20, 0.91, 0.95, 0.86, 0.88, 0.72, P, P},
            {2.10, 0.22, 0.78, 0.78, 0.82, 0.82, 0.68, P, P},
            {2.28, 0.26, 0.68, 0.68, 0.72, 0.74, 0.66, P, P}};
-      wheel_front = 1.42;
-      wheel_rear = -1.40;
+      body.wheel_front = 1.42;
+      body.wheel_rear = -1.40;
       break;
     case CarModel::kVan:
       s = {{-2.45, 0.32, 1.15, 2.02, 0.90, 0.95, 0.84, P, P},
@@ -108,8 +113,8 @@ Mesh make_car(CarModel model) {
            {1.95, 0.26, 1.08, 1.15, 0.92, 0.95, 0.82, P, P},
            {2.40, 0.28, 0.95, 0.95, 0.86, 0.88, 0.76, P, P},
            {2.50, 0.32, 0.80, 0.80, 0.78, 0.80, 0.72, P, P}};
-      wheel_front = 1.60;
-      wheel_rear = -1.50;
+      body.wheel_front = 1.60;
+      body.wheel_rear = -1.50;
       break;
     case CarModel::kEstate:
       s = {{-2.30, 0.28, 0.90, 0.92, 0.76, 0.80, 0.74, P, G},
@@ -123,16 +128,25 @@ Mesh make_car(CarModel model) {
            {1.15, 0.20, 0.91, 0.96, 0.86, 0.88, 0.72, P, P},
            {2.05, 0.22, 0.80, 0.80, 0.82, 0.82, 0.68, P, P},
            {2.22, 0.26, 0.70, 0.70, 0.72, 0.74, 0.66, P, P}};
-      wheel_front = 1.40;
-      wheel_rear = -1.40;
+      body.wheel_front = 1.40;
+      body.wheel_rear = -1.40;
       break;
   }
+  return body;
+}
+
+}  // namespace
+
+Mesh make_car(CarModel model) {
+  const CarBody body = car_body(model);
+  const std::vector<Station>& s = body.stations;
   Mesh mesh;
   loft(mesh, s);
   car_ends(mesh, s.front(), s.back());
   const double half = s[3].half_low;
   for (const double side : {1.0, -1.0}) {
-    for (const double x : {wheel_front, wheel_rear}) wheel(mesh, x, side * (half + 0.005), 0.31);
+    for (const double x : {body.wheel_front, body.wheel_rear})
+      wheel(mesh, x, side * (half + 0.005), 0.31);
     const double mirror = 0.35 + (model == CarModel::kVan ? 0.9 : 0.4);
     const double y = side * 0.99;
     mesh.box({mirror - 0.09, std::min(y, y - side * 0.16), 0.94},

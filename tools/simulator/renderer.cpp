@@ -152,120 +152,145 @@ float FrameRenderer::sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
   return assets_.world.scene.light.sky * (0.62F * cloud + 0.42F - 0.18F * height);
 }
 
-void FrameRenderer::shade_row(const View& view, int v, float* row) const {
+/// A packet of samples and what reaches the camera from each.
+struct FrameRenderer::Shading {
+  RayPacket rays;
+  Eigen::Vector3f d_c[kPacket];  // ray directions in the camera frame
+  float albedo[kPacket];
+  float direct[kPacket];  // light of the sun, if nothing is in between
+  float ambient[kPacket];
+  RayPacket shadow;  // to the sun, of the samples it lights
+  bool any_shadow = false;
+};
+
+/// Casts the four samples of each of two pixels.
+void FrameRenderer::cast_samples(const View& view, int u0, int v, Shading& out) const {
+  const int width = view.model->width();
+  for (int k = 0; k < kPacket; ++k) {
+    const int u = u0 + k / 4;
+    out.rays.active[k] = u < width;
+    const CameraModel::Ray& r = view.model->at(std::min(u, width - 1), v);
+    const float a = kSampleU[k % 4];
+    const float b = kSampleV[k % 4];
+    out.d_c[k] = {r.x + a * r.x_u + b * r.x_v, r.y + a * r.y_u + b * r.y_v, 1.0F};
+    const Eigen::Vector3f d = view.R_w_c * out.d_c[k];
+    out.rays.ox[k] = view.origin.x();
+    out.rays.oy[k] = view.origin.y();
+    out.rays.oz[k] = view.origin.z();
+    out.rays.dx[k] = d.x();
+    out.rays.dy[k] = d.y();
+    out.rays.dz[k] = d.z();
+    out.rays.t[k] = kFar;
+  }
+  scene_.intersect(out.rays);
+  out.shadow.active.fill(false);
+}
+
+/// Grey value of the surface that sample k met, and which side of it the camera sees: the first is
+/// the texture's over the footprint of the sample, how the plane's point moves with the ray.
+FrameRenderer::SurfaceSample FrameRenderer::look_at_surface(const View& view, const Shading& s,
+                                                            int k, const SurfaceTriangle& surface,
+                                                            const Eigen::Vector3f& step_u,
+                                                            const Eigen::Vector3f& step_v) const {
+  const Scene& scene = assets_.world.scene;
+  const RayPacket& rays = s.rays;
+  const auto i = static_cast<std::size_t>(rays.instance[k]);
+  const Eigen::Matrix3f& M = view.to_object[i];
+  const Eigen::Vector3f d_o = M * s.d_c[k];
+  const Eigen::Vector3f u_o = M * step_u;
+  const Eigen::Vector3f v_o = M * step_v;
+  float facing = surface.normal.dot(d_o);
+  if (std::abs(facing) < 1e-6F) facing = facing < 0 ? -1e-6F : 1e-6F;
+  const float f = rays.t[k] * kFootprint;
+  const Eigen::Vector3f p_u = f * (u_o - d_o * (surface.normal.dot(u_o) / facing));
+  const Eigen::Vector3f p_v = f * (v_o - d_o * (surface.normal.dot(v_o) / facing));
+  const Eigen::Vector2f uv = surface.uv0 + rays.u[k] * surface.uv1 + rays.v[k] * surface.uv2;
+  const float uu = surface.grad_u.dot(p_u);
+  const float vu = surface.grad_v.dot(p_u);
+  const float uw = surface.grad_u.dot(p_v);
+  const float vw = surface.grad_v.dot(p_v);
+  const MaterialLook& look = scene.materials.looks[surface.material];
+  float a =
+      look.texture.sample(uv.x() * look.scale_u, uv.y() * look.scale_v, uu * look.scale_u,
+                          vu * look.scale_v, uw * look.scale_u, vw * look.scale_v, kMaxProbes);
+  if (look.grimy) {
+    const float g = scene.materials.grime_scale;
+    a *= 0.5F + 1.0F * scene.materials.grime.sample(uv.x() * g, uv.y() * g, uu * g, vu * g, uw * g,
+                                                    vw * g, 3);
+  }
+  if (look.tinted) a *= scene.instances[i].tint;
+  return {a, facing};
+}
+
+/// What sample k sees, and the ray from there to the sun.
+void FrameRenderer::shade_sample(const View& view, int u0, int v, int k, Shading& out) const {
   const Scene& scene = assets_.world.scene;
   const Light& light = scene.light;
   const Eigen::Vector3f sun = light.to_sun.cast<float>();
+  const RayPacket& rays = out.rays;
+  out.albedo[k] = out.direct[k] = out.ambient[k] = 0;
+  // Unused lanes still hold numbers.
+  out.shadow.ox[k] = out.shadow.oy[k] = out.shadow.oz[k] = 0;
+  out.shadow.dx[k] = sun.x();
+  out.shadow.dy[k] = sun.y();
+  out.shadow.dz[k] = sun.z();
+  out.shadow.t[k] = 400.0F;
+  if (!rays.active[k]) return;
+  const CameraModel::Ray& r = view.model->at(u0 + k / 4, v);
+  const Eigen::Vector3f step_u(r.x_u, r.y_u, 0);
+  const Eigen::Vector3f step_v(r.x_v, r.y_v, 0);
+  const Eigen::Vector3f d(rays.dx[k], rays.dy[k], rays.dz[k]);
+  if (rays.instance[k] < 0) {
+    out.albedo[k] = sky(d, view.R_w_c * step_u, view.R_w_c * step_v);
+    out.ambient[k] = 1;
+    return;
+  }
+  const auto i = static_cast<std::size_t>(rays.instance[k]);
+  const SurfaceTriangle& s =
+      assets_.surfaces[static_cast<std::size_t>(scene.instances[i].prototype)]
+                      [static_cast<std::size_t>(rays.triangle[k])];
+  const SurfaceSample seen = look_at_surface(view, out, k, s, step_u, step_v);
+  out.albedo[k] = seen.albedo;
+  Eigen::Vector3f n_o = s.normal;
+  if (s.smooth) {
+    n_o = (s.n0 * (1 - rays.u[k] - rays.v[k]) + s.n1 * rays.u[k] + s.n2 * rays.v[k]);
+    n_o.normalize();
+  }
+  Eigen::Vector3f n = view.R_w_o[i] * n_o;
+  if (seen.facing > 0) n = -n;
+  out.ambient[k] = light.ambient * (0.68F + 0.32F * n.z());
+  const float cosine = n.dot(sun);
+  if (cosine <= 0) return;
+  out.direct[k] = light.sun * cosine;
+  const Eigen::Vector3f p = view.origin + d * rays.t[k] + n * (0.003F + 2e-5F * rays.t[k]);
+  out.shadow.ox[k] = p.x();
+  out.shadow.oy[k] = p.y();
+  out.shadow.oz[k] = p.z();
+  if (std::isfinite(light.shadow_ceiling)) {
+    out.shadow.t[k] = (static_cast<float>(light.shadow_ceiling) - p.z()) / sun.z();
+    if (out.shadow.t[k] <= 0) return;
+  }
+  out.shadow.active[k] = true;
+  out.any_shadow = true;
+}
+
+void FrameRenderer::shade_row(const View& view, int v, float* row) const {
   const int width = view.model->width();
   for (int u0 = 0; u0 < width; u0 += 2) {
-    RayPacket rays;
-    Eigen::Vector3f d_c[kPacket];
-    for (int k = 0; k < kPacket; ++k) {
-      const int u = u0 + k / 4;
-      rays.active[k] = u < width;
-      const CameraModel::Ray& r = view.model->at(std::min(u, width - 1), v);
-      const float a = kSampleU[k % 4];
-      const float b = kSampleV[k % 4];
-      d_c[k] = {r.x + a * r.x_u + b * r.x_v, r.y + a * r.y_u + b * r.y_v, 1.0F};
-      const Eigen::Vector3f d = view.R_w_c * d_c[k];
-      rays.ox[k] = view.origin.x();
-      rays.oy[k] = view.origin.y();
-      rays.oz[k] = view.origin.z();
-      rays.dx[k] = d.x();
-      rays.dy[k] = d.y();
-      rays.dz[k] = d.z();
-      rays.t[k] = kFar;
-    }
-    scene_.intersect(rays);
-
-    RayPacket shadow;
-    shadow.active.fill(false);
-    float albedo[kPacket];
-    float direct[kPacket];
-    float ambient[kPacket];
-    bool any_shadow = false;
-    for (int k = 0; k < kPacket; ++k) {
-      albedo[k] = direct[k] = ambient[k] = 0;
-      // Unused lanes still hold numbers.
-      shadow.ox[k] = shadow.oy[k] = shadow.oz[k] = 0;
-      shadow.dx[k] = sun.x();
-      shadow.dy[k] = sun.y();
-      shadow.dz[k] = sun.z();
-      shadow.t[k] = 400.0F;
-      if (!rays.active[k]) continue;
-      const CameraModel::Ray& r = view.model->at(u0 + k / 4, v);
-      const Eigen::Vector3f step_u(r.x_u, r.y_u, 0);
-      const Eigen::Vector3f step_v(r.x_v, r.y_v, 0);
-      const Eigen::Vector3f d(rays.dx[k], rays.dy[k], rays.dz[k]);
-      if (rays.instance[k] < 0) {
-        albedo[k] = sky(d, view.R_w_c * step_u, view.R_w_c * step_v);
-        ambient[k] = 1;
-        continue;
-      }
-      const auto i = static_cast<std::size_t>(rays.instance[k]);
-      const Instance& instance = scene.instances[i];
-      const SurfaceTriangle& s = assets_.surfaces[static_cast<std::size_t>(instance.prototype)]
-                                                 [static_cast<std::size_t>(rays.triangle[k])];
-      // Footprint of the sample on the surface: how the plane's point moves with the ray.
-      const Eigen::Matrix3f& M = view.to_object[i];
-      const Eigen::Vector3f d_o = M * d_c[k];
-      const Eigen::Vector3f u_o = M * step_u;
-      const Eigen::Vector3f v_o = M * step_v;
-      float facing = s.normal.dot(d_o);
-      if (std::abs(facing) < 1e-6F) facing = facing < 0 ? -1e-6F : 1e-6F;
-      const float f = rays.t[k] * kFootprint;
-      const Eigen::Vector3f p_u = f * (u_o - d_o * (s.normal.dot(u_o) / facing));
-      const Eigen::Vector3f p_v = f * (v_o - d_o * (s.normal.dot(v_o) / facing));
-      const Eigen::Vector2f uv = s.uv0 + rays.u[k] * s.uv1 + rays.v[k] * s.uv2;
-      const float uu = s.grad_u.dot(p_u);
-      const float vu = s.grad_v.dot(p_u);
-      const float uw = s.grad_u.dot(p_v);
-      const float vw = s.grad_v.dot(p_v);
-      const MaterialLook& look = scene.materials.looks[s.material];
-      float a =
-          look.texture.sample(uv.x() * look.scale_u, uv.y() * look.scale_v, uu * look.scale_u,
-                              vu * look.scale_v, uw * look.scale_u, vw * look.scale_v, kMaxProbes);
-      if (look.grimy) {
-        const float g = scene.materials.grime_scale;
-        a *= 0.5F + 1.0F * scene.materials.grime.sample(uv.x() * g, uv.y() * g, uu * g, vu * g,
-                                                        uw * g, vw * g, 3);
-      }
-      if (look.tinted) a *= instance.tint;
-      albedo[k] = a;
-
-      Eigen::Vector3f n_o = s.normal;
-      if (s.smooth) {
-        n_o = (s.n0 * (1 - rays.u[k] - rays.v[k]) + s.n1 * rays.u[k] + s.n2 * rays.v[k]);
-        n_o.normalize();
-      }
-      Eigen::Vector3f n = view.R_w_o[i] * n_o;
-      if (facing > 0) n = -n;
-      ambient[k] = light.ambient * (0.68F + 0.32F * n.z());
-      const float cosine = n.dot(sun);
-      if (cosine <= 0) continue;
-      direct[k] = light.sun * cosine;
-      const Eigen::Vector3f p = view.origin + d * rays.t[k] + n * (0.003F + 2e-5F * rays.t[k]);
-      shadow.ox[k] = p.x();
-      shadow.oy[k] = p.y();
-      shadow.oz[k] = p.z();
-      if (std::isfinite(light.shadow_ceiling)) {
-        shadow.t[k] = (static_cast<float>(light.shadow_ceiling) - p.z()) / sun.z();
-        if (shadow.t[k] <= 0) continue;
-      }
-      shadow.active[k] = true;
-      any_shadow = true;
-    }
-    if (any_shadow) {
+    Shading s;
+    cast_samples(view, u0, v, s);
+    for (int k = 0; k < kPacket; ++k) shade_sample(view, u0, v, k, s);
+    if (s.any_shadow) {
       std::array<bool, kPacket> blocked;
-      scene_.occluded(shadow, blocked);
+      scene_.occluded(s.shadow, blocked);
       for (int k = 0; k < kPacket; ++k) {
-        if (blocked[k]) direct[k] = 0;
+        if (blocked[k]) s.direct[k] = 0;
       }
     }
     for (int k = 0; k < kPacket; k += 4) {
-      if (!rays.active[k]) break;
+      if (!s.rays.active[k]) break;
       float sum = 0;
-      for (int i = k; i < k + 4; ++i) sum += albedo[i] * (ambient[i] + direct[i]);
+      for (int i = k; i < k + 4; ++i) sum += s.albedo[i] * (s.ambient[i] + s.direct[i]);
       row[u0 + k / 4] = tone(0.25F * sum);
     }
   }

@@ -53,7 +53,18 @@ class FrameRenderer {
   struct View;
   void go_to(int frame);
   [[nodiscard]] View make_view(int frame, int camera, bool truth) const;
+  struct Shading;
+  struct SurfaceSample {
+    float albedo;
+    float facing;  // above zero: the back of the triangle
+  };
   void shade_row(const View& view, int v, float* row) const;
+  void cast_samples(const View& view, int u0, int v, Shading& out) const;
+  void shade_sample(const View& view, int u0, int v, int k, Shading& out) const;
+  [[nodiscard]] SurfaceSample look_at_surface(const View& view, const Shading& s, int k,
+                                              const SurfaceTriangle& surface,
+                                              const Eigen::Vector3f& step_u,
+                                              const Eigen::Vector3f& step_v) const;
   void truth_row(const View& view, int v, ViewTruth& truth) const;
   [[nodiscard]] float sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
                           const Eigen::Vector3f& d_v) const;

@@ -69,22 +69,20 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
       static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
 }
 
-int run(int argc, char** argv) {
-  using namespace kys_slam;
-  using namespace kys_slam::simulator;
-  FeatureOptions o;
+struct Arguments {
+  kys_slam::simulator::FeatureOptions options;
   std::string trajectory;
   std::string output;
   std::string traffic = "none";
   std::string perception = "none";
   std::string objects;
   bool quiet = false;
-  CLI::App app(
-      "Simulates stereo features, without images, along a trajectory: landmarks strewn along it,\n"
-      "seen again when it comes back, with noise and outliers. Long sequences in minutes.\n\n"
-      "Example: simulate_features ground_truth/00.txt --output kitti00.features");
-  app.add_option("trajectory", trajectory, "KITTI (12 columns) or TUM (8 columns)")->required();
-  app.add_option("--output", output, "feature file to write")->required();
+};
+
+void declare(CLI::App& app, Arguments& a) {
+  kys_slam::simulator::FeatureOptions& o = a.options;
+  app.add_option("trajectory", a.trajectory, "KITTI (12 columns) or TUM (8 columns)")->required();
+  app.add_option("--output", a.output, "feature file to write")->required();
   app.add_option("--camera", o.camera,
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
@@ -112,19 +110,32 @@ int run(int argc, char** argv) {
   app.add_option("--rate", o.rate, "Hz, for files without time stamps")->capture_default_str();
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
-  app.add_option("--traffic", traffic,
+  app.add_option("--traffic", a.traffic,
                  "objects that move and hide what is behind them: none, light, city, jam")
       ->capture_default_str();
-  app.add_option("--objects", objects,
+  app.add_option("--objects", a.objects,
                  "objects.csv of a rendered world: its objects, in the place of traffic; the "
                  "trajectory must be that world's");
   app.add_option("--width", o.width,
                  "px, of KITTI's images; the camera is scaled with it (default: 1241)");
-  app.add_option("--perception", perception,
+  app.add_option("--perception", a.perception,
                  "priors for every feature, with the errors of a way to get them: none, exact, "
                  "estimated, poor")
       ->capture_default_str();
-  app.add_flag("--quiet", quiet, "no progress");
+  app.add_flag("--quiet", a.quiet, "no progress");
+}
+
+int run(int argc, char** argv) {
+  using namespace kys_slam;
+  using namespace kys_slam::simulator;
+  Arguments a;
+  CLI::App app(
+      "Simulates stereo features, without images, along a trajectory: landmarks on both sides of "
+      "it,\n"
+      "seen again when it comes back, with noise and outliers. Long sequences in minutes.\n\n"
+      "Example: simulate_features ground_truth/00.txt --output kitti00.features");
+  declare(app, a);
+  FeatureOptions& o = a.options;
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (app.count("--frames") > 0 && o.frames < 1) {
     throw InputError("--frames " + std::to_string(o.frames) + ": must be at least 1");
@@ -132,17 +143,17 @@ int run(int argc, char** argv) {
   if (app.count("--features") > 0 && o.features < 50) {
     throw InputError("--features: must lie between 50 and 20000");
   }
-  o.traffic = parse_traffic(traffic);
-  if (!objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1)) {
+  o.traffic = parse_traffic(a.traffic);
+  if (!a.objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1)) {
     throw InputError("--objects: not with --traffic, --start or --every");
   }
-  if (!objects.empty()) o.objects = read_objects(objects);
-  o.labelled = perception != "none";
-  if (o.labelled) perception_level(perception);  // refuses what it does not know
-  const FeaturePath path = read_feature_path(trajectory, o);
-  Progress progress(quiet);
+  if (!a.objects.empty()) o.objects = read_objects(a.objects);
+  o.labelled = a.perception != "none";
+  if (o.labelled) perception_level(a.perception);  // refuses what it does not know
+  const FeaturePath path = read_feature_path(a.trajectory, o);
+  Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
-  write_frames(world, o, perception, output, progress);
+  write_frames(world, o, a.perception, a.output, progress);
   return 0;
 }
 

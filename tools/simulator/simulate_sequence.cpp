@@ -24,6 +24,25 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
   }
 }
 
+// What makes these files again. --jobs and --quiet are left out: they change nothing in them.
+std::string command_of(const kys_slam::simulator::World& world,
+                       const kys_slam::simulator::WorldOptions& world_options,
+                       const kys_slam::simulator::WriteOptions& write_options, bool images_only) {
+  std::string command =
+      "simulate_sequence " + world_options.name + " --output " + write_options.output.string() +
+      " --seed " + std::to_string(world_options.seed) + " --frames " +
+      std::to_string(world.times.size()) + " --size " + std::to_string(world.rig.left.width()) +
+      "x" + std::to_string(world.rig.left.height());
+  if (images_only) command += " --images-only";
+  if (write_options.drop_camera >= 0) {
+    char text[64];
+    std::snprintf(text, sizeof text, " --drop-camera %d --drop-share %g", write_options.drop_camera,
+                  write_options.drop_share);
+    command += text;
+  }
+  return command;
+}
+
 int run(int argc, char** argv) {
   using namespace kys_slam::simulator;
   WorldOptions world_options;
@@ -72,19 +91,7 @@ int run(int argc, char** argv) {
   }
   const World world = make_world(world_options);
 
-  // --jobs and --quiet are left out: they change nothing in the files.
-  write_options.command =
-      "simulate_sequence " + world_options.name + " --output " + write_options.output.string() +
-      " --seed " + std::to_string(world_options.seed) + " --frames " +
-      std::to_string(world.times.size()) + " --size " + std::to_string(world.rig.left.width()) +
-      "x" + std::to_string(world.rig.left.height());
-  if (images_only) write_options.command += " --images-only";
-  if (write_options.drop_camera >= 0) {
-    char text[64];
-    std::snprintf(text, sizeof text, " --drop-camera %d --drop-share %g", write_options.drop_camera,
-                  write_options.drop_share);
-    write_options.command += text;
-  }
+  write_options.command = command_of(world, world_options, write_options, images_only);
   write_options.truth = !images_only;
   write_options.stop = &interrupted;
   std::signal(SIGINT, [](int) { interrupted = true; });

@@ -206,7 +206,7 @@ void track(System& system, FrameSource& frames, const Arguments& a, const Pace& 
 }
 
 /// A second run of the same sequence and mode takes the place of the first; another one's results
-/// are not lost by a slip of the pen.
+/// are not overwritten by mistake.
 void check_not_of_another_run(const std::filesystem::path& output, const RunInfo& info) {
   const std::filesystem::path file = output / "summary.json";
   if (!path_exists(file)) return;

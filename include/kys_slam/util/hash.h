@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <string_view>
 
 namespace kys_slam {
 
-/// Mixes 64 bits (SplitMix64 finaliser): the same everywhere, unlike <random>'s distributions.
+/// Mixes 64 bits (SplitMix64 finaliser): the same everywhere, unlike the standard library's
+/// distributions.
 inline std::uint64_t mix(std::uint64_t x) {
   x += 0x9e3779b97f4a7c15ULL;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -17,5 +19,18 @@ inline std::uint64_t hash_of(std::uint64_t a, std::uint64_t b = 0, std::uint64_t
                              std::uint64_t d = 0) {
   return mix(mix(mix(mix(a) ^ b) ^ c) ^ d);
 }
+
+/// FNV-1a, 64 bits, over bytes one after the other: for what is stored in files.
+class Fnv1a {
+ public:
+  void add(std::uint8_t byte) { value_ = (value_ ^ byte) * 0x100000001B3ULL; }
+  void add(std::string_view text) {
+    for (const char c : text) add(static_cast<std::uint8_t>(c));
+  }
+  [[nodiscard]] std::uint64_t value() const { return value_; }
+
+ private:
+  std::uint64_t value_ = 0xCBF29CE484222325ULL;
+};
 
 }  // namespace kys_slam

@@ -10,7 +10,7 @@ namespace kys_slam {
 std::size_t edit_distance(std::string_view a, std::string_view b);
 
 /// The candidate nearest to `name` (the first of equally near ones), or "" when none is near enough
-/// to be a slip of the pen: at most a third of the name's letters, but two in any case.
+/// to be a typing error: at most a third of the name's letters, but two in any case.
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
 
 /// "; did you mean 'x'?" or "", to end a message about an unknown name.

@@ -14,7 +14,7 @@ namespace kys {
 ///
 /// With a bound (evaluate() with one, best_two() always) a pair that cannot win is counted as
 /// skipped before its priors are looked at, so its tier, gate or bypass is not known: the counters
-/// of tiers, gated, filtered and bypassed pairs are those of the pairs that were still in the race.
+/// of tiers, gated, filtered and bypassed pairs are those of the pairs that could still win.
 struct Statistics {
   std::array<std::uint64_t, kTierCount> pairs{};     ///< compared, by Tier
   std::array<std::uint64_t, kTierCount> accepted{};  ///< turned into a match by the caller, by Tier

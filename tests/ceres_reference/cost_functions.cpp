@@ -1,4 +1,4 @@
-#include "optimization/cost_functions.h"
+#include "ceres_reference/cost_functions.h"
 
 #include "geometry/reprojection.h"
 #include "geometry/so3.h"

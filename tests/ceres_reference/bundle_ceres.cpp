@@ -1,20 +1,40 @@
+#include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <stdexcept>
 
-#include "optimization/bundle_solver.h"
-#include "optimization/ceres_support.h"
-#include "optimization/cost_functions.h"
+#include "ceres_reference/ceres_reference.h"
+#include "ceres_reference/cost_functions.h"
 
 namespace kys_slam {
 namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+/// Ends the solution after the iteration during which `stop` was set; keeps what was reached.
+class StopCallback final : public ceres::IterationCallback {
+ public:
+  explicit StopCallback(const std::atomic<bool>* stop) : stop_(stop) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    if (stop_ == nullptr || !stop_->load(std::memory_order_relaxed)) {
+      return ceres::SOLVER_CONTINUE;
+    }
+    was_stopped_ = true;
+    return ceres::SOLVER_TERMINATE_SUCCESSFULLY;
+  }
+  [[nodiscard]] bool was_stopped() const { return was_stopped_; }
+
+ private:
+  const std::atomic<bool>* stop_;
+  bool was_stopped_ = false;
+};
 
 /// More free poses than this make a reduced system that is worth treating as sparse.
 constexpr int kDenseSchurMaxPoses = 60;
@@ -46,7 +66,9 @@ class CeresBundle {
     BundleRoundSummary summary;
     if (problem_.NumResidualBlocks() == 0) return summary;
     StopCallback stop(options.stop);
-    ceres::Solver::Options solver = quiet_solver_options(options.threads);
+    ceres::Solver::Options solver;
+    solver.logging_type = ceres::SILENT;
+    solver.max_solver_time_in_seconds = 1e9;
     solver.linear_solver_type =
         free_poses_ <= kDenseSchurMaxPoses ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
     solver.linear_solver_ordering = points_first();
@@ -135,6 +157,9 @@ class CeresBundle {
 
 BundleRoundSummary solve_bundle_ceres(BundleProblem& problem, const BundleOptions& options,
                                       const BundleRound& round) {
+  if (options.disparity_weight != 1) {
+    throw std::invalid_argument("solve_bundle_ceres: disparity_weight is not for Ceres");
+  }
   return CeresBundle(problem, options, round).solve(options, round.iterations);
 }
 

@@ -1,11 +1,11 @@
-#include "optimization/cost_functions.h"
+#include "ceres_reference/cost_functions.h"
 
 #include <gtest/gtest.h>
 
 #include <vector>
 
 #include "geometry/reprojection.h"
-#include "synthetic_scene.h"
+#include "optimization/synthetic_scene.h"
 
 namespace kys_slam::test {
 namespace {

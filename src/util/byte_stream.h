@@ -9,7 +9,8 @@
 #include <string>
 #include <vector>
 
-namespace kys_slam::map_format {
+/// Little-endian numbers in a row of bytes, as all our binary files have them.
+namespace kys_slam::byte_stream {
 
 /// The bytes are not what the format says; the message lacks the name of the file.
 struct Damage : std::runtime_error {
@@ -85,6 +86,7 @@ class ByteReader {
     return n;
   }
   [[nodiscard]] std::size_t left() const { return bytes_.size(); }
+  void expect_end() const { require(left() == 0, "has bytes left over"); }
 
  private:
   template <typename T>
@@ -98,4 +100,4 @@ class ByteReader {
   std::span<const std::uint8_t> bytes_;
 };
 
-}  // namespace kys_slam::map_format
+}  // namespace kys_slam::byte_stream
