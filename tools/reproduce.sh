@@ -49,9 +49,9 @@ fi
 python=${KYS_PYTHON:-.venv/bin/python}
 if $setup; then
   tools/setup.sh --experiments
-  cmake --preset release >/dev/null
+  cmake --preset release -DPython3_EXECUTABLE="$PWD/.venv/bin/python" >/dev/null
   cmake --build --preset release --target simulate_sequence simulate_features build_priors \
-    perturb_priors compare_priors run_stereo_kitti run_stereo_euroc
+    perturb_priors compare_priors run_stereo_kitti run_stereo_euroc kys_slam_core
 fi
 
 mkdir -p "$output"

@@ -46,9 +46,9 @@ case "${1:-}" in
     fi
     ;;
   --experiments)
-    if ! .venv/bin/python -c 'import matplotlib, scipy, snakemake, yaml' 2>/dev/null; then
+    if ! .venv/bin/python -c 'import matplotlib, nanobind, scipy, snakemake, yaml' 2>/dev/null; then
       make_environment
-      install_python numpy matplotlib 'scipy>=1.15' 'snakemake>=8,<10' pyyaml
+      install_python numpy matplotlib 'scipy>=1.15' 'snakemake>=8,<10' pyyaml nanobind
     fi
     ;;
   --python | --view)

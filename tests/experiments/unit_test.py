@@ -12,10 +12,12 @@ try:
     import numpy as np
 
     import data_sets
+    import figures
     import paired
     import plan
     import results
     import step
+    import town_path
     from tables import Table, show
 except ImportError as error:
     print(f"skipped: {error}")
@@ -124,6 +126,19 @@ class DataSets(unittest.TestCase):
                                          "vkitti/Scene18"])
         self.assertEqual(found["vkitti/Scene18"].label_space, "vkitti2")
 
+    def test_recorded_trajectories_are_found_by_their_folders(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for name in ("dataset/poses/05.txt", "ground_truth/kitti/07.txt",
+                         "ground_truth/euroc/V1_02_medium.tum.txt", "dataset/poses/notes.txt",
+                         "other/05.txt"):
+                touch(root / name)
+            found = data_sets.find_trajectories(folder)
+            self.assertEqual({k: os.path.relpath(v, folder) for k, v in found.items()},
+                             {"kitti/05": "dataset/poses/05.txt",
+                              "kitti/07": "ground_truth/kitti/07.txt",
+                              "euroc/V102": "ground_truth/euroc/V1_02_medium.tum.txt"})
+
     def test_perception_beside_a_sequence(self):
         with tempfile.TemporaryDirectory() as folder:
             root = pathlib.Path(folder)
@@ -150,7 +165,7 @@ class Experiments(unittest.TestCase):
                 self.assertLessEqual(set(spec["configurations"]), set(configurations), name)
                 self.assertLessEqual(set(spec.get("cases", [])), set(cases), name)
                 for given in spec["inputs"]:
-                    self.assertTrue(given.startswith("world/") or given in stand_ins, given)
+                    self.assertTrue(given.startswith(("world/", "drive/")) or given in stand_ins, given)
                 self.assertIn(spec["baseline"], spec["configurations"], name)
                 if "published" in spec:
                     self.assertTrue(results.published(spec["published"]))
@@ -194,6 +209,33 @@ class Steps(unittest.TestCase):
                                 "cost": 1, "spec": {}},
                                {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
         self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
+
+
+class Drives(unittest.TestCase):
+    def test_a_drive_round_a_block_is_one_a_vehicle_can_make(self):
+        rows = np.array(town_path.drive(1500, 3)).reshape(-1, 3, 4)
+        turns, places = rows[:, :, :3], rows[:, :, 3]
+        self.assertLess(np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(), 1e-12)
+        self.assertLess(np.abs(places[0]).max(), 1e-12)
+        steps = np.diff(places, axis=0)
+        speed = np.linalg.norm(steps, axis=1) * town_path.RATE
+        self.assertLess(speed.max(), town_path.CRUISE + 1e-9)
+        self.assertGreater(np.count_nonzero(speed == 0), 30)  # waits
+        self.assertLess(np.diff(speed).max() * town_path.RATE, 1.02 * town_path.ACCELERATION)  # chords of corners
+        ahead = turns[:-1, :, 2]  # the optical axis
+        moving = speed > 1
+        cosine = (steps * ahead).sum(axis=1)[moving] * town_path.RATE / speed[moving]
+        self.assertGreater(cosine.min(), np.cos(np.deg2rad(5)))
+        # It comes back to where it was.
+        far = np.linalg.norm(places, axis=1)
+        self.assertLess(far[int(far.argmax()):].min(), 2)
+
+    def test_pictures_of_a_straight_road_are_from_above(self):
+        road = np.stack([np.zeros(50), np.linspace(0, 0.1, 50), np.linspace(0, 40, 50)], axis=-1)
+        self.assertEqual(figures.plane_of(road), (0, 2))
+        turn = np.stack([np.linspace(0, 10, 50), np.zeros(50), np.linspace(0, 40, 50)], axis=-1)
+        self.assertEqual(figures.plane_of(turn), (0, 2))
+        self.assertEqual(figures.plane_of(turn[:, [0, 2, 1]]), (0, 1))
 
 
 if __name__ == "__main__":

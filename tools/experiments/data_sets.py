@@ -58,6 +58,25 @@ def find(root):
     return found
 
 
+def find_trajectories(root):
+    """Files of recorded trajectories by the name of their sequence: poses/05.txt or kitti/05.txt
+    (KITTI's format), euroc/V1_02_medium.tum.txt (TUM's)."""
+    found = {}
+    root = os.path.abspath(root)
+    for folder, inside, files in os.walk(root):
+        inside.sort()
+        if folder[len(root):].count(os.sep) >= DEPTH:
+            inside.clear()
+        kind = os.path.basename(folder)
+        for name in sorted(files):
+            if kind in ("poses", "kitti") and re.fullmatch(r"\d\d\.txt", name):
+                found.setdefault(f"kitti/{name[:2]}", os.path.join(folder, name))
+            match = re.match(r"(MH|V1|V2)_?(\d\d)\w*\.tum\.txt$", name)
+            if kind == "euroc" and match:
+                found.setdefault(f"euroc/{match[1]}{match[2]}", os.path.join(folder, name))
+    return found
+
+
 def state_of(folder):
     """What tells one state of a recording from another: number and latest change of its files."""
     count, latest = 0, 0

@@ -6,7 +6,8 @@ import matplotlib
 import numpy as np
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402  (the backend comes first)
+import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.ticker  # noqa: E402  (the backend comes first)
 
 from results import select, unique  # noqa: E402
 
@@ -25,6 +26,19 @@ def save(figure, path):
     return path
 
 
+def log_axis(axis):
+    """A logarithmic axis with plain numbers, also where it spans less than a decade."""
+    axis.axes.set_yscale("log")
+    plain = matplotlib.ticker.FuncFormatter(lambda value, _: f"{value:.3g}")
+    low, high = axis.get_view_interval()
+    axis.set_major_formatter(plain)
+    axis.set_minor_formatter(plain if high < 10 * low else matplotlib.ticker.NullFormatter())
+    if high < 10 * low:
+        axis.set_minor_locator(matplotlib.ticker.MaxNLocator(4))
+        axis.set_major_locator(matplotlib.ticker.NullLocator())
+    axis.set_tick_params(which="both", labelsize=7)
+
+
 def boxes(rows, groups, columns, metric_label, title, path, metric="ate"):
     """One panel of boxes per value of `groups`; a box per value of `columns`, a point per run."""
     names = [g for g in unique(rows, groups)
@@ -39,15 +53,16 @@ def boxes(rows, groups, columns, metric_label, title, path, metric="ate"):
         data = [[r[metric] for r in select(rows, **{groups: name, columns: c})
                  if r.get(metric) is not None] for c in labels]
         shown = [(c, d) for c, d in zip(labels, data) if d]
-        axis.boxplot([d for _, d in shown], showfliers=False, widths=0.6,
-                     medianprops={"color": "black"})
+        if any(len(d) > 1 for _, d in shown):
+            axis.boxplot([d for _, d in shown], showfliers=False, widths=0.6,
+                         medianprops={"color": "black"})
+        axis.set_xlim(0.5, len(shown) + 0.5)
         for i, (c, d) in enumerate(shown):
-            axis.scatter(np.full(len(d), i + 1), d, s=10, zorder=3,
+            axis.scatter(np.full(len(d), i + 1), d, s=14, zorder=3,
                          color=COLOURS[labels.index(c) % len(COLOURS)])
         axis.set_xticks(range(1, len(shown) + 1), [c for c, _ in shown], rotation=50, ha="right",
                         fontsize=7)
-        axis.set_yscale("log")
-        axis.tick_params(axis="y", labelsize=7)
+        log_axis(axis.yaxis)
         axis.set_title(str(name), fontsize=9)
         axis.grid(axis="y", alpha=0.3)
     for axis in list(axes.flat)[len(names):]:
@@ -84,7 +99,7 @@ def sweep(rows, values, baseline, published, title, path):
         axis.set_xticks(range(len(values)), values, rotation=30, ha="right", fontsize=7)
         axis.set_ylabel("ATE, m", fontsize=8)
         if any(np.nanmax(line.get_ydata(), initial=0) > 0 for line in axis.lines):
-            axis.set_yscale("log")
+            log_axis(axis.yaxis)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7)
     figure.suptitle(title, fontsize=10)
@@ -92,14 +107,24 @@ def sweep(rows, values, baseline, published, title, path):
 
 
 def aligned(folder):
-    """Times (s), aligned estimate and truth (N x 3, m) of a run; the plane to draw them in."""
+    """Times (s), aligned estimate and truth (N x 3, m) of a run; the whole truth (M x 3, m)."""
     times, positions = plot_trajectory.read_positions(os.path.join(folder, "trajectory.tum"))
     truth_times, truth = plot_trajectory.read_positions(os.path.join(folder, "ground_truth.tum"))
     ours, theirs = plot_trajectory.associate(times, truth_times)
     if len(ours) < 3:
         raise plot_trajectory.InputError(f"{folder}: fewer than three poses with ground truth")
     rotation, shift = plot_trajectory.align(positions[ours], truth[theirs])
-    return times[ours], positions[ours] @ rotation.T + shift, truth[theirs]
+    return times[ours], positions[ours] @ rotation.T + shift, truth[theirs], truth
+
+
+def plane_of(truth):
+    """The two axes along which a path is longest; x and z (from above, of a camera) where the second
+    is no longer than what a straight road leaves."""
+    spread = np.ptp(truth, axis=0)
+    order = np.argsort(spread)
+    if spread[order[1]] < 0.02 * spread[order[2]]:
+        return 0, 2
+    return tuple(sorted(int(i) for i in order[1:]))
 
 
 def trajectories(runs, title, path):
@@ -108,13 +133,12 @@ def trajectories(runs, title, path):
     drawn = False
     for k, (label, folder) in enumerate(runs):
         try:
-            times, estimate, truth = aligned(folder)
+            times, estimate, truth, whole = aligned(folder)
         except (plot_trajectory.InputError, OSError, ValueError):
             continue
-        spread = np.ptp(truth, axis=0)
-        a, b = sorted(np.argsort(spread)[-2:])
         if not drawn:
-            left.plot(truth[:, a], truth[:, b], color="black", linewidth=3, alpha=0.3,
+            a, b = plane_of(whole)
+            left.plot(whole[:, a], whole[:, b], color="black", linewidth=3, alpha=0.3,
                       label="ground truth")
             left.set_xlabel(f"{'xyz'[a]}, m", fontsize=8)
             left.set_ylabel(f"{'xyz'[b]}, m", fontsize=8)
@@ -130,7 +154,7 @@ def trajectories(runs, title, path):
     left.legend(fontsize=7)
     right.set_xlabel("time, s", fontsize=8)
     right.set_ylabel("distance from the truth, m", fontsize=8)
-    right.set_yscale("log")
+    log_axis(right.yaxis)
     right.grid(alpha=0.3)
     figure.suptitle(title, fontsize=10)
     return save(figure, path)

@@ -91,6 +91,7 @@ class Planner:
         self.cases = load_yaml("cases.yaml")
         self.stand_ins = load_yaml("stand_ins.yaml")
         self.given = data_sets.find(options.data) if options.data else {}
+        self.trajectories = data_sets.find_trajectories(options.data) if options.data else {}
         self.states = {}
         self.jobs = {}
         self.left_out = {}
@@ -138,6 +139,24 @@ class Planner:
         label = f"{what}: {stand_in['world']}, seed {number}"
         return job, f"inputs/{job}", {"origin": what, "input": name, "what": label}
 
+    def drive_of(self, name, seed, experiment, perception):
+        """The same of a drive: a feature file, whose priors have the errors of `perception`."""
+        traffic, _, real = name.removeprefix("drive/").partition("@")
+        frames = experiment.get("frames", 0)
+        arguments = ["--traffic", traffic, "--perception", perception, "--seed", str(seed)]
+        spec = {"program": self.programs.key("simulate_features"), "arguments": arguments}
+        if real:
+            spec.update(trajectory=self.trajectories[real], state=digest(self.trajectories[real]))
+            arguments += ["--every", "2"] if real.startswith("euroc/") else []
+            arguments += ["--frames", str(frames)] if frames else []
+        else:
+            spec["path"] = [frames or 2000, seed]
+        job = self.add("drive", [name.removeprefix("drive/"), seed, perception], spec, [], 1,
+                       0.02 * (frames or 2000))
+        where = f"real trajectory {real}" if real else "round a block"
+        return job, f"inputs/{job}/drive.features", {
+            "origin": "drive", "input": name, "what": f"drive: {where}, traffic {traffic}, seed {seed}"}
+
     # --- priors --------------------------------------------------------------------------------
 
     def priors_of(self, source, name, case, config, seed):
@@ -174,8 +193,11 @@ class Planner:
         return kept
 
     def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, experiment):
+        mode, drive = configuration["mode"], name.startswith("drive/")
+        if drive:
+            perception = "exact" if mode in NO_PRIORS else self.cases[case].get("perception", "exact")
+            source = self.drive_of(name, seed, experiment, perception)
         job, folder, _ = source
-        mode = configuration["mode"]
         needs = [job] if job else []
         arguments = ["--mode", mode, "--schedule", schedule]
         spec = {"input": folder}
@@ -192,11 +214,11 @@ class Planner:
             spec["config"] = config
             spec["config_digest"] = digest(os.path.join(CONFIGS, config))
         priors = None
-        if mode not in NO_PRIORS:
+        if mode not in NO_PRIORS and not drive:
             priors = self.priors_of(source, name, case, configuration.get("priors"), seed)
             needs.append(priors)
-        euroc = name.startswith("euroc/") or "hall" in name
-        if job is not None:
+        euroc = "euroc/" in name or "hall" in name
+        if job is not None and not drive:
             euroc = self.jobs[job]["spec"]["arguments"][0] == "hall"
         spec.update(program="run_stereo_euroc" if euroc else "run_stereo_kitti",
                     arguments=arguments, priors=priors, repeat=repeat)
@@ -204,7 +226,7 @@ class Planner:
         realtime = schedule == "realtime" or experiment.get("alone", False)
         cost = 0.03 * (experiment.get("frames") or 250) * (4 if realtime else 1)
         return self.add("run", [name.replace("/", ""), seed, configuration["name"],
-                                case if priors else "", schedule],
+                                case if priors or drive else "", schedule],
                         spec, needs, self.options.cores if realtime else 1, cost)
 
     def leave_out(self, experiment, what, why):
@@ -235,6 +257,12 @@ class Planner:
         return usable
 
     def worlds_exist(self, experiment, name):
+        if name.startswith("drive/"):
+            real = name.partition("@")[2]
+            if real and real not in self.trajectories:
+                self.leave_out(experiment["name"], name, f"no trajectory of {real} given (--data)")
+                return False
+            return True
         if name in self.given or not name.startswith("world/"):
             return True
         world = name.removeprefix("world/").partition("@")[0]
@@ -254,7 +282,11 @@ class Planner:
         """Job that looks at the prior files of an input; gates show against files without motion."""
         job, folder, labels = source
         exact, still = (self.priors_of(source, name, case, None, seed) for case in ("exact", "blind"))
+        package = os.path.join(os.path.dirname(self.options.bin), "python", "kys_slam")
         spec = {"input": folder, "priors": exact, "still": still,
+                "python": [digest(e.path) for e in os.scandir(package)
+                           if e.name.startswith("_core.") and e.name.endswith(".so")]
+                if os.path.isdir(package) else [],
                 "compare": self.programs.key("compare_priors"),
                 "build": self.programs.key("build_priors")}
         if job is None:
@@ -264,6 +296,16 @@ class Planner:
         return {**labels, "job": ident, "seed": seed, "variant": "", "configuration": "KYS",
                 "case": "exact", "schedule": "", "repeat": 0}
 
+    def perception_of(self, source, name):
+        """Job that measures what perception takes."""
+        job, folder, _ = source
+        spec = {"input": folder, "frames": 6, "build": self.programs.key("build_priors")}
+        if job is None:
+            spec.update(state=self.states[folder],
+                        perception=data_sets.perception_of(self.given[name], self.options.data))
+        return self.add("perception", [name.replace("/", "")], spec, [job] if job else [],
+                        self.options.cores, 10)
+
     def runs_of(self, experiment):
         """All runs of an experiment as rows of labels."""
         rows = []
@@ -272,9 +314,12 @@ class Planner:
             if not self.worlds_exist(experiment, name):
                 continue
             for seed in experiment["seeds"]:
-                source = self.input_of(name, seed, experiment)
+                source = (self.drive_of(name, seed, experiment, "exact")
+                          if name.startswith("drive/") else self.input_of(name, seed, experiment))
                 if source is None:
                     continue
+                if experiment.get("kind") == "costs":
+                    experiment.setdefault("perception", {})[name] = self.perception_of(source, name)
                 if experiment.get("kind") == "survey":
                     rows.append(self.survey_of(source, name, seed))
                     continue

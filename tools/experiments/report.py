@@ -28,7 +28,7 @@ RUN_COLUMNS = ["origin", "input", "what", "seed", "configuration", "variant", "c
                "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "survival_8",
                "survival_20", "job"]
 STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem;
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 92rem; margin: 2rem auto; padding: 0 1rem;
   color: #1b1b1b; }
 h1, h2 { line-height: 1.2; } h2 { margin-top: 3rem; border-top: 2px solid #ddd; padding-top: 1rem; }
 table { border-collapse: collapse; margin: 1rem 0; font-size: 12.5px; display: block;
@@ -289,14 +289,20 @@ def cost_tables(experiment, results, rows):
         timing = r.get("timing_ms", {})
         job = results.job(r["job"])
         fusion = results.done(job["spec"]["priors"]).get("fusion_ms") if job["spec"]["priors"] else None
+        seen = results.done(experiment.get("perception", {}).get(r["input"], ""))
+        networks = seen.get("networks_ms") if fusion is not None else None
+        classical = seen.get("classical_ms") if fusion is not None else None
         body.append([r["input"], ORIGINS[r["origin"]], r["configuration"]]
                     + [show(timing.get(s, {}).get("mean"), 2) for s in stages]
-                    + [show(fusion, 2), show(r.get("peak_mb"), 0)])
+                    + [show(networks, 0), show(classical, 0), show(fusion, 2),
+                       show(r.get("peak_mb"), 0)])
     return [Table(f"{experiment['name']}-stages", "Time per frame, mean, ms, and memory",
-                  ["input", "origin", "configuration", *stages, "fusion (build_priors)",
-                   "peak memory, MB"], body,
-                  "total: the tracking path of a frame, reading priors included. Perception networks "
-                  "are not part of this; the paper gives 1696 ms for its own.")]
+                  ["input", "origin", "configuration", *stages, "segmentation (network)",
+                   "SGBM + DIS", "fusion (build_priors)", "peak memory, MB"], body,
+                  "total: the tracking path of a frame, reading priors included. Beside it, before the "
+                  "run, on one core: segmentation where make_priors measured it (given data), disparity "
+                  "and flow of both cameras by SGBM and DIS, fusion. The paper gives 1696 ms for its "
+                  "networks.")]
 
 
 def loop_tables(experiment, rows):
@@ -327,6 +333,8 @@ def runs_table(experiment, rows):
 def pictures(experiment, results, rows, folder):
     name, made = experiment["name"], []
     path = lambda what: os.path.join(folder, f"{name}-{what}.png")
+    if experiment.get("kind") == "costs":
+        return []
     if experiment.get("kind") == "survey":
         return [m for m in survey_pictures(results, rows, path) if m]
     for k, (labels, words, mine) in enumerate(splits(experiment, rows)):
@@ -352,19 +360,20 @@ def pictures(experiment, results, rows, folder):
 def survey_pictures(results, rows, path):
     """Survival over the sequence, distributions of m and mu, a frame's stages."""
     made, frames, scores, mu = [], [], [], []
-    for r in rows:
-        values = read_json(os.path.join(results.folder(r), "values.json"))
-        if values is None:
-            continue
+    found = [(r, read_json(os.path.join(results.folder(r), "values.json"))) for r in rows]
+    found = [(r, values) for r, values in found if values is not None]
+    # The pictures of a frame: first where most things are flagged.
+    for r, values in sorted(found, key=lambda f: -f[1]["flagged_pixels"]):
         label = f"{r['input']} ({r.get('what', 'given data')})"
         frames.append((label, values["survival_per_frame"]))
         scores.append((label, values["m"]))
         mu.append((label, values["mu"]))
-        stages = os.path.join(results.folder(r), "stages.png")
-        if os.path.exists(stages) and len(made) < 2:
-            copy = path("stages-" + r["input"].replace("/", ""))
-            shutil.copyfile(stages, copy)
-            made.append(copy)
+        for what in ("stages", "tiers"):
+            source = os.path.join(results.folder(r), what + ".png")
+            if os.path.exists(source) and len(frames) <= 2:
+                copy = path(f"{what}-{r['input'].replace('/', '')}")
+                shutil.copyfile(source, copy)
+                made.append(copy)
     if not frames:
         return []
     return [figures.over_frames(frames, "keypoints with mu up to 8, %", "Survival under the stereo gate",
@@ -414,22 +423,60 @@ def helps(results, experiments):
                  "Below 1: better than stock. The interval decides; pairs of few inputs say little.")
 
 
-def in_words(summary):
-    """The summary's verdicts counted, by configuration and variant."""
-    columns = {name: summary.header.index(name) for name in ("variant", "configuration", "verdict")}
-    counts = {}
-    for row in summary.rows:
-        key = tuple(row[columns[k]] for k in ("configuration", "variant"))
-        counts.setdefault(key, []).append(row[columns["verdict"]])
+VARIANTS = {"votes": "with vote counting (ORB-SLAM's, the paper's baseline)",
+            "balanced": "with balanced consensus (the default here)", "": "with the default settings"}
+
+
+def all_pairs(experiments, configuration, variant):
+    """ATE of stock and of a configuration, exact or given perception, each input and seed once, and
+    the frames tracked, %."""
+    found = {}
+    for experiment, rows in experiments:
+        if experiment.get("kind") or "sweep" in experiment:
+            continue
+        mine = select(rows, variant=variant, case="exact", schedule=rows[0]["schedule"])
+        size = experiment.get("size", "")
+        stock, other = (select(mine, configuration=c) for c in ("stock", configuration))
+        keys, a, b = pairs(stock, other, "ate")
+        tracked = [over_repeats(r, "tracked") for r in (stock, other)]
+        for key, x, y in zip(keys, a, b):
+            if x > 0 and y > 0:
+                found[(key[0], key[1], size)] = (x, y, tracked[0][key], tracked[1][key])
+    return list(found.values())
+
+
+def in_words(experiments):
+    """The answer in sentences, over all pairs of the same input and seed."""
     said = []
-    for (configuration, variant), verdicts in counts.items():
-        n = {v: verdicts.count(v) for v in ("smaller", "larger", "no difference shown",
-                                            "too few pairs")}
-        said.append(f"{configuration}{f' ({variant})' if variant else ''}: ATE smaller than stock's in "
-                    f"{n['smaller']}, larger in {n['larger']}, no difference shown in "
-                    f"{n['no difference shown']}, too few pairs in {n['too few pairs']} of "
-                    f"{len(verdicts)} comparisons.")
+    variants = dict.fromkeys(r["variant"] for e, rows in experiments
+                             if not (e.get("kind") or "sweep" in e) for r in rows)
+    for variant in variants:
+        for configuration in ("KYS, literal", "KYS", "mask", "verified"):
+            found = all_pairs(experiments, configuration, variant)
+            if not found:
+                continue
+            d = difference([np.log(x) for x, *_ in found], [np.log(y) for _, y, *_ in found])
+            interval = ("" if d.low is None else
+                        f" (95 %: {np.exp(d.low):.2f} to {np.exp(d.high):.2f})")
+            better = sum(y < 0.9 * x for x, y, *_ in found)
+            worse = sum(y > 1.1 * x for x, y, *_ in found)
+            verdict = {"smaller": "it helps", "larger": "it harms"}.get(d.verdict, d.verdict)
+            said.append(
+                f"{configuration}, {VARIANTS.get(variant, variant)}: {verdict}. ATE {np.exp(d.mean):.2f} "
+                f"times that of stock{interval} over {len(found)} pairs; better by more than a tenth "
+                f"in {better}, worse in {worse}. Frames tracked {mean([p[3] for p in found]):.1f} %, "
+                f"stock {mean([p[2] for p in found]):.1f} %.")
     return "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in said) + "</ul>"
+
+
+def places_in_words(places):
+    """Kinds of scenes by verdict."""
+    at = {name: places.header.index(name) for name in ("scene", "variant", "verdict")}
+    name = lambda row: row[at["scene"]] + (f" ({row[at['variant']]})" if row[at["variant"]] else "")
+    words = lambda verdict: ", ".join(name(r) for r in places.rows
+                                      if r[at["verdict"]] == verdict) or "nowhere"
+    return (f"<p>KYS has the smaller error in: {html.escape(words('smaller'))}. The larger in: "
+            f"{html.escape(words('larger'))}. Elsewhere no difference is shown, or pairs are too few.</p>")
 
 
 def where(experiments):
@@ -442,35 +489,46 @@ def where(experiments):
             for variant in unique(rows, "variant"):
                 mine = select(rows, input=name, variant=variant, case="exact",
                               schedule=rows[0]["schedule"])
-                _, a, b = pairs(select(mine, configuration="stock"),
-                                select(mine, configuration="KYS"), "ate")
+                stock, kys = (select(mine, configuration=c) for c in ("stock", "KYS"))
+                _, a, b = pairs(stock, kys, "ate")
                 if a and min(a + b) > 0:
                     what = {r["input"]: r.get("what", "given data") for r in mine}[name]
                     key = (what.split(",")[0], variant)
-                    found.setdefault(key, {})[(name, tuple(a))] = list(zip(a, b))
+                    tracked = [mean([r.get("tracked") for r in c]) for c in (stock, kys)]
+                    found.setdefault(key, {})[(name, tuple(a))] = [(x, y, *tracked)
+                                                                   for x, y in zip(a, b)]
     body = []
     for (what, variant), groups in found.items():
         values = [p for g in groups.values() for p in g]
-        d = difference([np.log(x) for x, _ in values], [np.log(y) for _, y in values])
+        d = difference([np.log(v[0]) for v in values], [np.log(v[1]) for v in values])
         interval = "-" if d.low is None else f"{np.exp(d.low):.3f} to {np.exp(d.high):.3f}"
-        body.append([what, variant, d.pairs, show(mean([x for x, _ in values])),
-                     show(mean([y for _, y in values])), f"{np.exp(d.mean):.3f}", interval, d.verdict])
+        body.append([what, variant, d.pairs, *(show(mean([v[k] for v in values])) for k in (0, 1)),
+                     *(show(mean([v[k] for v in values]), 1) for k in (2, 3)),
+                     f"{np.exp(d.mean):.3f}", interval, d.verdict])
     return Table("where", "Where it helps: KYS and stock by kind of scene",
-                 ["scene", "variant", "pairs", "stock, mean ATE, m", "KYS, mean ATE, m", "ratio", "95 %",
-                  "verdict"], body)
+                 ["scene", "variant", "pairs", "stock, mean ATE, m", "KYS, mean ATE, m",
+                  "stock, tracked %", "KYS, tracked %", "ratio", "95 %", "verdict"], body)
 
 
-def cost_summary(experiments):
+def cost_summary(results, experiments):
     for experiment, rows in experiments:
         if experiment.get("kind") != "costs":
             continue
-        said = []
+        said, base = [], None
         for configuration in unique(rows, "configuration"):
             mine = select(rows, configuration=configuration)
             total = mean([r["timing_ms"]["total"]["mean"] for r in mine if "timing_ms" in r])
             memory = mean([r.get("peak_mb") for r in mine])
             if total is not None:
-                said.append(f"{configuration}: {total:.1f} ms per frame, {memory:.0f} MB")
+                base = base or total
+                said.append(f"{configuration}: {total:.1f} ms per frame ({total - base:+.1f} ms), "
+                            f"{memory:.0f} MB")
+        seen = [results.done(job) for job in experiment.get("perception", {}).values()]
+        for key, what in (("networks_ms", "segmentation by a network"),
+                          ("classical_ms", "disparity and flow by SGBM and DIS, one core")):
+            value = mean([s.get(key) for s in seen])
+            if value is not None:
+                said.append(f"before the run, {what}: {value:.0f} ms")
         return "; ".join(said) + ". Times hold for an idle machine only."
     return "not measured in this run"
 
@@ -495,7 +553,8 @@ def first_page(results, experiments):
     given = plan["given"]
     text = ["<h1>KYS-SLAM: tables and figures of the paper, reproduced</h1>",
             f"<p>Scale: {plan['scale']}. Jobs: "
-            + ", ".join(f"{n} {s}" for s, n in counts.items()) + ".</p>"]
+            + ", ".join(f"{n} {s}" for s, n in counts.items()) + ". Lost: fewer than half of the "
+            "frames have a pose; failed: no result, with the reason in its section.</p>"]
     if given:
         text.append("<p>Given data: " + html.escape(", ".join(sorted(given))) + ".</p>")
     if any(r["origin"] != "given" for _, rows in experiments for r in rows):
@@ -505,9 +564,9 @@ def first_page(results, experiments):
     if plan["scale"] != "full":
         text.append('<p class="warning">Short sequences and few seeds: a look at everything, no '
                     "evidence. The full scale is the default of tools/reproduce.sh.</p>")
-    text += ["<h3>Does it help, and by how much?</h3>", in_words(summary), summary.html(),
-             "<h3>Where?</h3>", places.html(),
-             "<h3>What does it cost?</h3>", f"<p>{html.escape(cost_summary(experiments))}</p>",
+    text += ["<h3>Does it help, and by how much?</h3>", in_words(experiments), summary.html(),
+             "<h3>Where?</h3>", places_in_words(places), places.html(),
+             "<h3>What does it cost?</h3>", f"<p>{html.escape(cost_summary(results, experiments))}</p>",
              "<h3>What differs from the paper?</h3>", differences(plan["source"])]
     return "\n".join(text), [summary, places]
 

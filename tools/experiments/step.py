@@ -10,6 +10,8 @@ import csv
 import json
 import os
 import re
+import resource
+import subprocess
 import sys
 import time
 
@@ -18,6 +20,7 @@ import numpy as np
 from loop_recall import recall_of
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, perception_arguments, read_json,
                   remove, shares, tier_counts, write_text)
+from town_path import write_drive
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
                                 "kys_slam"))
@@ -90,6 +93,20 @@ def simulate(work, job):
         os.symlink(before, folder)
         return {"rendered_before": before}
     call([work.program("simulate_sequence"), *job["spec"]["arguments"], "--output", folder, "--quiet"])
+    return {}
+
+
+def simulate_drive(work, job):
+    """A feature file along a recorded trajectory, or along a path that is made."""
+    spec, folder = job["spec"], work.path("inputs", job["id"])
+    remove(folder)
+    os.makedirs(folder)
+    trajectory = spec.get("trajectory")
+    if trajectory is None:
+        trajectory = os.path.join(folder, "path.txt")
+        write_drive(trajectory, *spec["path"])
+    call([work.program("simulate_features"), trajectory, *spec["arguments"], "--quiet", "--output",
+          os.path.join(folder, "drive.features")])
     return {}
 
 
@@ -298,6 +315,50 @@ def pipeline_picture(work, spec, folder, scratch):
                                              if f.endswith("_left.png"))[0])
 
 
+def tier_picture(work, spec, folder, output):
+    """Keypoints and stereo matches of a frame by tier; nothing without the Python package."""
+    package = os.path.join(os.path.dirname(work.plan["bin"]), "python")
+    script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tier_picture.py")
+    done = subprocess.run([sys.executable, script, folder, "--priors",
+                           work.path("priors", spec["priors"]), "--output", output],
+                          env={**os.environ, "PYTHONPATH": package}, capture_output=True, text=True,
+                          check=False)
+    if done.returncode != 0:
+        lines = done.stderr.strip().splitlines()
+        return {"no_tier_picture": lines[-1] if lines else f"status {done.returncode}"}
+    return {}
+
+
+def perception_times(work, job):
+    """Processor time, ms per frame of both cameras, for disparity (SGBM) and flow (DIS): what the
+    builder takes with them less what it takes with files; and what make_priors measured of networks."""
+    spec, scratch = job["spec"], work.path("scratch", job["id"])
+    folder = work.path(spec["input"])
+    remove(scratch)
+    results, seconds, given = {}, [], spec.get("perception")
+    for place in (given[1], os.path.dirname(os.path.realpath(given[1]))) if given else ():
+        times = read_json(os.path.join(place, "times.json"))
+        if times and times.get("segmented images"):  # two images per frame
+            results["networks_ms"] = 2e3 * (times["network"] + times["segments"]) / times[
+                "segmented images"]
+    if "state" in spec and (not given or given[0] == "priors"):
+        return results
+    files = perception(spec, folder)
+    estimated = list(files)
+    replace(estimated, "--disparity", "sgbm")
+    for side in ("left", "right"):
+        replace(estimated, f"--flow-{side}", "dis")
+    for k, arguments in enumerate((files, estimated)):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        call([work.program("build_priors"), folder, "--output", os.path.join(scratch, str(k)),
+              "--frames", str(spec["frames"]), "--jobs", "1", "--quiet", *arguments])
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    remove(scratch)
+    results["classical_ms"] = 1e3 * (seconds[1] - seconds[0]) / spec["frames"]
+    return results
+
+
 def survey(work, job):
     spec = job["spec"]
     output, scratch = work.path("runs", job["id"]), work.path("scratch", job["id"])
@@ -313,13 +374,15 @@ def survey(work, job):
         os.replace(pipeline_picture(work, spec, folder, scratch), os.path.join(output, "stages.png"))
     except (Failure, IndexError):
         pass  # prior files that came with the data: nothing to build from
+    results.update(tier_picture(work, spec, folder, os.path.join(output, "tiers.png")))
     remove(scratch)
     return results
 
 
 # --- one job -----------------------------------------------------------------------------------
 
-KINDS = {"input": simulate, "priors": make_priors, "run": run, "survey": survey}
+KINDS = {"input": simulate, "drive": simulate_drive, "priors": make_priors, "run": run, "survey": survey,
+         "perception": perception_times}
 
 
 def do(work, job):
