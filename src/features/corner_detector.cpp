@@ -90,9 +90,11 @@ void CornerDetector::detect(const GrayImage& image, const CornerOptions& options
   origin_ = options.margin - 1;
   const std::size_t groups = (static_cast<std::size_t>(width) + 2 + kGroup - 1) / kGroup;
   const auto rows_scored = static_cast<std::size_t>(height) + 2;
-  if (groups != row_groups_) scores_.clear();  // padding has moved: zero it anew
+  const std::size_t stride = groups * kGroup + kPad;
   row_groups_ = groups;
-  scores_.resize(rows_scored * (groups * kGroup + kPad) + kPad);
+  scores_.resize(std::max(scores_.size(), rows_scored * stride + kPad));
+  // Scores are written before they are read; the padding moves with the size of the image.
+  for (std::size_t r = 0; r <= rows_scored; ++r) std::fill_n(&scores_[r * stride], kPad, 0);
   groups_.resize(rows_scored * groups);
   peaks_.resize(rows_scored * groups);
   cell_columns_ = static_cast<std::size_t>(std::max(1, width / options.cell));

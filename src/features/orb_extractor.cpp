@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
 #include "features/corner_detector.h"
 #include "features/orb_descriptor.h"
@@ -52,7 +53,7 @@ struct OrbExtractor::Impl {
   PyramidBuilder pyramid_builder;
   CornerDetector detector;
   DescriptorBlur blur;
-  GrayImage blurred;
+  std::vector<GrayImage> blurred;  // per level: sizes stay the same from call to call
   std::vector<Corner> corners;
 
   void extract_level(std::size_t level, FeatureSet& features) {
@@ -63,7 +64,7 @@ struct OrbExtractor::Impl {
     const std::vector<Corner> kept =
         distribute(corners, kOrbMargin, image.width() - kOrbMargin, kOrbMargin,
                    image.height() - kOrbMargin, wanted[level]);
-    blur.apply(image, blurred);
+    blur.apply(image, blurred[level]);
     for (const Corner& corner : kept) {
       const Orientation turn = orientation(image, corner.x, corner.y);
       std::array<float, 2> shift{};
@@ -77,7 +78,7 @@ struct OrbExtractor::Impl {
       keypoint.response = corner.score;
       keypoint.angle = turn.angle();
       features.keypoints.push_back(keypoint);
-      features.descriptors.push_back(orb_descriptor(blurred, corner.x, corner.y, turn));
+      features.descriptors.push_back(orb_descriptor(blurred[level], corner.x, corner.y, turn));
     }
   }
 };
@@ -101,6 +102,7 @@ void OrbExtractor::extract(const GrayImage& image, FeatureSet& features) {
   features.keypoints.reserve(most);
   features.descriptors.reserve(most);
   impl_->pyramid_builder.build(image, options.scale_factor, options.levels, impl_->pyramid);
+  impl_->blurred.resize(impl_->pyramid.levels.size());
   for (std::size_t level = 0; level < impl_->pyramid.levels.size(); ++level) {
     impl_->extract_level(level, features);
   }
