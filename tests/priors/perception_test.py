@@ -18,6 +18,7 @@ sys.path.insert(0, str(ROOT / "python" / "kys_slam"))
 import common  # noqa: E402
 import disparity  # noqa: E402
 import flow  # noqa: E402
+import import_outputs  # noqa: E402
 import kysp  # noqa: E402
 import panoptic  # noqa: E402
 
@@ -79,6 +80,55 @@ class Conversions(unittest.TestCase):
             data = Path(folder, "a.pfm").read_bytes()
             self.assertTrue(data.startswith(b"Pf\n4 3\n-1.0\n"))
             self.assertEqual(np.frombuffer(data[-48:], "<f4")[0], field[2, 0, 0])
+
+
+class ImportedOutputs(unittest.TestCase):
+    """Outputs of networks that ran elsewhere, under the names build_priors looks for."""
+
+    def run_import(self, *arguments):
+        with mock.patch.object(sys, "argv", ["import_outputs.py", *map(str, arguments)]):
+            import_outputs.main()
+
+    def test_unimatch(self):
+        with tempfile.TemporaryDirectory() as folder:
+            made, out = Path(folder, "made"), Path(folder, "out")
+            made.mkdir()
+            (made / "000007_flow.png").write_bytes(b"a picture")
+            common.write_flo(made / "000007_pred.flo", np.full((3, 4, 2), 1.5))
+            common.write_flo(made / "000007_pred_bwd.flo", np.full((3, 4, 2), -1.5))
+            common.write_pfm(made / "000007_disp.pfm", np.full((3, 4), 8.0))
+            common.write_pfm(made / "000007_disp_right.pfm", np.full((3, 4), 9.0))
+            self.run_import("unimatch-flow", made, "--output", out / "flow", "--backward", out / "back",
+                            "--images", Path(folder, "image_2"))
+            self.run_import("unimatch-disparity", made, "--output", out / "disparity", "--right",
+                            out / "disparity_right")
+            for name, source in (("flow/000007.flo", "pred.flo"), ("back/000007.flo", "pred_bwd.flo"),
+                                 ("disparity/000007.pfm", "disp.pfm"),
+                                 ("disparity_right/000007.pfm", "disp_right.pfm")):
+                self.assertEqual((out / name).read_bytes(), (made / f"000007_{source}").read_bytes())
+            self.assertEqual((out / "flow" / "images.txt").read_text(), "image_2\n")
+            with self.assertRaisesRegex(SystemExit, "holds no"):
+                self.run_import("unimatch-flow", out / "disparity", "--output", out / "x")
+
+    def test_kmax(self):
+        with tempfile.TemporaryDirectory() as folder:
+            made, out = Path(folder, "made"), Path(folder, "out") / "left"
+            made.mkdir()
+            (made / "000007.png").write_bytes(b"segments")
+            document = Path(folder, "predictions.json")
+            infos = [{"id": 5, "category_id": 3, "isthing": True}]
+            document.write_text(json.dumps({"annotations": [
+                {"image_id": 7, "file_name": "000007.png", "segments_info": infos}]}))
+            self.run_import("kmax", made, "--json", document, "--output", out)
+            self.assertEqual((out / "000007.png").read_bytes(), b"segments")
+            read = json.loads((out.parent / "left.json").read_text())
+            self.assertEqual(read["annotations"], [{"file_name": "000007.png", "segments_info": infos}])
+            (made / "000008.png").write_bytes(b"more")
+            with self.assertRaisesRegex(SystemExit, "says nothing of 000008"):
+                self.run_import("kmax", made, "--json", document, "--output", out)
+            document.write_text("[1]")
+            with self.assertRaisesRegex(SystemExit, "not the document"):
+                self.run_import("kmax", made, "--json", document, "--output", out)
 
 
 @unittest.skipUnless(torch and Image, "torch, torchvision or Pillow is not installed")
