@@ -144,24 +144,31 @@ TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
     lose_instances();
     return result;
   }
-  finish_tracked(std::move(frame), waiting, result);
+  if (!finish_tracked(std::move(frame), waiting, result)) return result;
   // The next picture shows what the camera did meanwhile.
   if (repeated && repeats_ <= kMostRepeats) velocity_ = moving;
   return result;
 }
 
-/// A frame with a pose: perhaps a keyframe, and what the next one starts from.
-void Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
+/// A frame with a pose: perhaps a keyframe, and what the next one starts from. False where the pose
+/// rests on things that turn out to move.
+bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
-  result.status = TrackingStatus::kTracked;
   if (result.overruled) result.reason += "; image area against most matches";
   if (result.held) result.reason += "; held by constant velocity";
   if (instances_) judge_instances(frame, result);
+  if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {
+    result.reason += "; " + std::to_string(result.inliers) + " inliers stand still";
+    lose_instances();
+    return false;
+  }
+  result.status = TrackingStatus::kTracked;
   if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
   result.times.keyframe = watch.lap_ms();
   keep_as_last(std::move(frame), result);
+  return true;
 }
 
 TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
@@ -180,15 +187,18 @@ TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
   const std::optional<Velocity> velocity = std::exchange(velocity_, std::nullopt);
   refine_pose(frame, result);
   const KeyFrameId before = std::exchange(reference_, place.reference);
-  const bool tracked = track_local_map(frame, result);
+  const KeyFrameId first = first_keyframe_;
+  bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
+  if (tracked) {
+    if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
+    tracked = finish_tracked(std::move(frame), waiting, result);
+  }
   if (!tracked) {
     reference_ = before;
+    first_keyframe_ = first;
     velocity_ = velocity;
-    return result;
   }
-  if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
-  finish_tracked(std::move(frame), waiting, result);
   return result;
 }
 

@@ -140,7 +140,7 @@ class Tracker {
   Frame make_frame(std::int64_t index, double timestamp,
                    std::shared_ptr<const FrameFeatures> features);
   void start_map(Frame& frame, TrackResult& result);
-  void finish_tracked(Frame frame, int waiting, TrackResult& result);
+  bool finish_tracked(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
