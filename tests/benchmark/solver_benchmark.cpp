@@ -73,6 +73,7 @@ struct Contender {
 
 /// Runs the contenders in turns and prints medians; the last column is time over that of the first.
 void compare(const std::string& title, int rounds, const std::vector<Contender>& contenders) {
+  std::fflush(stdout);  // or the children write it as well
   const double idle = measure([] { return Outcome{}; }).megabytes;
   std::vector<std::vector<Measured>> all(contenders.size());
   for (int round = 0; round < rounds; ++round) {
