@@ -35,7 +35,7 @@ class SceneCells {
  public:
   SceneCells(const StereoCamera& camera, std::span<const PoseObservation> observations,
              std::span<const Vote> votes, const ConsensusOptions& options)
-      : worth_(observations.size()), weight_(observations.size()), share_(observations.size()) {
+      : worth_(observations.size()), weight_(observations.size()), fixed_(observations.size()) {
     const ImageCells cells(camera, options.columns);
     members_.resize(cells.size());
     std::map<std::int32_t, Thing> things;
@@ -63,7 +63,7 @@ class SceneCells {
       const double say = say_of(standing.size());
       add(standing, say);
       area_ += say;
-      for (const std::size_t i : standing) share_[i] = static_cast<float>(worth_[i]);
+      for (const std::size_t i : standing) fixed_[i] = 1;
     }
     for (const Thing& thing : things_) add(thing.members, thing.cells);
   }
@@ -83,8 +83,8 @@ class SceneCells {
   /// Observations of each occupied cell.
   [[nodiscard]] const CellMembers& members() const { return members_; }
   [[nodiscard]] const std::vector<Thing>& things() const { return things_; }
-  /// What one observation of the fixed scene stands for, in cells; 0 for one of a thing.
-  [[nodiscard]] float share(std::size_t i) const { return share_[i]; }
+  /// Whether an observation can be used and is of the fixed scene.
+  [[nodiscard]] bool is_fixed(std::size_t i) const { return fixed_[i] != 0; }
   /// In a fit in which cells weigh the same.
   [[nodiscard]] float weight(std::size_t i) const { return weight_[i]; }
 
@@ -111,7 +111,7 @@ class SceneCells {
   std::vector<double> panel_worth_;
   std::vector<Thing> things_;
   std::vector<float> weight_;
-  std::vector<float> share_;
+  std::vector<std::uint8_t> fixed_;
   double area_ = 0;
 };
 
@@ -151,7 +151,7 @@ class Consensus {
     const std::vector<double> errors = errors_at(T_c_w);
     double sum = 0;
     for (std::size_t i = 0; i < errors.size(); ++i) {
-      if (errors[i] <= factor * factor) sum += scene_.share(i);
+      if (scene_.is_fixed(i) && errors[i] <= factor * factor) sum += scene_.worth()[i];
     }
     return sum;
   }
@@ -163,8 +163,8 @@ class Consensus {
   }
 
   /// The same for a pose that is not refined yet, by a few observations of each cell.
-  [[nodiscard]] Rival roughly_judged(const Rigid3& T_c_w) const {
-    std::vector<double> errors;
+  /// \param errors  memory that is used again
+  [[nodiscard]] Rival roughly_judged(const Rigid3& T_c_w, std::vector<double>& errors) const {
     panel_errors_.at(T_c_w, errors);
     const double sum = support(errors, scene_.panel_worth(), options_.reach);
     return {T_c_w, sum * plausibility(T_c_w)};
@@ -185,7 +185,7 @@ class Consensus {
     if (scene_.things().empty()) return std::nullopt;
     std::vector<PoseObservation> fixed;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
-      if (scene_.share(i) > 0) fixed.push_back(observations_[i]);
+      if (scene_.is_fixed(i)) fixed.push_back(observations_[i]);
     }
     if (fixed.size() < kMinScene) return std::nullopt;
     const PoseResult result = optimize_pose(camera_, T_c_w, fixed, pose_);
@@ -245,12 +245,13 @@ class Consensus {
     cells[1] = unexplained(T_c_w_votes, false);
     cells[0] = scene_.things().empty() ? cells[1] : unexplained(T_c_w_votes, true);
     std::mt19937_64 random(options_.seed);
+    std::vector<double> errors;
     for (int k = 0; k < options_.samples; ++k) {
       const CellMembers& from = cells[static_cast<std::size_t>(k) % cells.size()];
       if (from.size() < kSample) continue;
       const std::optional<Rigid3> T_c_w = sample_pose(from, random);
       if (!T_c_w) continue;
-      const Rival rival = roughly_judged(*T_c_w);
+      const Rival rival = roughly_judged(*T_c_w, errors);
       const auto place = std::find_if(best.begin(), best.end(), [&](const Rival& other) {
         return rival.support > other.support;
       });
@@ -268,7 +269,7 @@ class Consensus {
       std::vector<std::size_t> rest;
       for (const std::size_t i : members) {
         const PoseObservation& o = observations_[i];
-        if (fixed && scene_.share(i) == 0) continue;
+        if (fixed && !scene_.is_fixed(i)) continue;
         if (errors[i] > options_.reach * options_.reach && o.u - o.u_right > 0) rest.push_back(i);
       }
       if (!rest.empty()) cells.push_back(std::move(rest));

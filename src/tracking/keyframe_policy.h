@@ -23,7 +23,8 @@ struct KeyFrameSituation {
   int reference_landmarks = 0;  ///< well-observed landmarks of the reference keyframe
   int tracked_close = 0;        ///< close stereo points of this frame with a landmark
   int untracked_close = 0;      ///< close stereo points without one
-  int addable = 0;              ///< stereo points without a landmark, near or far
+  int addable = 0;              ///< stereo points without a landmark, near or far; counted where
+                                ///< little is tracked
   int waiting = 0;              ///< keyframes sent to the back end and not yet answered
 };
 

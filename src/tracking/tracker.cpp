@@ -590,7 +590,7 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
       1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value);
   s.inliers = inliers;
   s.waiting = waiting;
-  s.addable = count_addable(frame);
+  if (inliers < options_.keyframes.scarce) s.addable = count_addable(frame);
   const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
   for (const LandmarkId id : replica_.keyframes().at(reference_).landmarks) {
     const LandmarkView* landmark = replica_.landmarks().find(id);

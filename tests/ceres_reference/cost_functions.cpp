@@ -10,51 +10,40 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 template <int Rows, int Cols>
 using JacobianMap = Eigen::Map<Eigen::Matrix<double, Rows, Cols, Eigen::RowMajor>>;
 
-/// The first `Rows` rows of the reprojection residual and its Jacobians.
-template <int Rows>
-void evaluate_reprojection(const StereoCamera& camera, const Rigid3& T_c_w,
-                           const Eigen::Vector3d& observed, double inv_sigma,
-                           double const* const* parameters, double* residuals, double** jacobians) {
+}  // namespace
+
+template <int kRows>
+bool ReprojectionCost<kRows>::Evaluate(double const* const* parameters, double* residuals,
+                                       double** jacobians) const {
   const Eigen::Map<const Eigen::Vector3d> w(parameters[0]);
   const Eigen::Map<const Eigen::Vector3d> v(parameters[0] + 3);
   const Eigen::Map<const Eigen::Vector3d> p_w(parameters[1]);
-  const Eigen::Matrix3d R = (so3_exp(w) * T_c_w.rotation).toRotationMatrix();
+  const Eigen::Matrix3d R = (so3_exp(w) * T_c_w_->rotation).toRotationMatrix();
   const Eigen::Vector3d rotated = R * p_w;
-  const Eigen::Vector3d p_c = rotated + T_c_w.translation + v;
+  const Eigen::Vector3d p_c = rotated + T_c_w_->translation + v;
 
-  Eigen::Map<Eigen::Matrix<double, Rows, 1>> residual(residuals);
-  residual = inv_sigma * reprojection_error(camera, p_c, observed.x(), observed.y(), observed.z())
-                             .template head<Rows>();
-  if (jacobians == nullptr) return;
+  Eigen::Map<Observed> residual(residuals);
+  residual =
+      inv_sigma_ * reprojection_error(*camera_, p_c, observed_.x(), observed_.y(), observed_.z())
+                       .template head<kRows>();
+  if (jacobians == nullptr) return true;
 
-  const Eigen::Matrix<double, Rows, 3> J =
-      inv_sigma * reprojection_jacobian(camera, p_c).template topRows<Rows>();
+  const Eigen::Matrix<double, kRows, 3> J =
+      inv_sigma_ * reprojection_jacobian(*camera_, p_c).template topRows<kRows>();
   if (jacobians[0] != nullptr) {
-    JacobianMap<Rows, 6> J_pose(jacobians[0]);
+    JacobianMap<kRows, 6> J_pose(jacobians[0]);
     J_pose.template leftCols<3>() = J * (-hat(rotated) * so3_left_jacobian(w));
     J_pose.template rightCols<3>() = J;
   }
   if (jacobians[1] != nullptr) {
-    JacobianMap<Rows, 3> J_point(jacobians[1]);
+    JacobianMap<kRows, 3> J_point(jacobians[1]);
     J_point = J * R;
   }
-}
-
-}  // namespace
-
-bool StereoReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
-                                      double** jacobians) const {
-  evaluate_reprojection<3>(*camera_, *T_c_w_, observed_, inv_sigma_, parameters, residuals,
-                           jacobians);
   return true;
 }
 
-bool MonoReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
-                                    double** jacobians) const {
-  evaluate_reprojection<2>(*camera_, *T_c_w_, {observed_.x(), observed_.y(), 0}, inv_sigma_,
-                           parameters, residuals, jacobians);
-  return true;
-}
+template class ReprojectionCost<3>;
+template class ReprojectionCost<2>;
 
 bool RelativePoseCost::Evaluate(double const* const* parameters, double* residuals,
                                 double** jacobians) const {

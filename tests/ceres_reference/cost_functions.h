@@ -10,38 +10,29 @@ namespace kys_slam {
 // translation (m)] of plus() from a pose the residual keeps a pointer to, so that no manifold is
 // needed and no gimbal is near.
 
-/// (u_left, v, u_right) of a landmark, predicted minus observed, times the inverse deviation.
-/// Blocks: increment of T_c_w (6), point p_w (3).
-class StereoReprojectionCost final : public ceres::SizedCostFunction<3, 6, 3> {
+/// (u_left, v, u_right) of a landmark, or (u, v) in the left image alone, predicted minus observed,
+/// times the inverse deviation. Blocks: increment of T_c_w (6), point p_w (3).
+template <int kRows>
+class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 6, 3> {
  public:
-  StereoReprojectionCost(const StereoCamera* camera, const Rigid3* T_c_w,
-                         const Eigen::Vector3d& observed, double inv_sigma)
-      : camera_(camera), T_c_w_(T_c_w), observed_(observed), inv_sigma_(inv_sigma) {}
+  using Observed = Eigen::Matrix<double, kRows, 1>;  // px
+  ReprojectionCost(const StereoCamera* camera, const Rigid3* T_c_w, const Observed& observed,
+                   double inv_sigma)
+      : camera_(camera), T_c_w_(T_c_w), inv_sigma_(inv_sigma) {
+    observed_.head<kRows>() = observed;
+  }
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
 
  private:
   const StereoCamera* camera_;
   const Rigid3* T_c_w_;
-  Eigen::Vector3d observed_;
+  Eigen::Vector3d observed_ = Eigen::Vector3d::Zero();
   double inv_sigma_;
 };
 
-/// (u, v) of a landmark in the left image. Blocks as for StereoReprojectionCost.
-class MonoReprojectionCost final : public ceres::SizedCostFunction<2, 6, 3> {
- public:
-  MonoReprojectionCost(const StereoCamera* camera, const Rigid3* T_c_w,
-                       const Eigen::Vector2d& observed, double inv_sigma)
-      : camera_(camera), T_c_w_(T_c_w), observed_(observed), inv_sigma_(inv_sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override;
-
- private:
-  const StereoCamera* camera_;
-  const Rigid3* T_c_w_;
-  Eigen::Vector2d observed_;
-  double inv_sigma_;
-};
+using StereoReprojectionCost = ReprojectionCost<3>;
+using MonoReprojectionCost = ReprojectionCost<2>;
 
 /// Weighted [log of the rotation (rad); translation (m)] of T_a_b^-1 * T_w_a^-1 * T_w_b.
 /// Blocks: increment of T_w_a (6), increment of T_w_b (6).
