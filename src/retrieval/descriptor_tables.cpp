@@ -1,5 +1,7 @@
 #include "retrieval/descriptor_tables.h"
 
+#include <kys_slam/util/hash.h>
+
 #include <numeric>
 #include <stdexcept>
 #include <utility>
@@ -12,10 +14,9 @@ constexpr std::size_t kKeys = std::size_t{1} << DescriptorTables::kKeyBits;
 
 /// SplitMix64 (Steele et al. 2014): the same numbers with every standard library.
 std::uint64_t next_random(std::uint64_t& state) {
-  std::uint64_t z = state += 0x9e3779b97f4a7c15u;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-  return z ^ (z >> 31);
+  const std::uint64_t number = mix(state);
+  state += 0x9e3779b97f4a7c15u;
+  return number;
 }
 
 }  // namespace
