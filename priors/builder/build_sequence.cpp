@@ -28,6 +28,7 @@
 #include "priors/builder/fuse.h"
 #include "priors/builder/keypoint_motion.h"
 #include "priors/builder/motion_belief.h"
+#include "priors/builder/seeded_flow.h"
 
 namespace kys_slam {
 namespace {
@@ -283,7 +284,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 4\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 5\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -378,17 +379,14 @@ class SequenceBuilder {
     if (in.size() == 2 && !right_is_read) d[1] = warp(d[0], in);
   }
 
-  [[nodiscard]] std::optional<FlowField> flow(std::size_t c, std::size_t t, const GrayImage& now,
+  [[nodiscard]] std::optional<FlowField> flow(std::size_t c, std::size_t t,
+                                              const CameraPerception& in, const GrayImage& now,
                                               const GrayImage& next) const {
     if (inputs_.flow[c].empty() || t + 1 == frames()) return std::nullopt;
     const BuilderOptions::FlowCheck& check = settings_.options.flow_check;
     if (inputs_.flow[c] == "dis") {
-      FlowField forward = estimate_flow(now, next);
-      if (check.enabled) {
-        check_forward_backward(forward, estimate_flow(next, now), check.tolerance,
-                               check.relative_tolerance);
-      }
-      return forward;
+      return estimate_checked_flow(settings_.options, sequence_.camera, now, next, in.disparity,
+                                   in.panoptic.map, stuff_mask(in.panoptic));
     }
     const auto read = [&](const fs::path& path) {
       FlowField field = read_flow(path, inputs_.flow_encoding);
@@ -439,7 +437,7 @@ class SequenceBuilder {
       const GrayImage& image = c == 0 ? out.now.first : out.now.second;
       const GrayImage& next_image = c == 0 ? next.first : next.second;
       in.disparity = std::move(disparity[c]);
-      in.flow = flow(c, t, image, next_image);
+      in.flow = flow(c, t, in, image, next_image);
       if (!next_image.empty()) {
         in.now = &image;
         in.next = &next_image;

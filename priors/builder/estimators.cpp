@@ -44,10 +44,18 @@ ImageOf<float> estimate_disparity(const GrayImage& left, const GrayImage& right_
   return disparity;
 }
 
-FlowField estimate_flow(const GrayImage& from, const GrayImage& to) {
+FlowField estimate_flow(const GrayImage& from, const GrayImage& to, int finest_level,
+                        const FlowField* seed) {
   const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
-  dis->setFinestScale(1);
+  dis->setFinestScale(finest_level);
   cv::Mat flow;
+  if (seed != nullptr) {
+    flow.create(from.height(), from.width(), CV_32FC2);
+    for (int y = 0; y < from.height(); ++y) {
+      auto* row = flow.ptr<cv::Vec2f>(y);
+      for (int x = 0; x < from.width(); ++x) row[x] = {seed->u.at(x, y), seed->v.at(x, y)};
+    }
+  }
   dis->calc(view(from), view(to), flow);
   FlowField field{ImageOf<float>(from.width(), from.height()),
                   ImageOf<float>(from.width(), from.height())};

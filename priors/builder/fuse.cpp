@@ -133,8 +133,7 @@ MeasuredCamera measure_camera(const BuilderOptions& options, const StereoCamera&
   const SegmentRuns& runs = in.panoptic.runs;
   std::vector<SegmentSums> sums(count + 1);
   for (const SegmentRun& run : runs.runs) sums[run.segment].area += run.x1 - run.x0;
-  std::vector<std::uint8_t> is_stuff(count + 1, 0);
-  for (std::size_t k = 0; k < count; ++k) is_stuff[k + 1] = !in.panoptic.segments[k].thing;
+  const std::vector<std::uint8_t> is_stuff = stuff_mask(in.panoptic);
   const InverseDepth inverse_depth(camera.bf(), options.depth.max_depth);
   if (in.flow && !in.disparity.empty()) {
     fusion.ego_motion = fit_ego_motion(options.ego_motion, camera, *in.flow, in.disparity,

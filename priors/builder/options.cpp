@@ -29,6 +29,8 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"flow_check.enabled", &o.flow_check.enabled},
       {"flow_check.tolerance", &o.flow_check.tolerance},
       {"flow_check.relative_tolerance", &o.flow_check.relative_tolerance},
+      {"flow_estimate.seeded", &o.flow_estimate.seeded},
+      {"flow_estimate.finest_level", &o.flow_estimate.finest_level},
       {"ego_motion.model", &o.ego_motion.model},
       {"ego_motion.border", &o.ego_motion.border},
       {"ego_motion.huber_delta", &o.ego_motion.huber_delta},
@@ -176,6 +178,8 @@ void BuilderOptions::check() const {
   require(association.max_missed_frames >= 0,
           "association.max_missed_frames: must not be negative");
   require(depth.max_depth > 0, "depth.max_depth: must be positive");
+  require(flow_estimate.finest_level >= -1 && flow_estimate.finest_level <= 4,
+          "flow_estimate.finest_level: must be -1 to 4");
   require(ego_motion.border >= 0, "ego_motion.border: must not be negative");
   require(ego_motion.huber_delta > 0, "ego_motion.huber_delta: must be positive");
   require(ego_motion.iterations >= 1 && ego_motion.iterations <= 1000,

@@ -50,6 +50,11 @@ struct BuilderOptions {
     double relative_tolerance = 0.02;  ///< of the flow's length, added to it
   } flow_check;
 
+  struct FlowEstimate {     // of flow "dis"
+    bool seeded = true;     ///< start also from the static scene's flow
+    int finest_level = -1;  ///< halvings of the images it is refined on; -1: to about 640 px width
+  } flow_estimate;
+
   struct EgoMotion {
     EgoMotionModel model = EgoMotionModel::kSe3;
     int border = 20;          ///< px left out of the fit on every side

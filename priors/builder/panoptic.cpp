@@ -22,4 +22,10 @@ std::vector<SegmentShape> segment_shapes(const SegmentRuns& runs, std::size_t se
   return shapes;
 }
 
+std::vector<std::uint8_t> stuff_mask(const PanopticMap& map) {
+  std::vector<std::uint8_t> is_stuff(map.segments.size() + 1, 0);
+  for (std::size_t k = 0; k < map.segments.size(); ++k) is_stuff[k + 1] = !map.segments[k].thing;
+  return is_stuff;
+}
+
 }  // namespace kys_slam

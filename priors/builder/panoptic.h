@@ -33,4 +33,7 @@ struct SegmentShape {
 /// Area and centroid of every segment, index k-1.
 std::vector<SegmentShape> segment_shapes(const SegmentRuns& runs, std::size_t segment_count);
 
+/// 1 for stuff, by segment number; [0] (void) is 0.
+std::vector<std::uint8_t> stuff_mask(const PanopticMap& map);
+
 }  // namespace kys_slam
