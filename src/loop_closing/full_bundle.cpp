@@ -93,14 +93,15 @@ void FullBundle::take_over(Map& map, const Job& job) const {
   IdTable<KeyFrameId, Rigid3> corrected;
   for (std::size_t k = 0; k < job.keyframes.size(); ++k) {
     const KeyFrameId id = job.keyframes[k];
-    if (!map.has(id)) continue;
+    if (!map.has(id) || job.summary.loose[k] != 0) continue;
     // What local mapping did meanwhile stays: the correction comes on top.
     const Rigid3& now = map.keyframe(id).T_c_w;
     corrected.put(id, same(now, job.T_c_w[k])
                           ? job.problem.T_c_w[k]
                           : now * job.T_c_w[k].inverse() * job.problem.T_c_w[k]);
   }
-  // Keyframes made meanwhile follow their parents, oldest first along the spanning tree.
+  // Keyframes made meanwhile, or held by too little, follow their parents, oldest first along the
+  // spanning tree; landmarks that only they see follow them.
   const std::vector<KeyFrameId> ids = map.submap_keyframes(job.submap);
   for (const KeyFrameId id : ids) {
     std::vector<KeyFrameId> path;
@@ -117,9 +118,13 @@ void FullBundle::take_over(Map& map, const Job& job) const {
       corrected.put(*k, T_c_parent * corrected.at(keyframe.parent));
     }
   }
+  std::vector<std::uint8_t> held(job.landmarks.size(), 0);
+  for (const BundleProblem::Observation& o : job.problem.observations) {
+    if (job.summary.loose[o.pose] == 0) held[o.point] = 1;
+  }
   std::vector<std::pair<LandmarkId, Eigen::Vector3d>> positions;
   for (std::size_t k = 0; k < job.landmarks.size(); ++k) {
-    if (!map.has(job.landmarks[k])) continue;
+    if (held[k] == 0 || !map.has(job.landmarks[k])) continue;
     const Eigen::Vector3d since = map.landmark(job.landmarks[k]).p_w - job.points[k];
     positions.emplace_back(job.landmarks[k], job.problem.points[k] + since);
   }

@@ -82,6 +82,35 @@ std::vector<std::uint8_t> find_outliers(const BundleProblem& problem,
   return outlier;
 }
 
+std::vector<std::uint8_t> inliers(const std::vector<std::uint8_t>& outlier) {
+  std::vector<std::uint8_t> result(outlier.size());
+  std::ranges::transform(outlier, result.begin(), [](auto o) { return o == 0 ? 1 : 0; });
+  return result;
+}
+
+/// Poses that may move and have too few of the active observations go back to where they were, and
+/// give up those. Returns whether there are new ones.
+bool let_go_loose(BundleProblem& problem, const BundleOptions& options,
+                  const std::vector<Rigid3>& before, std::vector<std::uint8_t>& active,
+                  std::vector<std::uint8_t>& loose) {
+  std::vector<int> count(before.size(), 0);
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    count[problem.observations[i].pose] += active[i] != 0 ? 1 : 0;
+  }
+  bool any = false;
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    if (problem.pose_fixed[k] != 0 || loose[k] != 0) continue;
+    if (count[k] >= options.min_pose_observations) continue;
+    problem.T_c_w[k] = before[k];
+    loose[k] = 1;
+    any = true;
+  }
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    if (loose[problem.observations[i].pose] != 0) active[i] = 0;
+  }
+  return any;
+}
+
 /// The fixed poses, or if there are none, the first that is observed.
 std::vector<std::uint8_t> hold_gauge(const BundleProblem& problem,
                                      const std::vector<std::uint8_t>& active) {
@@ -120,9 +149,12 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
     throw std::invalid_argument("adjust_bundle: disparity_weight must be positive");
   }
   BundleSummary summary;
-  const std::vector<std::uint8_t> usable = usable_observations(problem);
+  const std::vector<Rigid3> before = problem.T_c_w;
+  summary.loose.resize(before.size(), 0);
+  std::vector<std::uint8_t> active = usable_observations(problem);
+  let_go_loose(problem, options, before, active, summary.loose);
   const BundleRoundSummary first =
-      run_round(problem, options, usable, options.robust, options.iterations);
+      run_round(problem, options, active, options.robust, options.iterations);
   summary.initial_cost = first.initial_cost;
   summary.final_cost = first.final_cost;
   summary.iterations = first.iterations;
@@ -130,13 +162,17 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
   summary.outlier = find_outliers(problem, options);
 
   if (options.refine_iterations > 0 && !first.stopped) {
-    std::vector<std::uint8_t> active(usable.size());
-    for (std::size_t i = 0; i < active.size(); ++i) active[i] = summary.outlier[i] == 0 ? 1 : 0;
+    active = inliers(summary.outlier);
+    let_go_loose(problem, options, before, active, summary.loose);
     const BundleRoundSummary second =
         run_round(problem, options, active, false, options.refine_iterations);
     summary.final_cost = second.final_cost;
     summary.iterations += second.iterations;
     summary.stopped = second.stopped;
+    summary.outlier = find_outliers(problem, options);
+  }
+  active = inliers(summary.outlier);
+  if (let_go_loose(problem, options, before, active, summary.loose)) {
     summary.outlier = find_outliers(problem, options);
   }
   return summary;

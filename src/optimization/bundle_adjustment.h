@@ -52,6 +52,7 @@ struct BundleOptions {
   double chi2_mono = kChi2Mono95;
   double chi2_stereo = kChi2Stereo95;
   bool robust = true;                        ///< Huber loss in the first round
+  int min_pose_observations = 10;            ///< fewer do not hold a pose: it stays where it was
   double disparity_weight = 1;               ///< information of a disparity over that of u and v
   double function_tolerance = 1e-4;          ///< stop when the cost falls by less than this share
   const std::atomic<bool>* stop = nullptr;   ///< asked every few ms to 100 ms
@@ -64,13 +65,16 @@ struct BundleSummary {
   int iterations = 0;       ///< of all rounds, steps that were rejected included
   bool stopped = false;     ///< `stop` was set: the poses and points are still valid
   std::vector<std::uint8_t>
-      outlier;  ///< per observation: chi2 above the bound or behind the camera
+      outlier;                      ///< per observation: chi2 above the bound or behind the camera
+  std::vector<std::uint8_t> loose;  ///< per free pose: too few observations, it did not move
 };
 
 /// Minimises the reprojection error over poses and points (ORB-SLAM2, Sec. III-D, III-F): a robust
 /// round (Huber at the chi2 bounds), then a plain one over the observations within the bounds.
 /// Observations that are not finite, or behind the camera to begin with, are outliers from the
-/// start; points and poses without usable observations do not move. If no pose is fixed the first
+/// start; points and poses without usable observations do not move. A free pose that fewer than
+/// `min_pose_observations` hold, to begin with or without outliers, does not move either, and moves
+/// nothing: three wrong matches can put a pose anywhere. If no pose is fixed the first
 /// observed one is held, as reprojection errors leave the place of the whole open.
 /// \throws std::invalid_argument for indices out of range, arrays of unequal length, a bad camera.
 BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options);

@@ -137,12 +137,17 @@ class Consensus {
 
   [[nodiscard]] double area() const { return scene_.area(); }
 
+  /// Acceleration that leads to a pose from the expected motion, m/s^2; 0 where nothing is
+  /// expected.
+  [[nodiscard]] double acceleration(const Rigid3& T_c_w) const {
+    if (!expected_) return 0;
+    const Eigen::Vector3d step = T_c_w.inverse_t() - expected_->T_c_w.inverse_t();
+    return step.norm() / expected_->reach;
+  }
+
   /// 1 for the motion expected, falling to kImpossible for one that no vehicle can make.
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
-    if (!expected_) return 1;
-    const Eigen::Vector3d step = T_c_w.inverse_t() - expected_->T_c_w.inverse_t();
-    const double acceleration = step.norm() / expected_->reach;
-    const double ratio = acceleration / options_.max_acceleration;
+    const double ratio = acceleration(T_c_w) / options_.max_acceleration;
     return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
   }
 
@@ -366,7 +371,8 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
   result.contested = consensus.area() == 0 ||  // nothing but things that can move
-                     explained < (1 - options.contested) * consensus.area();
+                     explained < (1 - options.contested) * consensus.area() ||
+                     consensus.acceleration(result.pose.T_c_w) > options.doubtful_acceleration;
   if (!scene && !result.contested) return result;
   const double wanted = options.margin * consensus.judged(result.pose.T_c_w).support;
   Rival best{result.pose.T_c_w, wanted};

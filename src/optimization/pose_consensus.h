@@ -14,12 +14,13 @@ struct ConsensusOptions {
   double clear = 3;      ///< factor on the bound of the error beyond which one is an outlier here
   double tolerance = 2;  ///< factor on the bound of the error within which area supports a pose
   double reach = 5;      ///< the same for poses that are not refined yet
-  double cell_evidence = 2.5;    ///< nats, what one cell of the fixed scene says for a pose
-  bool by_class = true;          ///< things that can move count as things, not by their area
-  double margin = 1.02;          ///< factor by which a rival has to have more support
-  double max_acceleration = 20;  ///< m/s^2, of the camera
-  int samples = 300;             ///< of three matches from three cells
-  std::uint64_t seed = 0;        ///< of the samples
+  double cell_evidence = 2.5;        ///< nats, what one cell of the fixed scene says for a pose
+  bool by_class = true;              ///< things that can move count as things, not by their area
+  double margin = 1.02;              ///< factor by which a rival has to have more support
+  double max_acceleration = 20;      ///< m/s^2, of the camera
+  double doubtful_acceleration = 8;  ///< m/s^2, as no car brakes: calls for rivals
+  int samples = 300;                 ///< of three matches from three cells
+  std::uint64_t seed = 0;            ///< of the samples
 };
 
 struct ConsensusResult {
@@ -52,12 +53,13 @@ enum class Start : std::uint8_t {
 /// match, and its landmarks live long, while those of the scene leave their search windows. So it
 /// can hold most matches and yet a small part of the image. `optimize_pose` gives the pose that
 /// most matches agree on. Every occupied cell of the image has one vote, shared by its matches.
-/// Where outliers hold less than the share `contested` of the area that pose stands as it is: a
-/// static scene is not touched. Else rivals are estimated from samples of three matches from three
-/// cells that the pose does not explain (RANSAC with local optimisation, Chum et al. 2003; score as
-/// MSAC, Torr and Zisserman 2000, weighted by area), and from the initial pose. Support counts less
-/// the more acceleration a pose needs from what is `expected`. When a rival has more support, the
-/// pose is refined over all matches that it explains, each at full weight.
+/// Where outliers hold less than the share `contested` of the area, and the camera can have come to
+/// it, that pose stands as it is: a static scene is not touched. Else rivals are estimated from
+/// samples of three matches from three cells that the pose does not explain (RANSAC with local
+/// optimisation, Chum et al. 2003; score as MSAC, Torr and Zisserman 2000, weighted by area), and
+/// from the initial pose. Support counts less the more acceleration a pose needs from what is
+/// `expected`. When a rival has more support, the pose is refined over all matches that it
+/// explains, each at full weight.
 ///
 /// With `votes`, only the fixed scene counts by area. A thing that can move counts once, whatever
 /// its size, by the log-odds of its standing still: a pose to which it stands still gains

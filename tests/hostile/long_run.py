@@ -6,7 +6,7 @@
 TRAJECTORY (KITTI poses, 10 Hz) comes back to where it began, like KITTI odometry 07. Some laps of it
 are simulated as features with traffic, priors among them, and driven again and again; at every
 kidnapping the camera is put elsewhere on the lap. Runs in mode stock (priors off) and kys (on), prints
-a table and writes WORK_DIR/long_run.png.
+a table and writes WORK_DIR/long_run.png. A run that is there already is not made again.
 """
 import argparse
 import csv
@@ -117,11 +117,19 @@ def run(programs, features, mode, output):
     watch = Watch(process)
     watch.start()
     watch.join()
+    with open(os.path.join(output, "watch.json"), "w", encoding="ascii") as file:
+        json.dump({"status": process.returncode, "watch": watch.rows}, file)
+    return load(output)
+
+
+def load(output):
+    """What a run left: also one of an earlier call."""
     with open(os.path.join(output, "frames.csv"), encoding="utf-8") as file:
         frames = list(csv.DictReader(file))
     with open(os.path.join(output, "summary.json"), encoding="utf-8") as file:
         summary = json.load(file)
-    return {"status": process.returncode, "frames": frames, "summary": summary, "watch": watch.rows}
+    with open(os.path.join(output, "watch.json"), encoding="ascii") as file:
+        return {"frames": frames, "summary": summary, **json.load(file)}
 
 
 def column(result, name):
@@ -200,7 +208,9 @@ def main():
     jumps = repeat(laps, len(lap), int(a.hours * 36000), features)
     results = {}
     for mode in a.modes.split(","):
-        results[mode] = run(a.bin, features, mode, os.path.join(a.work, mode))
+        output = os.path.join(a.work, mode)
+        done = os.path.exists(os.path.join(output, "watch.json"))
+        results[mode] = load(output) if done else run(a.bin, features, mode, output)
         tell(mode, results[mode], jumps)
     plot(results, os.path.join(a.work, "long_run.png"))
 

@@ -122,6 +122,33 @@ TEST_P(AdjustBundle, HoldsOnePoseWhenNoneIsFixed) {
   }
 }
 
+TEST_P(AdjustBundle, APoseThatTooLittleHoldsStaysAndMovesNothing) {
+  Scene scene = make_scene(small_scene());
+  // Of pose 5 four observations stay, all of wrong landmarks; of pose 7 twelve, nine of them wrong.
+  std::vector<BundleProblem::Observation> kept;
+  int of_5 = 0;
+  int of_7 = 0;
+  for (BundleProblem::Observation o : scene.problem.observations) {
+    if (o.pose == 5 && ++of_5 > 4) continue;
+    if (o.pose == 7 && ++of_7 > 12) continue;
+    if (o.pose == 5 || (o.pose == 7 && of_7 <= 9)) o.u += 40.0f * static_cast<float>(of_5 + of_7);
+    kept.push_back(o);
+  }
+  scene.problem.observations = kept;
+  perturb(scene, 0.001, 0.02, 0.02);
+  const std::vector<Rigid3> before = scene.problem.T_c_w;
+  const auto summary = adjust_bundle(scene.problem, options());
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    const bool loose = k == 5 || k == 7;
+    EXPECT_EQ(summary.loose[k] != 0, loose) << k;
+    if (loose) {
+      EXPECT_EQ(minus(scene.problem.T_c_w[k], before[k]).norm(), 0) << k;
+    } else {
+      EXPECT_LT(minus(scene.problem.T_c_w[k], scene.T_c_w[k]).norm(), 1e-5) << k;
+    }
+  }
+}
+
 TEST_P(AdjustBundle, NonFiniteInputIsOutlierAndNeverSpreads) {
   Scene scene = make_scene(small_scene());
   perturb(scene, 0.001, 0.02, 0.05);

@@ -155,6 +155,38 @@ TEST(PoseConsensus, PastMotionDecidesAgainstLargerArea) {
   EXPECT_LT(error(expected), 0.02);
 }
 
+/// A car that turns in ahead and drives off hardly slower than the camera: its pose and that of the
+/// scene are so near that most of the scene's cells fit both within the bound of outliers.
+TEST(PoseConsensus, APoseThatNoVehicleCanReachIsContested) {
+  const StereoCamera camera = kitti_camera();
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    Random random(seed);
+    Street street;
+    street.T_c_w.translation = {0, 0, -0.5};
+    Rigid3 on_car = street.T_c_w;  // of the landmarks that the last frame has left on the car
+    on_car.translation.z() = -0.32;
+    while (street.observations.size() < 200) {
+      const bool car = street.observations.size() < 130;
+      const double u = car ? random.uniform(400, 800) : random.uniform(0, camera.width);
+      const Eigen::Vector3d p_c =
+          camera.back_project(u, random.uniform(0, camera.height),
+                              car ? random.uniform(9, 11) : random.uniform(35, 90));
+      street.see(camera, (car ? on_car : street.T_c_w).inverse() * p_c, p_c, random);
+    }
+    const ExpectedPose expected{street.T_c_w, 0.01};  // at 10 Hz
+    ConsensusOptions trusting;
+    trusting.doubtful_acceleration = 1e9;
+    const ConsensusResult led =
+        estimate_pose(camera, street.T_c_w, street.observations, {}, expected, trusting);
+    EXPECT_FALSE(led.contested) << "seed " << seed;
+    EXPECT_GT(position_error(street, led.pose.T_c_w), 0.12) << "the car has most matches";
+    const ConsensusResult asked =
+        estimate_pose(camera, street.T_c_w, street.observations, {}, expected, {});
+    EXPECT_TRUE(asked.overruled) << "seed " << seed;
+    EXPECT_LT(position_error(street, asked.pose.T_c_w), 0.08) << "seed " << seed;
+  }
+}
+
 TEST(PoseConsensus, OffIsThePlainPose) {
   const Street street = make_street(150, 450, 2);
   ConsensusOptions off;
