@@ -39,7 +39,7 @@ constexpr const char* kSegmentsHeader =
     "omega,magnitude_test,radial_test,rho,m,valid,median_px,coherent_px,scatter_px,parallax_px,"
     "disparity_px,keypoints,keypoint_inliers,keypoint_log_ratio,keypoint_span_s,"
     "keypoint_shift_m,keypoint_shift_px,patches,flow_patches,still_alike,flow_alike,"
-    "evidence_flow,evidence_appearance,evidence_keypoints,state,log_odds\n";
+    "evidence_flow,evidence_appearance,evidence_keypoints,evidence,state,log_odds\n";
 constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
@@ -150,30 +150,63 @@ class SequenceBuilder {
     FrameEvidence evidence;  // of the frame with those before it; then with the next one
   };
 
-  /// Frames from begin to end: identities and keypoints need them in order, the latter one frame
-  /// more.
+  using Pair = std::pair<GrayImage, GrayImage>;
+
+  /// A frame between its measurement and its file.
+  struct Measured {
+    std::uint64_t key = 0;
+    bool current = false;  // its file is there
+    Pair now;              // for pictures
+    std::vector<MeasuredCamera> cameras;
+    std::vector<FusionImages> images;
+    BuildTimes times;
+  };
+
+  /// Measures frames from begin to end, and writes those that are decided then. Identities and
+  /// keypoints need frames in order, keypoints one frame more, belief `lag` frames more.
   void build_frames(std::size_t begin, std::size_t end) {
-    prepare(inputs_.keypoints ? std::min(end + 1, frames()) : end);
+    const std::size_t lag = belief_ ? static_cast<std::size_t>(settings_.options.detection.lag) : 0;
+    prepare(std::min(end + std::max<std::size_t>(lag, inputs_.keypoints ? 1 : 0), frames()));
+    for (; keyed_ < std::min(end + lag, frames()); ++keyed_) {
+      keys_.push_back(content_key(keyed_, prepared_[keyed_ - begin].perception));
+      if (belief_) chain_ = keys_.back();
+    }
     std::vector<Prepared> batch;
     for (std::size_t t = begin; t < end; ++t) {
       batch.push_back(std::move(prepared_.front()));
       prepared_.pop_front();
     }
-    std::vector<Measured> measured(batch.size());
-    for (std::size_t i = 0; i < batch.size(); ++i) {
-      measured[i].key = content_key(begin + i, batch[i].perception);
-      if (belief_) chain_ = measured[i].key;
+    const std::size_t waiting = measured_.size();
+    for (std::size_t t = begin; t < end; ++t) {
+      measured_.emplace_back().key = belief_ ? key_with_later(t, lag) : keys_[t];
     }
     for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
-      measure_frame(begin + i, std::move(batch[i]), measured[i]);
+      measure_frame(begin + i, std::move(batch[i]), measured_[waiting + i]);
     });
-    for (std::size_t i = 0; i < measured.size() && belief_; ++i) decide(begin + i, measured[i]);
-    for_each_index(end - begin, settings_.jobs, [&](std::size_t i) {
-      write_frame(begin + i, std::move(measured[i]));
+    for (std::size_t i = 0; belief_ && i < end - begin; ++i) {
+      add_to_belief(begin + i, measured_[waiting + i]);
+      if (begin + i >= lag) decide(measured_[begin + i - lag - written_]);
+    }
+    const std::size_t ready = end == frames() ? end : std::max(end, lag) - lag;
+    for (std::size_t t = std::max(end, lag) - lag; belief_ && t < ready; ++t) {
+      decide(measured_[t - written_]);
+    }
+    for_each_index(std::max(ready, written_) - written_, settings_.jobs, [&](std::size_t i) {
+      write_frame(written_ + i, std::move(measured_[i]));
       const std::lock_guard lock(mutex_);
       ++done_;
       if (settings_.progress) settings_.progress("priors", done_, frames());
     });
+    for (; written_ < ready; ++written_) measured_.pop_front();
+  }
+
+  /// Key of a frame whose decision depends on later ones: the key of the last of them covers all
+  /// that come before it.
+  [[nodiscard]] std::uint64_t key_with_later(std::size_t t, std::size_t lag) const {
+    Digest digest;
+    digest.add(sequence_.names[t]);
+    digest.add(std::to_string(keys_[std::min(t + lag, frames() - 1)]));
+    return digest.value();
   }
 
   /// Reads frames up to `end` and gives their segments identities.
@@ -284,7 +317,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 5\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 6\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -336,8 +369,6 @@ class SequenceBuilder {
                      std::to_string(sequence_.camera.width) + "x" +
                      std::to_string(sequence_.camera.height));
   }
-
-  using Pair = std::pair<GrayImage, GrayImage>;
 
   /// Disparity (px) of both views; of the right one only where it is read or estimated.
   [[nodiscard]] std::array<ImageOf<float>, 2> disparities(std::size_t t, const Pair& now) const {
@@ -401,16 +432,6 @@ class SequenceBuilder {
     return forward;
   }
 
-  /// A frame between its measurement and its file.
-  struct Measured {
-    std::uint64_t key = 0;
-    bool current = false;  // its file is there
-    Pair now;              // for pictures
-    std::vector<MeasuredCamera> cameras;
-    std::vector<FusionImages> images;
-    BuildTimes times;
-  };
-
   [[nodiscard]] fs::path file_of(std::size_t t) const {
     return settings_.output / (sequence_.names[t] + ".kysp");
   }
@@ -455,33 +476,48 @@ class SequenceBuilder {
     if (!settings_.debug_images) out.now = {};
   }
 
-  /// Belief over time goes through the frames in order.
-  void decide(std::size_t t, Measured& measured) {
-    if (measured.current) {
-      std::ifstream rows(rows_of(t));
-      for (std::string line; std::getline(rows, line);) restore(t, line);
-      return;
-    }
+  struct Things {
     std::vector<CameraFusion*> cameras;
     std::vector<const std::vector<std::int32_t>*> instances;
+  };
+  static Things things_of(Measured& measured) {
+    Things things;
     for (MeasuredCamera& camera : measured.cameras) {
-      cameras.push_back(&camera.fusion);
-      instances.push_back(&camera.input.instances);
+      things.cameras.push_back(&camera.fusion);
+      things.instances.push_back(&camera.input.instances);
     }
-    belief_->next_frame(time_of(t), cameras, instances);
+    return things;
   }
 
-  /// What a row of segments.csv says about belief: its fourth field names the object, its last is
-  /// the log-odds.
-  void restore(std::size_t t, const std::string& row) {
-    if (row.empty() || row[0] != 'S') return;
-    std::vector<std::string> fields;
-    std::istringstream in(row);
-    for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
-    if (fields.size() < 5) return;
-    belief_->restore(time_of(t),
-                     static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
-                     std::strtod(fields.back().c_str(), nullptr));
+  /// Belief over time goes through the frames in order.
+  void add_to_belief(std::size_t t, Measured& measured) {
+    if (measured.current) {
+      belief_->restore_frame(time_of(t), evidence_of(rows_of(t)));
+      return;
+    }
+    const Things things = things_of(measured);
+    belief_->add_frame(time_of(t), things.cameras, things.instances);
+  }
+
+  void decide(Measured& measured) {
+    const Things things = things_of(measured);
+    belief_->decide(things.cameras, things.instances);
+  }
+
+  /// Instances and evidence in the rows of a frame: their fourth field and the last but two.
+  static std::vector<std::pair<std::int32_t, double>> evidence_of(const fs::path& path) {
+    std::vector<std::pair<std::int32_t, double>> evidence;
+    std::ifstream rows(path);
+    for (std::string row; std::getline(rows, row);) {
+      if (row.empty() || row[0] != 'S') continue;
+      std::vector<std::string> fields;
+      std::istringstream in(row);
+      for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
+      if (fields.size() < 7) continue;
+      evidence.emplace_back(static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
+                            std::strtod(fields[fields.size() - 3].c_str(), nullptr));
+    }
+    return evidence;
   }
 
   void write_frame(std::size_t t, Measured measured) {
@@ -538,7 +574,7 @@ class SequenceBuilder {
       std::snprintf(
           line, sizeof line,
           "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
-          "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%s,%.17g\n",
+          "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%.17g,%s,%.17g\n",
           name.c_str(), camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
           m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test,
           d.rho, d.score, m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0,
@@ -546,7 +582,7 @@ class SequenceBuilder {
           m.median.disparity, m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
           m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
           m.appearance.flow_patches, m.appearance.still, m.appearance.flow, d.evidence_flow,
-          d.evidence_appearance, d.evidence_keypoints,
+          d.evidence_appearance, d.evidence_keypoints, d.evidence,
           d.dynamic  ? "moving"
           : d.judged ? "static"
                      : "not_judged",
@@ -610,9 +646,13 @@ class SequenceBuilder {
   std::optional<MotionBelief> belief_;
   std::uint64_t chain_ = 0;  ///< content key of the frame before, where belief depends on it
   std::unique_ptr<KeypointMotion> keypoints_;
-  std::deque<Prepared> prepared_;  ///< frames that are read and not yet built
-  std::size_t read_ = 0;           ///< frames
-  std::mutex mutex_;               ///< of what follows, while frames are built
+  std::deque<Prepared> prepared_;    ///< frames that are read and not yet built
+  std::size_t read_ = 0;             ///< frames
+  std::vector<std::uint64_t> keys_;  ///< of frames, without what comes after them
+  std::size_t keyed_ = 0;            ///< frames
+  std::deque<Measured> measured_;    ///< frames that are not written, from `written_` on
+  std::size_t written_ = 0;          ///< frames
+  std::mutex mutex_;                 ///< of what follows, while frames are built
   BuildSummary summary_;
   std::size_t done_ = 0;  ///< frames
 };

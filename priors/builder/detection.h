@@ -67,6 +67,7 @@ struct MotionDecision {
   double score = 0;     ///< m_k, 0..100; of detection.method robust: 100 times probability
   bool judged = false;  ///< false: nothing was measured that could tell
   double log_odds = 0;  ///< of moving, robust only; and what this frame said, nats:
+  double evidence = 0;  ///< of its object, all cameras and sources together; and of this segment:
   double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0;
 };
 

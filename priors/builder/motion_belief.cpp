@@ -77,18 +77,62 @@ double MotionBelief::expected(std::int32_t object, double timestamp) const {
                      timestamp - at->second.timestamp, update);
 }
 
-void MotionBelief::restore(double timestamp, std::int32_t instance, double log_odds) {
-  states_[object_of(instance)] = {log_odds, timestamp};
+void MotionBelief::add(Frame frame) {
+  for (auto& [object, said] : frame.said) {
+    said.log_odds = std::clamp(expected(object, frame.timestamp) + said.evidence,
+                               -options_.max_log_odds, options_.max_log_odds);
+    states_[object] = {said.log_odds, frame.timestamp};
+  }
+  frames_.push_back(std::move(frame));
 }
 
-void MotionBelief::next_frame(double timestamp, std::span<CameraFusion* const> cameras,
-                              std::span<const std::vector<std::int32_t>* const> instances) {
-  struct Said {
+void MotionBelief::restore_frame(double timestamp,
+                                 const std::vector<std::pair<std::int32_t, double>>& evidence) {
+  Frame frame{timestamp, {}};
+  for (const auto& [instance, nats] : evidence) frame.said[object_of(instance)].evidence = nats;
+  add(std::move(frame));
+}
+
+/// What the frames after the first say about an object, nats: the backward pass of the chain whose
+/// forward pass is after_time().
+double MotionBelief::later(std::int32_t object) const {
+  const double settled = probability(options_.start_log_odds);
+  // Likelihoods of what comes after, if it moves and if it stands still.
+  double moves = 1, stands = 1, time = 0;
+  bool any = false;
+  const auto go_back = [&](double to) {
+    const double share =
+        1 - std::exp(-BeliefUpdateOptions{}.change_rate * std::max(time - to, 0.0));
+    const double mean = settled * moves + (1 - settled) * stands;
+    moves += share * (mean - moves);
+    stands += share * (mean - stands);
+    time = to;
+  };
+  for (std::size_t i = frames_.size() - 1; i > 0; --i) {
+    const Frame& frame = frames_[i];
+    const auto said = frame.said.find(object);
+    if (said == frame.said.end()) continue;
+    if (any) go_back(frame.timestamp);
+    any = true;
+    time = frame.timestamp;
+    moves *= std::exp(said->second.evidence);
+    const double sum = moves + stands;
+    moves /= sum;
+    stands /= sum;
+  }
+  if (!any) return 0;
+  go_back(frames_.front().timestamp);
+  return std::log(moves / stands);
+}
+
+void MotionBelief::add_frame(double timestamp, std::span<CameraFusion* const> cameras,
+                             std::span<const std::vector<std::int32_t>* const> instances) {
+  struct Sums {
     double cameras = 0, keypoints = 0;
     int count = 0;
     bool any = false;
   };
-  std::map<std::int32_t, Said> said;
+  std::map<std::int32_t, Sums> sums;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     CameraFusion& fusion = *cameras[c];
     for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
@@ -98,7 +142,7 @@ void MotionBelief::next_frame(double timestamp, std::span<CameraFusion* const> c
       decision.evidence_flow = e.flow;
       decision.evidence_appearance = e.appearance;
       decision.evidence_keypoints = e.keypoints;
-      Said& object = said[object_of((*instances[c])[k])];
+      Sums& object = sums[object_of((*instances[c])[k])];
       object.cameras += std::clamp(e.flow + e.appearance, -kMaxCamera, kMaxCamera);
       // Both cameras see the same keypoints.
       if (std::abs(e.keypoints) > std::abs(object.keypoints)) object.keypoints = e.keypoints;
@@ -106,21 +150,27 @@ void MotionBelief::next_frame(double timestamp, std::span<CameraFusion* const> c
       object.any |= e.any();
     }
   }
-  for (const auto& [object, what] : said) {
-    const double evidence =
-        std::clamp(what.cameras / what.count + what.keypoints, -kMaxFrame, kMaxFrame);
-    const double log_odds = std::clamp(expected(object, timestamp) + evidence,
-                                       -options_.max_log_odds, options_.max_log_odds);
-    states_[object] = {log_odds, timestamp};
+  Frame frame{timestamp, {}};
+  for (const auto& [object, sum] : sums) {
+    const double evidence = sum.cameras / sum.count + sum.keypoints;
+    frame.said[object] = {std::clamp(evidence, -kMaxFrame, kMaxFrame), 0, sum.any};
   }
+  add(std::move(frame));
+}
+
+void MotionBelief::decide(std::span<CameraFusion* const> cameras,
+                          std::span<const std::vector<std::int32_t>* const> instances) {
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     CameraFusion& fusion = *cameras[c];
     for (std::size_t k = 0; k < fusion.segments.size(); ++k) {
       if (!fusion.segments[k].thing) continue;
       MotionDecision& decision = fusion.decisions[k];
       const std::int32_t object = object_of((*instances[c])[k]);
-      decision.log_odds = states_.at(object).log_odds;
-      decision.judged = said.at(object).any;
+      const Said& said = frames_.front().said.at(object);
+      decision.evidence = said.evidence;
+      decision.log_odds =
+          std::clamp(said.log_odds + later(object), -options_.max_log_odds, options_.max_log_odds);
+      decision.judged = said.any;
       decision.dynamic = decision.log_odds > 0;
       decision.magnitude_test = decision.dynamic;
       decision.omega = coverage_scale(options_, fusion.statistics[k].coverage);
@@ -130,6 +180,7 @@ void MotionBelief::next_frame(double timestamp, std::span<CameraFusion* const> c
       decision.score = decision.dynamic ? 100 * probability(decision.log_odds) : 0;
     }
   }
+  frames_.pop_front();
 }
 
 }  // namespace kys_slam

@@ -46,6 +46,7 @@ std::vector<std::pair<std::string, Target>> fields(BuilderOptions& o) {
       {"detection.robust_factor", &o.detection.robust_factor},
       {"detection.start_log_odds", &o.detection.start_log_odds},
       {"detection.max_log_odds", &o.detection.max_log_odds},
+      {"detection.lag", &o.detection.lag},
       {"detection.min_coverage", &o.detection.min_coverage},
       {"detection.uncovered_factor", &o.detection.uncovered_factor},
       {"detection.min_radial_coverage", &o.detection.min_radial_coverage},
@@ -193,6 +194,7 @@ void BuilderOptions::check() const {
           "detection.max_log_odds: must be above 0, at most 20");
   require(std::abs(detection.start_log_odds) <= detection.max_log_odds,
           "detection.start_log_odds: must not be beyond detection.max_log_odds");
+  require(detection.lag >= 0 && detection.lag <= 100, "detection.lag: must be 0 to 100");
   require(detection.uncovered_factor >= 0, "detection.uncovered_factor: must not be negative");
   require(detection.max_omega >= 1, "detection.max_omega: must be 1 or more");
   require(detection.max_psi >= 1, "detection.max_psi: must be 1 or more");

@@ -77,6 +77,7 @@ struct BuilderOptions {
     double robust_factor = 1.7;        ///< robust: times background median
     double start_log_odds = -0.8;      ///< robust: of moving, of what was never seen before
     double max_log_odds = 5;           ///< robust: belief never gets surer than this
+    int lag = 3;                       ///< robust: later frames that a frame's decision looks at
     double min_coverage = 0.05;        ///< below: static, unless:
     double uncovered_factor = 10;      ///< below min_coverage the magnitude test is this many times
                                        ///< harder; 0: static (paper)

@@ -180,6 +180,35 @@ TEST_F(BuildSequenceTest, BytesDoNotDependOnTheNumberOfThreads) {
   EXPECT_EQ(bytes("one/background.csv"), bytes("three/background.csv"));
 }
 
+TEST_F(BuildSequenceTest, DecisionsThatLookAheadAreTheSameWhenResumed) {
+  const auto build_robust = [&](const std::string& output, int jobs, int lag) {
+    BuildSettings settings;
+    settings.options.detection.method = DetectionMethod::kRobust;
+    settings.options.detection.lag = lag;
+    settings.output = root_ / output;
+    settings.jobs = jobs;
+    return build_sequence_priors(sequence_, labels_, inputs_, settings);
+  };
+  sequence_.read = [this](std::size_t) {
+    const StereoCamera& k = sequence_.camera;
+    return std::pair(GrayImage(k.width, k.height), GrayImage(k.width, k.height));
+  };
+  for (const int lag : {0, 2, 50}) {
+    const std::string one = "one" + std::to_string(lag), two = "two" + std::to_string(lag);
+    build_robust(one, 1, lag);
+    build_robust(two, 2, lag);
+    EXPECT_EQ(bytes(one + "/segments.csv"), bytes(two + "/segments.csv"));
+    fs::remove(root_ / two / (sequence_.names[1] + ".kysp"));
+    fs::remove(root_ / two / (sequence_.names[3] + ".kysp"));
+    EXPECT_EQ(build_robust(two, 1, lag).built, 2u);
+    EXPECT_EQ(bytes(one + "/segments.csv"), bytes(two + "/segments.csv"));
+    for (const std::string& name : sequence_.names) {
+      EXPECT_EQ(bytes(one + "/" + name + ".kysp"), bytes(two + "/" + name + ".kysp")) << name;
+    }
+  }
+  EXPECT_NE(bytes("one0/segments.csv"), bytes("one2/segments.csv"));
+}
+
 TEST_F(BuildSequenceTest, BadInputsAreNamed) {
   const auto message = [&] {
     try {
@@ -236,13 +265,13 @@ TEST_F(BuildSequenceTest, ZeroIsAClassWhereTheLabelSpaceHasOneAndVoidElsewhere) 
                            {0, 100, 100, 0});
   };
   const kys::LabelSpace from_zero = space(0), from_one = space(1);
-  const PanopticMap with = PanopticReader(root_ / "pan", from_zero, PanopticEncoding::kClassMap)
-                               .read("classes", 3, 1);
+  const PanopticMap with =
+      PanopticReader(root_ / "pan", from_zero, PanopticEncoding::kClassMap).read("classes", 3, 1);
   ASSERT_EQ(with.segments.size(), 2u);
   EXPECT_EQ(with.map.at(0, 0), 1) << "road";
   EXPECT_EQ(with.map.at(2, 0), 0) << "void";
-  const PanopticMap without = PanopticReader(root_ / "pan", from_one, PanopticEncoding::kClassMap)
-                                  .read("classes", 3, 1);
+  const PanopticMap without =
+      PanopticReader(root_ / "pan", from_one, PanopticEncoding::kClassMap).read("classes", 3, 1);
   ASSERT_EQ(without.segments.size(), 1u);
   EXPECT_EQ(without.map.at(0, 0), 0) << "void";
   EXPECT_EQ(without.map.at(1, 0), 1);

@@ -1,8 +1,10 @@
 #include <gtest/gtest.h>
 #include <kys_slam/prior_format.h>
 
+#include <array>
 #include <cmath>
 
+#include "motion/belief.h"
 #include "priors/builder/appearance.h"
 #include "priors/builder/mask_association.h"
 #include "priors/builder/motion_belief.h"
@@ -64,19 +66,26 @@ CameraFusion fusion_of(const SegmentStatistics& statistics) {
   return fusion;
 }
 
+/// Adds a frame and decides it at once.
+void next(MotionBelief& belief, double timestamp, const std::vector<CameraFusion*>& cameras,
+          const std::vector<const std::vector<std::int32_t>*>& instances) {
+  belief.add_frame(timestamp, cameras, instances);
+  belief.decide(cameras, instances);
+}
+
 TEST(MotionBelief, BothCamerasDecideTogetherAndWhatIsNotMeasuredKeepsItsBelief) {
   MotionBelief belief({});
   const std::vector<std::int32_t> left = {65536}, right = {65536 + prior_format::kRightInstances};
   const std::vector<const std::vector<std::int32_t>*> instances = {&left, &right};
   CameraFusion a = fusion_of(segment(20)), b = fusion_of(SegmentStatistics{});
-  belief.next_frame(0.0, std::vector<CameraFusion*>{&a, &b}, instances);
+  next(belief, 0.0, {&a, &b}, instances);
   EXPECT_TRUE(a.decisions[0].dynamic);
   EXPECT_TRUE(b.decisions[0].dynamic) << "the left camera saw it move";
   EXPECT_EQ(a.decisions[0].log_odds, b.decisions[0].log_odds);
 
   CameraFusion c = fusion_of(SegmentStatistics{}), d = fusion_of(SegmentStatistics{});
   const double before = a.decisions[0].log_odds;
-  belief.next_frame(0.1, std::vector<CameraFusion*>{&c, &d}, instances);
+  next(belief, 0.1, {&c, &d}, instances);
   EXPECT_TRUE(c.decisions[0].dynamic) << "a car that moved keeps moving";
   EXPECT_FALSE(c.decisions[0].judged);
   EXPECT_LT(c.decisions[0].log_odds, before) << "but belief fades";
@@ -86,8 +95,7 @@ TEST(MotionBelief, NothingMeasuredIsNotJudgedAndNotMoving) {
   MotionBelief belief({});
   const std::vector<std::int32_t> left = {65536};
   CameraFusion a = fusion_of(SegmentStatistics{});
-  belief.next_frame(0, std::vector<CameraFusion*>{&a},
-                    std::vector<const std::vector<std::int32_t>*>{&left});
+  next(belief, 0, {&a}, {&left});
   EXPECT_FALSE(a.decisions[0].judged);
   EXPECT_FALSE(a.decisions[0].dynamic);
 }
@@ -97,11 +105,43 @@ TEST(MotionBelief, ContinuesFromWhatWasRestored) {
   const std::vector<const std::vector<std::int32_t>*> instances = {&left};
   MotionBelief whole({}), resumed({});
   CameraFusion first = fusion_of(segment(3)), second = fusion_of(segment(0.5)), again = second;
-  whole.next_frame(0, std::vector<CameraFusion*>{&first}, instances);
-  whole.next_frame(0.1, std::vector<CameraFusion*>{&second}, instances);
-  resumed.restore(0, 65540, first.decisions[0].log_odds);
-  resumed.next_frame(0.1, std::vector<CameraFusion*>{&again}, instances);
+  next(whole, 0, {&first}, instances);
+  next(whole, 0.1, {&second}, instances);
+  resumed.restore_frame(0, {{65540, first.decisions[0].evidence}});
+  resumed.decide({}, {});
+  next(resumed, 0.1, {&again}, instances);
   EXPECT_EQ(again.decisions[0].log_odds, second.decisions[0].log_odds);
+}
+
+TEST(MotionBelief, LaterFramesCountAsTheChainOfTwoStatesSays) {
+  const BuilderOptions::Detection options;
+  const std::vector<std::int32_t> left = {65540};
+  const std::vector<const std::vector<std::int32_t>*> instances = {&left};
+  MotionBelief belief(options);
+  CameraFusion first = fusion_of(segment(0.9));
+  const std::vector<CameraFusion*> cameras = {&first};
+  belief.add_frame(0, cameras, instances);
+  belief.restore_frame(0.1, {{65540, 1.2}});
+  belief.restore_frame(0.2, {});  // not seen
+  belief.restore_frame(0.4, {{65540, 0.6}, {65541, -4.0}});
+  belief.decide(cameras, instances);
+
+  // All eight histories: 1 moves. Frames at 0, 0.1 and 0.4 s.
+  const double settled = probability(options.start_log_odds);
+  const auto change = [&](int from, int to, double dt) {
+    const double share = 1 - std::exp(-0.2 * dt), there = to == 1 ? settled : 1 - settled;
+    return share * there + (from == to ? 1 - share : 0);
+  };
+  std::array<double, 2> weight{};
+  for (int path = 0; path < 8; ++path) {
+    const int a = path & 1, b = path >> 1 & 1, c = path >> 2;
+    weight[static_cast<std::size_t>(a)] +=
+        (a == 1 ? settled : 1 - settled) * std::exp(a * first.decisions[0].evidence) *
+        change(a, b, 0.1) * std::exp(b * 1.2) * change(b, c, 0.3) * std::exp(c * 0.6);
+  }
+  EXPECT_NEAR(first.decisions[0].log_odds, std::log(weight[1] / weight[0]), 1e-9);
+  EXPECT_TRUE(first.decisions[0].dynamic) << "what comes later decides";
+  EXPECT_LT(options.start_log_odds + first.decisions[0].evidence, 0) << "alone it would not";
 }
 
 /// Boxes of class 3, one segment each, on an image of 200x60.
