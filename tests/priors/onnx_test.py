@@ -111,6 +111,22 @@ class Onnx(unittest.TestCase):
         self.assertNotEqual(parts[20, 30], parts[20, 70])
         self.assertEqual(len(np.unique(segment_onnx.split(mask, None)[mask])), 1)
 
+    def test_gamma_brightens_before_normalisation(self):
+        entry = {**SETTINGS["input"], "gamma": 0.5}
+        network = segment_onnx.Network(write_network(self.folder, input=entry))
+        image = np.full((40, 120, 3), 64, np.uint8)
+        self.assertTrue(np.allclose(network.prepare(image), 127 / 255), "255 sqrt(64 / 255) = 127.7")
+
+    def test_a_weak_thing_is_the_best_of_the_rest(self):
+        write_sequence(self.folder / "sequence")
+        # Probability of car: 1 / (1 + exp(1 - 2 r)), at most 0.73.
+        for threshold, cars in ((0.0, True), (0.9, False)):
+            network = segment_onnx.Network(write_network(self.folder), threshold=threshold)
+            self.assertEqual(self.segment(network)["frames"], 3, "other settings: anew")
+            found = json.loads((self.folder / "out.json").read_text())["annotations"][0]
+            self.assertEqual(any(s["category_id"] == 26 for s in found["segments_info"]), cars)
+        self.assertEqual(found["segments_info"][0]["area"], 80 * 240, "road instead")
+
     def test_wrong_settings_are_named(self):
         for changes, text in (({"classes": ["road", "spaceship"]}, "spaceship"),
                               ({"output": {"kind": "guess"}}, "output.kind"),
@@ -157,6 +173,22 @@ class Onnx(unittest.TestCase):
         size = 1226 * 370
         self.assertGreater(area[7], 0.15 * size, "road")
         self.assertGreater(area[26], 0.005 * size, "cars")
+
+        # The maps of the same network that lie beside it.
+        def classes(folder):
+            annotations = json.loads(Path(f"{folder}.json").read_text())["annotations"]
+            entry = next(a for a in annotations if a["file_name"] == images[0].with_suffix(".png").name)
+            ids = cv2.imread(str(folder / entry["file_name"])).astype(np.int64)
+            ids = ids[:, :, 2] + 256 * ids[:, :, 1] + 65536 * ids[:, :, 0]
+            found = np.zeros(ids.shape, np.int64)
+            for segment in entry["segments_info"]:
+                found[ids == segment["id"]] = segment["category_id"]
+            return found
+
+        ours, theirs = classes(self.folder / "out"), classes(REAL / "kitti_06_city" / "left")
+        both = (ours > 0) & (theirs > 0)
+        self.assertGreater(np.mean(both), 0.97)
+        self.assertGreater(np.mean(ours[both] == theirs[both]), 0.99)
 
 
 if __name__ == "__main__":

@@ -66,6 +66,8 @@ def main():
     parser.add_argument("--pair", default="", choices=("grey", "colour"),
                         help="image_0 and image_1 (default where they are there), or image_2 and "
                         "image_3; run_stereo_kitti needs the same")
+    parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
+                        "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
     parser.add_argument("--frames", type=int, help="only the first so many")
     parser.add_argument("--jobs", type=int, default=1, help="threads")
     parser.add_argument("--overwrite", action="store_true", help="also what is there")
@@ -75,7 +77,8 @@ def main():
     validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
     folders = pair_of(options.sequence, options.pair)
-    network = segment_onnx.Network(options.model, options.weights, options.jobs)
+    network = segment_onnx.Network(options.model, options.weights, options.jobs,
+                                   options.threshold)
     times = {}
     panoptic = []
     for side, (folder, other) in enumerate((folders, folders[::-1])):

@@ -28,7 +28,7 @@ KINDS = ("semantic", "classes", "panoptic", "instances")
 class Network:
     """An ONNX network and what its YAML file says about it."""
 
-    def __init__(self, settings, weights=None, threads=0):
+    def __init__(self, settings, weights=None, threads=0, threshold=None):
         import onnxruntime
         import yaml
 
@@ -42,6 +42,9 @@ class Network:
         self.kind = self._get("output", "kind")
         if self.kind not in KINDS:
             sys.exit(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
+        default = 0.5 if self.kind == "instances" else 0.0
+        given = self.settings["output"].get("min_score", default)
+        self.threshold = float(given if threshold is None else threshold)
         self.height, self.width = (int(v) for v in self._get("input", "size"))
         space_name = self._get("label_space")
         space = read_label_space(self._beside(space_name))
@@ -50,17 +53,22 @@ class Network:
             if name is not None and name not in space:
                 sys.exit(f"{settings}: class '{name}' is not in label space {space_name}")
             self.classes.append(None if name is None else (name, *space[name]))
-        file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
+        self.file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3
         try:
             self.session = onnxruntime.InferenceSession(
-                str(file), options, providers=onnxruntime.get_available_providers())
+                str(self.file), options, providers=onnxruntime.get_available_providers())
         except Exception as error:  # onnxruntime has no common base class of its errors
-            sys.exit(f"{file}: cannot be loaded: {common.first_line(error)}")
+            sys.exit(f"{self.file}: cannot be loaded: {common.first_line(error)}")
         self.input = self.session.get_inputs()[0].name
         self.outputs = [o.name for o in self.session.get_outputs()]
+
+    def description(self):
+        """What its maps depend on."""
+        return json.dumps({"settings": self.settings, "weights": self.file.name,
+                           "threshold": self.threshold}, sort_keys=True)
 
     def _get(self, *keys):
         value = self.settings
@@ -80,6 +88,9 @@ class Network:
         import cv2
 
         entry = self.settings["input"]
+        gamma = float(entry.get("gamma", 1))
+        if gamma != 1:
+            image = (255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)[image]
         small = cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_LINEAR)
         scaled = small.astype(np.float32) / float(entry.get("divide_by", 255))
         scaled -= np.asarray(entry.get("mean", (0, 0, 0)), np.float32)
@@ -110,6 +121,17 @@ def resized(labels, size):
         np.int64)
 
 
+def without_weak_things(network, logits, labels):
+    """Where a thing's probability (softmax) is below the threshold, the best other class counts."""
+    things = [k for k, entry in enumerate(network.classes) if entry is not None and entry[2]]
+    largest = np.max(logits, axis=0)
+    probability = 1 / np.sum(np.exp(logits - largest), axis=0)  # of the best class
+    weak = np.isin(labels, things) & (probability < network.threshold)
+    others = logits.copy()
+    others[things] = -np.inf
+    return np.where(weak, np.argmax(others, axis=0), labels)
+
+
 def class_map(network, values, size):
     """(H, W) index into the network's classes, -1 void, of kinds semantic and classes."""
     import cv2
@@ -126,6 +148,8 @@ def class_map(network, values, size):
         big = [cv2.resize(np.ascontiguousarray(plane, np.float32), size[::-1],
                           interpolation=cv2.INTER_LINEAR) for plane in found]
         labels = np.argmax(big, axis=0)
+        if network.threshold > 0:
+            labels = without_weak_things(network, np.asarray(big), labels)
     labels[(labels < 0) | (labels >= len(network.classes))] = -1
     return labels
 
@@ -205,11 +229,10 @@ def to_panoptic(network, values, size, disparity):
         masks = np.squeeze(network.output(values, "masks"))
         labels = np.ravel(network.output(values, "labels")).astype(int)
         scores = np.ravel(network.output(values, "scores"))
-        least = float(network.settings["output"].get("min_score", 0.5))
         masks = masks.reshape(-1, *masks.shape[-2:])
         # The surest last, so that it is on top.
         for k in np.argsort(scores, kind="stable"):
-            if scores[k] < least or not 0 <= labels[k] < len(network.classes):
+            if scores[k] < network.threshold or not 0 <= labels[k] < len(network.classes):
                 continue
             if network.classes[labels[k]] is not None:
                 add(resized(masks[k] > 0.5, size) > 0, network.classes[labels[k]])
@@ -267,10 +290,18 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
     parts.mkdir(parents=True, exist_ok=True)
     if images:
         common.note_images(output, Path(images[0]).parent)
+    # Maps made with other settings are not kept.
+    made_with, now = parts / "network.txt", network.description()
+    overwrite |= made_with.exists() and made_with.read_text(encoding="utf-8") != now
     times = {"network": 0.0, "segments": 0.0, "frames": 0}
+    if overwrite:
+        made_with.unlink(missing_ok=True)
+        for path in parts.glob("*.json"):
+            path.unlink()
+    common.write_atomic(made_with, now.encode("utf-8"))
     for path in common.progress(images, label):
         picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"
-        if picture.exists() and info.exists() and not overwrite:
+        if picture.exists() and info.exists():
             continue
         image = read_image(path)
         start = time.perf_counter()
@@ -298,10 +329,12 @@ def main():
     parser.add_argument("--model", required=True, help="YAML file of the network")
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
     parser.add_argument("--other", help="images of the other camera, to tell instances apart")
+    parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
+                        "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
     parser.add_argument("--right", action="store_true", help="the images are the right camera's")
     options = parser.parse_args()
     common.need("onnxruntime", "yaml", "cv2")
-    network = Network(options.model, options.weights)
+    network = Network(options.model, options.weights, threshold=options.threshold)
     times = segment_folder(network, common.list_images(options.images), options.output,
                            options.other, options.right, options.overwrite)
     frames = max(1, times["frames"])
