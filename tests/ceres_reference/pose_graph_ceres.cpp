@@ -26,6 +26,7 @@ void solve_pose_graph_ceres(std::vector<Rigid3>& T_w_c, const std::vector<std::u
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   options.max_num_iterations = iterations;
+  options.initial_trust_region_radius = 1e8;  // as little damping as ours begins with
   options.function_tolerance = options.parameter_tolerance = options.gradient_tolerance = tolerance;
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
