@@ -1,13 +1,12 @@
 #include "geometry/pose_refinement.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <cmath>
 #include <limits>
 #include <vector>
 
+#include "geometry/minimise_pose.h"
 #include "geometry/reprojection.h"
-#include "geometry/so3.h"
 
 namespace kys_slam {
 namespace {
@@ -42,13 +41,10 @@ Eigen::Matrix3d information_of(const StereoCamera& camera, const Rigid3& T_a_b,
   return information;
 }
 
-/// J^T W J and J^T W r for the increment of plus_left(). Returns the cost.
-double normal_equations(const StereoCamera& camera, const Rigid3& T_a_b,
-                        std::span<const ReprojectionTerm> terms,
-                        std::span<const Eigen::Matrix3d> information, Matrix6d& H, Vector6d& g) {
-  H.setZero();
-  g.setZero();
-  double cost = 0;
+PoseNormalEquations normal_equations(const StereoCamera& camera, const Rigid3& T_a_b,
+                                     std::span<const ReprojectionTerm> terms,
+                                     std::span<const Eigen::Matrix3d> information) {
+  PoseNormalEquations sums{Matrix6d::Zero(), Vector6d::Zero()};
   const Eigen::Matrix3d R_b_a = T_a_b.R().transpose();
   for (std::size_t i = 0; i < terms.size(); ++i) {
     const ReprojectionTerm& term = terms[i];
@@ -64,11 +60,11 @@ double normal_equations(const StereoCamera& camera, const Rigid3& T_a_b,
       J << -J_point * hat(p_c), J_point;
     }
     const Eigen::Matrix<double, 6, 3> JtW = J.transpose() * information[i];
-    H.noalias() += JtW * J;
-    g.noalias() += JtW * e;
-    cost += e.dot(information[i] * e);
+    sums.hessian.noalias() += JtW * J;
+    sums.gradient.noalias() += JtW * e;
+    sums.cost += e.dot(information[i] * e);
   }
-  return cost;
+  return sums;
 }
 
 }  // namespace
@@ -91,28 +87,16 @@ double reprojection_chi2(const StereoCamera& camera, const Rigid3& T_a_b,
 
 Rigid3 refine_pose(const StereoCamera& camera, const Rigid3& T_a_b,
                    std::span<const ReprojectionTerm> terms, int iterations) {
-  Rigid3 best = T_a_b;
   std::vector<Eigen::Matrix3d> information;
   information.reserve(terms.size());
   for (const ReprojectionTerm& term : terms) {
-    information.push_back(information_of(camera, best, point_in_camera(best, term), term));
+    information.push_back(information_of(camera, T_a_b, point_in_camera(T_a_b, term), term));
   }
-  Matrix6d H;
-  Vector6d g;
-  double cost = normal_equations(camera, best, terms, information, H, g);
-  for (int i = 0; i < iterations; ++i) {
-    H.diagonal() += 1e-9 * H.diagonal() + Vector6d::Constant(1e-12);
-    const Vector6d step = H.ldlt().solve(-g);
-    if (!step.allFinite()) break;
-    const Rigid3 candidate = plus_left(best, step);
-    const double candidate_cost = normal_equations(camera, candidate, terms, information, H, g);
-    if (!(candidate_cost < cost)) break;
-    const bool converged = cost - candidate_cost <= 1e-9 * cost;
-    best = candidate;
-    cost = candidate_cost;
-    if (converged) break;
-  }
-  return best;
+  const PoseMinimisation options{
+      .iterations = iterations, .damping = 1e-9, .cost_tolerance = 1e-9, .step_tolerance = 0};
+  return minimise_pose(T_a_b, options, [&](const Rigid3& T) {
+    return normal_equations(camera, T, terms, information);
+  });
 }
 
 }  // namespace kys_slam

@@ -2,8 +2,12 @@
 
 #include <kys_slam/rigid3.h>
 
-/// Derivatives on SO(3), and the second of the two increments of a pose (plus() of rigid3.h is the
-/// other). Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
+/// Derivatives on SO(3), and the increment of a pose that most solvers use. There are two:
+///   plus_left()  on the left, x_a -> exp(w) x_a + v: bundle adjustment, poses of frames and of
+///                loops, moving things
+///   plus()       rotation and translation apart (rigid3.h): pose graph, flow of the prior builder,
+///                and what the public API tells of uncertainty
+/// Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
 /// robotics", arXiv 1812.01537, eqs. 145-146.
 namespace kys_slam {
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "geometry/minimise_pose.h"
 #include "geometry/so3.h"
 #include "optimization/reprojection_lanes.h"
 
@@ -25,8 +26,6 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kMinObservations = 3;
-constexpr double kStepTolerance = 1e-9;  // rad and m: far below what a pixel can tell
-constexpr double kCostTolerance = 1e-7;  // relative
 
 /// Lower triangle of J^T W J row by row, then J^T W r, then the cost, each per lane.
 constexpr int kHessianSize = 21;
@@ -34,12 +33,6 @@ struct NormalLanes {
   Lanes hessian[kHessianSize]{};
   Lanes gradient[6]{};
   Lanes cost{};
-};
-
-struct NormalEquations {
-  Matrix6d hessian;
-  Vector6d gradient;
-  double cost = 0;
 };
 
 /// Reprojection errors of four observations from the pose [R|t] (row-major 3x4).
@@ -143,11 +136,11 @@ class PoseProblem {
               const PoseOptions& options)
       : camera_(camera), prior_(options.prior), lanes_(packed(observations, options)) {}
 
-  [[nodiscard]] NormalEquations linearise(const Rigid3& T_c_w, bool robust) const {
+  [[nodiscard]] PoseNormalEquations linearise(const Rigid3& T_c_w, bool robust) const {
     const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T = T_c_w.matrix();
     NormalLanes sums;
     accumulate_all(lanes_.data(), static_cast<int>(lanes_.size()), camera_, T.data(), robust, sums);
-    NormalEquations result;
+    PoseNormalEquations result;
     for (int row = 0, k = 0; row < 6; ++row) {
       for (int col = 0; col <= row; ++col, ++k) {
         result.hessian(row, col) = result.hessian(col, row) = lane_sum(sums.hessian[k]);
@@ -202,7 +195,7 @@ class PoseProblem {
  private:
   /// Error [w; v] of T_c_w = [exp(w), v] T_prior, in the increment of the camera frame: |v| is the
   /// distance of the two camera centres.
-  void add_prior(const Rigid3& T_c_w, NormalEquations& sums) const {
+  void add_prior(const Rigid3& T_c_w, PoseNormalEquations& sums) const {
     const Rigid3 away = T_c_w * prior_->T_c_w.inverse();
     Vector6d error;
     error << so3_log(away.rotation), away.translation;
@@ -218,34 +211,6 @@ class PoseProblem {
   std::optional<PosePrior> prior_;
   std::vector<ObservationLanes> lanes_;
 };
-
-/// Levenberg-Marquardt from `T_c_w`, at most `iterations` linearisations. Returns the best pose.
-Rigid3 minimise(const PoseProblem& problem, Rigid3 T_c_w, bool robust, int iterations) {
-  NormalEquations best = problem.linearise(T_c_w, robust);
-  double damping = 1e-6;
-  for (int i = 0; i < iterations; ++i) {
-    Matrix6d damped = best.hessian;
-    damped.diagonal() += damping * best.hessian.diagonal() + Vector6d::Constant(1e-12);
-    const Eigen::LDLT<Matrix6d> factor(damped);
-    const Vector6d step = factor.solve(-best.gradient);
-    if (!step.allFinite()) break;
-    const Rigid3 candidate = plus_left(T_c_w, step);
-    const NormalEquations next = problem.linearise(candidate, robust);
-    if (next.cost <= best.cost) {
-      const double decrease = best.cost - next.cost;
-      const bool converged =
-          step.lpNorm<Eigen::Infinity>() < kStepTolerance || decrease <= kCostTolerance * best.cost;
-      T_c_w = candidate;
-      best = next;
-      damping = std::max(damping * 0.1, 1e-9);
-      if (converged) break;
-    } else {
-      if (step.lpNorm<Eigen::Infinity>() < kStepTolerance) break;
-      damping *= 100;
-    }
-  }
-  return T_c_w;
-}
 
 /// From the increment of plus_left() to that of plus(): v_moved = v_plus + hat(t) w.
 Matrix6d information_of_plus(const Matrix6d& information, const Eigen::Vector3d& t) {
@@ -287,7 +252,9 @@ PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial
     // The kernel holds back gross outliers while they are still being found; the last rounds are
     // plain least squares over what is left.
     const bool robust = round < options.rounds / 2;
-    result.T_c_w = minimise(problem, result.T_c_w, robust, options.iterations);
+    result.T_c_w =
+        minimise_pose(result.T_c_w, {.iterations = options.iterations},
+                      [&](const Rigid3& T_c_w) { return problem.linearise(T_c_w, robust); });
     bool changed = false;
     result.inliers = problem.classify(result.T_c_w, result.outlier, changed);
     if (result.inliers < kMinObservations) break;

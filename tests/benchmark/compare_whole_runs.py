@@ -4,13 +4,15 @@
     compare_whole_runs.py WHOLE_RUN OUTPUT --rounds 3 kitti:SEQUENCE euroc:SEQUENCE ...
 
 WHOLE_RUN is the program of whole_run.cpp. Ratios are medians over the rounds, each of two runs one
-after the other, so that a busy machine meets both alike. Keeps the maps: OUTPUT/NAME-own.map.
+after the other, so that a busy machine meets both alike. Keeps the maps, OUTPUT/NAME-own.map, and
+prints every run to the error stream.
 """
 import argparse
 import json
 import os
 import statistics
 import subprocess
+import sys
 
 SOLVERS = ("own", "ceres")
 
@@ -28,6 +30,7 @@ def run(program, layout, sequence, solver, output):
     account["ate"] = summary.get("ate_se3_rmse_m", float("nan"))
     account["loops"] = summary["loops_closed"]
     account["keyframes"] = summary["keyframes"]
+    print(json.dumps({"run": name, **account}), file=sys.stderr, flush=True)
     return name, account
 
 

@@ -1,7 +1,7 @@
-// solver_benchmark MAP [ROUNDS]: our solvers and those of Ceres, SuiteSparse and Eigen on the map
-// of a run (run_stereo_kitti --save-map). Every measurement is a process of its own, in turns, so
-// that a busy machine meets all alike; processor time, and memory beyond what the problem itself
-// takes.
+// solver_benchmark MAP [ROUNDS [reduced]]: our solvers and those of Ceres, SuiteSparse and Eigen on
+// the map of a run (run_stereo_kitti --save-map); `reduced`: only the reduced camera system. Every
+// measurement is a process of its own, in turns, so that a busy machine meets all alike; processor
+// time, and memory beyond what the problem itself takes.
 #include <kys_slam/run_main.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -306,18 +306,7 @@ Outcome adjust(BundleProblem problem, BundleRoundSolver solver) {
   return {summary.final_cost, static_cast<double>(summary.iterations)};
 }
 
-int run(int argc, char** argv) {
-  if (argc < 2) {
-    std::fprintf(stderr, "usage: solver_benchmark MAP [ROUNDS]\n");
-    return kBadInput;
-  }
-  const int rounds = argc > 2 ? std::max(1, std::atoi(argv[2])) : 3;
-  const Map map = load_map(argv[1]);
-  const BundleProblem problem = whole_map(map);
-  const Graph graph = essential_graph(map);
-  std::printf("%zu keyframes, %zu points, %zu observations; %zu edges; processor time in turns\n",
-              problem.T_c_w.size(), problem.points.size(), problem.observations.size(),
-              graph.edges.size());
+void compare_solvers(const BundleProblem& problem, const Graph& graph, int rounds) {
   compare("full bundle adjustment, both rounds", rounds,
           {{"ours", [&] { return adjust(problem, nullptr); }},
            {"Ceres, SuiteSparse", [&] { return adjust(problem, solve_bundle_ceres); }}});
@@ -333,6 +322,21 @@ int run(int argc, char** argv) {
               solve_pose_graph_ceres(g.T_w_c, g.fixed, g.edges, 20);
               return Outcome{graph_cost(g), 20};
             }}});
+}
+
+int run(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: solver_benchmark MAP [ROUNDS [reduced]]\n");
+    return kBadInput;
+  }
+  const int rounds = argc > 2 ? std::max(1, std::atoi(argv[2])) : 3;
+  const Map map = load_map(argv[1]);
+  const BundleProblem problem = whole_map(map);
+  const Graph graph = essential_graph(map);
+  std::printf("%zu keyframes, %zu points, %zu observations; %zu edges; processor time in turns\n",
+              problem.T_c_w.size(), problem.points.size(), problem.observations.size(),
+              graph.edges.size());
+  if (argc < 4 || std::string(argv[3]) != "reduced") compare_solvers(problem, graph, rounds);
   const ReducedSystem system = reduce(problem);
   using Matrix = Eigen::SparseMatrix<double>;
   compare(

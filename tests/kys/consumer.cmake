@@ -5,3 +5,6 @@ run(${CMAKE_COMMAND} -S ${KYS_FOLDER} -B ${WORK}/kys -G ${GENERATOR} -DCMAKE_CXX
 run(${CMAKE_COMMAND} --build ${WORK}/kys)
 run(${CMAKE_COMMAND} --install ${WORK}/kys)
 build_and_run_consumer()
+foreach(standard 11 14 17 20)
+  run(${WORK}/build/old_consumer_${standard})
+endforeach()

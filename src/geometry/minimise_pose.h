@@ -1,0 +1,56 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+
+#include "geometry/so3.h"
+
+namespace kys_slam {
+
+/// A sum of squares around a pose T_a_b, by the increment of plus_left().
+struct PoseNormalEquations {
+  Eigen::Matrix<double, 6, 6> hessian;   ///< J^T W J
+  Eigen::Matrix<double, 6, 1> gradient;  ///< J^T W r
+  double cost = 0;
+};
+
+struct PoseMinimisation {
+  int iterations = 10;
+  double damping = 1e-6;         ///< of the first step, share of the hessian's diagonal
+  double cost_tolerance = 1e-7;  ///< stop when the cost falls by less than this share
+  double step_tolerance = 1e-9;  ///< rad and m: far below what a pixel can tell
+};
+
+/// Levenberg-Marquardt over one pose. It stands where Ceres' TinySolver could: that one asks for
+/// residuals and a Jacobian as matrices, where our problems sum up their 6x6 equations at once.
+/// \param linearise Rigid3 to PoseNormalEquations
+/// \returns the best pose met
+template <typename Linearise>
+Rigid3 minimise_pose(Rigid3 T_a_b, const PoseMinimisation& options, const Linearise& linearise) {
+  using Vector6d = Eigen::Matrix<double, 6, 1>;
+  PoseNormalEquations best = linearise(T_a_b);
+  double damping = options.damping;
+  for (int i = 0; i < options.iterations; ++i) {
+    Eigen::Matrix<double, 6, 6> damped = best.hessian;
+    damped.diagonal() += damping * best.hessian.diagonal() + Vector6d::Constant(1e-12);
+    const Vector6d step = damped.ldlt().solve(-best.gradient);
+    if (!step.allFinite()) break;
+    const bool tiny = step.lpNorm<Eigen::Infinity>() < options.step_tolerance;
+    const Rigid3 candidate = plus_left(T_a_b, step);
+    const PoseNormalEquations next = linearise(candidate);
+    if (next.cost <= best.cost) {
+      const double decrease = best.cost - next.cost;
+      const bool converged = tiny || decrease <= options.cost_tolerance * best.cost;
+      T_a_b = candidate;
+      best = next;
+      damping = std::max(damping * 0.1, 1e-9);
+      if (converged) break;
+    } else {
+      if (tiny) break;
+      damping *= 100;
+    }
+  }
+  return T_a_b;
+}
+
+}  // namespace kys_slam
