@@ -22,7 +22,7 @@ class PairHistory {
   /// \param index  of the frame, for the warning
   void look_at(const GrayImage& left, const GrayImage& right, std::int64_t index);
 
-  /// No more frames: what was seen of few pairs is told.
+  /// No more frames: what was seen of few pairs is reported.
   void finish();
 
   /// What is wrong, once enough was seen of it; "" before.
@@ -54,7 +54,7 @@ class PairWatch : public FrameSource {
   [[nodiscard]] std::optional<std::int64_t> size() const override { return source_.size(); }
   std::optional<StereoFrame> next() override;
 
-  /// What was told, or "". Not while another thread is in next().
+  /// What was reported, or "". Not while another thread is in next().
   [[nodiscard]] const std::string& warning() const { return history_.warning(); }
 
  private:

@@ -32,12 +32,12 @@ void print_failure(std::string_view program, const Failure& failure) noexcept;
 /// "KYS-SLAM 1.2.3".
 const char* version_text();
 
-/// Writes to stdout; what it does not take is told at the end of run_main.
+/// Writes to stdout; what it does not take is reported at the end of run_main.
 void print_text(std::string_view text) noexcept;
 
 /// What every main() calls: runs `body` and returns its status. Whatever it throws becomes one line
 /// on stderr and a status. From here on a pipe that nobody reads and a file beyond the size limit
-/// are errors of writing and no longer end the process. What stdout did not take is told, unless it
+/// are errors of writing and no longer end the process. What stdout did not take is reported, unless it
 /// was a pipe whose reader left.
 int run_main(std::string_view program, const std::function<int()>& body) noexcept;
 

@@ -24,7 +24,7 @@ struct RunInfo {
   bool complete = true;                 ///< false: interrupted, or stopped by bad input
   std::string end_reason;               ///< why, when it is not complete
   std::int64_t missing_priors = 0;      ///< frames without a prior file
-  std::vector<std::string> warnings;    ///< what the user was told, e.g. by PairWatch
+  std::vector<std::string> warnings;    ///< what the user was shown, e.g. by PairWatch
   /// What the input holds and was not used, counts by what it is ("frames that came too fast").
   std::map<std::string, std::int64_t> left_out;
 };

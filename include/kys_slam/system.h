@@ -58,7 +58,7 @@ class System {
   /// as they come. \param timestamp s
   FrameReport feed(double timestamp, const ImageView& left, const ImageView& right,
                    const StereoMasks& masks = {});
-  /// Called after every frame that is fed from now on; empty: nobody.
+  /// Called after every frame that is fed from now on; empty: none.
   void set_observer(FrameObserver observer);
 
   /// Waits for the back end; what follows is final. No frame can be fed afterwards.

@@ -186,7 +186,7 @@ constexpr std::int16_t kSeen = 1000;
 
 /// The running best and second best of a search. Candidates may come in any order: of equals the
 /// one with the smaller position is better.
-class Race {
+class BestTwoSearch {
  public:
   /// Returns whether the candidate now is one of the two.
   bool enter(std::size_t position, Distance distance) {
@@ -308,7 +308,7 @@ BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prio
   }
   const float gate = gates_[static_cast<std::size_t>(context)];
   std::array<std::int16_t, kChunk> distances;
-  Race race;
+  BestTwoSearch search;
   for (std::size_t first = 0; first < candidates.size(); first += kChunk) {
     const auto chunk = candidates.subspan(first, std::min(kChunk, candidates.size() - first));
     measure(query, descriptors, chunk, distances);
@@ -321,25 +321,25 @@ BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prio
       const Distance distance = weigh(d, query_prior, priors[chunk[i]], gate);
       ++statistics.pairs[index_of(distance.tier)];
       distances[i] = kSeen;
-      return race.enter(first + i, distance);
+      return search.enter(first + i, distance);
     };
     look_at(nearest.best_position);
     if (chunk.size() > 1) {
       look_at(nearest.second_position);
     }
-    int hopeless = first_hopeless(race.second_value());
+    int hopeless = first_hopeless(search.second_value());
     std::size_t skipped = chunk.size();
     for (std::size_t i = 0; i < chunk.size(); ++i) {
       if (distances[i] < hopeless) {
         --skipped;
         if (look_at(i)) {
-          hopeless = first_hopeless(race.second_value());
+          hopeless = first_hopeless(search.second_value());
         }
       }
     }
     statistics.pairs[index_of(Tier::kSkipped)] += skipped - std::min<std::size_t>(2, chunk.size());
   }
-  return race.result(candidates);
+  return search.result(candidates);
 }
 
 }  // namespace kys

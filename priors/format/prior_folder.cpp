@@ -49,7 +49,7 @@ std::optional<PriorFile> PriorFolder::load(const std::string& name) {
   if (!path_exists(path)) {
     const std::string message = path.string() + ": no prior file for this frame";
     if (strict_) throw InputError(message);
-    if (missing_++ == 0 && warn_) warn_(message + "; it has no priors (told once)");
+    if (missing_++ == 0 && warn_) warn_(message + "; it has no priors (reported once)");
     return std::nullopt;
   }
   std::optional<PriorFile> file = PriorFile::open(path, expected_);

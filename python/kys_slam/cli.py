@@ -294,7 +294,7 @@ class _PairWatch:
         self._tell(before)
 
     def finish(self) -> list:
-        """All that was told."""
+        """All messages."""
         before = self.history.warning
         self.history.finish()
         self._tell(before)

@@ -1,4 +1,4 @@
-"""What viewers show of a frame and of the end of a run, worked out of what the system told."""
+"""What viewers show of a frame and of the end of a run, worked out of what the system reported."""
 
 import struct
 import zlib
@@ -107,7 +107,7 @@ class EndDrawing:
 
 
 class Seen(NamedTuple):
-    """What the system told of a frame (python/src/observation_pipe.h)."""
+    """What the system reported of a frame (python/src/observation_pipe.h)."""
 
     report: dict  #: index, name, timestamp, status, lost, pose (3, 4), keyframe, counts, ms
     keypoints: np.ndarray  #: (N, 2) float32, px
@@ -271,7 +271,7 @@ def segment_picture(prior: PriorCamera, moving: np.ndarray) -> bytes:
     rgba = np.zeros((len(colours) + 1, 4), np.uint8)
     rgba[1:, :3], rgba[1:, 3] = colours, opacity
     palette, index = np.unique(rgba, axis=0, return_inverse=True)
-    index = np.minimum(index.ravel(), 255).astype(np.uint8)  # more are not told apart
+    index = np.minimum(index.ravel(), 255).astype(np.uint8)  # more are not distinguished
     return encode_png(index[prior.segment_map], palette[:256])
 
 

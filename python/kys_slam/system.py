@@ -121,7 +121,7 @@ class System(_core.System):
         return self._feed_frame(frame, _as_bytes(segments), _as_pair(masks))
 
     def set_observer(self, observer: Optional[Callable[[Observation], None]]) -> None:
-        """Calls `observer` after every frame that is fed from now on; None: nobody."""
+        """Calls `observer` after every frame that is fed from now on; None: no observer."""
         if observer is None:
             self._set_observer(None)
         else:
@@ -157,7 +157,7 @@ class System(_core.System):
         ground_truth: times (N,) s and poses (N, 4, 4) of the left camera.
         end_reason: why the run is not complete; "": it is.
         left_out: what the input holds and was not used, counts by what it is.
-        warnings: what the user was told, e.g. PairHistory.warning.
+        warnings: what the user was shown, e.g. PairHistory.warning.
         Returns a dict: frames, tracked, loops, table (text).
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,

@@ -29,7 +29,7 @@ struct RansacOptions {
   double chi2_stereo = kChi2Stereo99;
 };
 
-/// What a RANSAC over matches found. Without success T is the identity and nobody an inlier.
+/// What a RANSAC over matches found. Without success T is the identity and there is no inlier.
 struct RansacResult {
   bool success = false;
   Rigid3 T;

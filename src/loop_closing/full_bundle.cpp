@@ -18,7 +18,7 @@ FullBundle::FullBundle(const FullBundleOptions& options, bool threaded) : option
 }
 
 FullBundle::~FullBundle() {
-  stop_ = true;  // the worker joins its thread; what the job threw is nobody's any more
+  stop_ = true;  // the worker joins its thread; what the job threw is dropped
   worker_.reset();
 }
 

@@ -228,7 +228,7 @@ Eigen::Vector3d median_place(std::span<const Point> points) {
   return place;
 }
 
-/// Covariance of increments p -> exp(w) p + v, told about `centre` instead of the origin: the
+/// Covariance of increments p -> exp(w) p + v, expressed about `centre` instead of the origin: the
 /// motion of the centre is v + w x c.
 Matrix6d about(const Matrix6d& covariance, const Eigen::Vector3d& centre) {
   Matrix6d change = Matrix6d::Identity();
@@ -288,7 +288,7 @@ InstanceMotion estimate_instance_motion(const StereoCamera& camera,
 
   result.log_ratio = 0.5 * (moves.deviance - still.deviance);
   result.inliers = moves.sums.inliers;
-  // Told about the middle of those that fit: others may be on what stands before the instance.
+  // Expressed about the middle of those that fit: others may be on what stands before the instance.
   const Eigen::Matrix3d R = so3_exp(moves.xi.head<3>()).toRotationMatrix();
   const Eigen::Vector3d arm = fit.inlier_centre(moves.xi) - centre;
   result.motion = moves.xi;

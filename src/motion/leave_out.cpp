@@ -67,7 +67,7 @@ CameraMotion camera_motion(const Rigid3& T_before_w, const PoseIncrement& before
                            const Rigid3& T_now_w, const PoseIncrement& now) {
   CameraMotion motion;
   motion.T_now_before = now.applied_to(T_now_w) * before.applied_to(T_before_w).inverse();
-  // An increment of the earlier frame, told in the present one.
+  // An increment of the earlier frame, expressed in the present one.
   const Eigen::Matrix3d R = motion.T_now_before.R();
   Matrix6d adjoint = Matrix6d::Zero();
   adjoint.topLeftCorner<3, 3>() = R;

@@ -31,7 +31,7 @@ struct ConsensusResult {
 
 /// What an observation is on, known apart from the pose.
 struct Vote {
-  std::int32_t thing = -1;  ///< of those that can move; -1: of the fixed scene, or nobody knows
+  std::int32_t thing = -1;  ///< of those that can move; -1: of the fixed scene, or unknown
   float log_odds = 0;       ///< nats, of the thing standing still
 };
 

@@ -10,7 +10,7 @@ namespace kys_slam {
 namespace {
 
 constexpr int kBadPairs = 2;           // in a row: one may be fooled by a repeated pattern
-constexpr std::size_t kFewest = 4;     // pairs that the scatter of row offsets is told of
+constexpr std::size_t kFewest = 4;     // pairs that the scatter of row offsets is reported for
 constexpr std::size_t kWindow = 8;     // pairs
 constexpr double kMostScatter = 0.25;  // px; sound pairs below 0.05, late ones 0.4 and more
 

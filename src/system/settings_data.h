@@ -282,9 +282,9 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("belief.unflagged", s.belief.unflagged, {-20, 20}, "nats", "added when it does not");
 
   auto& o = s.objects;
-  visit("objects.min_probability", o.min_probability, {0.001, 1}, "", "of moving, to be told of");
+  visit("objects.min_probability", o.min_probability, {0.001, 1}, "", "of moving, to be logged");
   visit("objects.min_keypoints", o.min_keypoints, {0, 60000}, "",
-        "stereo keypoints of a thing told of");
+        "stereo keypoints of a thing that is logged");
   visit("objects.acceleration_density", o.tracks.acceleration_density, {1e-6, 1e6}, "m^2/s^3",
         "of the white acceleration of the motion model");
   visit("objects.start_speed", o.tracks.start_speed, {0.01, 1000}, "m/s",

@@ -395,7 +395,7 @@ void System::set_observer(FrameObserver observer) {
   impl_->observer = std::move(observer);
 }
 
-/// Keeps what the observer is told.
+/// Keeps what the observer gets.
 void System::Impl::observe(const FrameReport& report, const FrameFeatures& features,
                            std::span<const InstanceState> instances) {
   seen_report = report;

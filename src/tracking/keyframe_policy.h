@@ -12,7 +12,7 @@ struct KeyFramePolicyOptions {
   int min_inliers = 15;           ///< below this the pose is too poor for a keyframe
   int scarce = 100;               ///< landmarks in a frame below which every new one counts; 0: off
   int max_waiting = 4;  ///< keyframes the back end may still have in hand; below the delay of
-                        ///< the pipelined schedule, a scarce map would starve
+                        ///< the pipelined schedule, a map with few landmarks would get none
 };
 
 /// What the decision rests on.

@@ -33,7 +33,7 @@ class Worker {
     try {
       own();
     } catch (...) {
-      settle();
+      finish_job();
       throw;
     }
     wait();
@@ -58,7 +58,7 @@ class Worker {
 
  private:
   /// Waits, and forgets what the job threw.
-  void settle() {
+  void finish_job() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return !busy_; });
     failure_ = nullptr;

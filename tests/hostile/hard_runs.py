@@ -4,7 +4,7 @@ ground truth (at least 50 frames).
 
     hard_runs.py BIN_DIR SEQUENCE [--python BUILD_DIR/python] [FAULT ...]
 
-For every fault: exit status, tracked frames, what was told, the frame after the fault from which it
+For every fault: exit status, tracked frames, the messages, the frame after the fault from which it
 tracks again, largest position error. --python runs ten systems in one process, with the Python package
 of a build. Needs Pillow and NumPy.
 """
@@ -203,7 +203,7 @@ def main():
     parser.add_argument("faults", nargs="*", help="parts of their names (default: all)")
     parser.add_argument("--python", help="folder of the built Python package")
     a = parser.parse_args()
-    print("| fault | exit status | tracked | told | tracks again after | largest error, m |")
+    print("| fault | exit status | tracked | messages | tracks again after | largest error, m |")
     print("| --- | --- | --- | --- | --- | --- |")
     for name in FAULTS:
         if a.faults and not any(word in name for word in a.faults):

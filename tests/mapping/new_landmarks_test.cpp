@@ -130,7 +130,7 @@ class Triangulation : public ::testing::Test {
  protected:
   struct Result {
     int made = 0;
-    int mixed = 0;              // bonds of features of different points
+    int mixed = 0;              // observations of features of different points
     std::vector<double> error;  // relative to the distance, sorted
   };
   Result run(double noise, bool stereo) {

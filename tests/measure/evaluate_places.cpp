@@ -203,7 +203,7 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--min-overlap", a.min_overlap,
                  "views overlap if this share of the query's stereo points lies in the keyframe's "
-                 "image (nothing hides anything)")
+                 "image (occlusion is not modelled)")
       ->capture_default_str();
   app.add_option("--translation-error", a.translation_error, "m, from here a motion is wrong")
       ->capture_default_str();

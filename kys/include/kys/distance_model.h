@@ -87,7 +87,7 @@ class DistanceModel {
 
   /// Best and second best of `candidates` (indices into `descriptors` and `priors`), as if each had
   /// been given to evaluate() without a bound; pairs that can be neither are counted as skipped.
-  /// `priors` is either as long as `descriptors` or empty (nobody has a valid label). Indices are
+  /// `priors` is either as long as `descriptors` or empty (no keypoint has a valid label). Indices are
   /// not checked: a caller's index outside of `descriptors` is undefined behaviour.
   [[nodiscard]] BestTwo best_two(const Descriptor& query, const Prior& query_prior,
                                  std::span<const Descriptor> descriptors,

@@ -19,7 +19,7 @@ ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& la
 /// threads.
 class PriorFolder : public PriorProvider {
  public:
-  /// Told once, when the first file is missing.
+  /// Reported once, when the first file is missing.
   using Warning = std::function<void(const std::string& message)>;
 
   /// \param strict  a missing file is an error

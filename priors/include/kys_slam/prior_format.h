@@ -41,7 +41,7 @@ inline constexpr std::uint16_t kFrameHasMotion = 1;
 inline constexpr std::uint16_t kThing = 1;
 inline constexpr std::uint16_t kDynamic = 2;     ///< flagged as moving; its pixels carry motion
 inline constexpr std::uint16_t kRadialOnly = 4;  ///< only the radial test of Eq. 7 fired
-inline constexpr std::uint16_t kNotJudged = 8;   ///< of a thing: nothing told whether it moves
+inline constexpr std::uint16_t kNotJudged = 8;   ///< of a thing: nothing says whether it moves
 inline constexpr std::uint16_t kKnownSegmentFlags = kThing | kDynamic | kRadialOnly | kNotJudged;
 
 /// Instances of camera 0 (left) are in [0, kRightInstances), those of camera 1 (right) in
