@@ -4,6 +4,7 @@
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
 #   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
 #   tools/setup.sh --python   and what the Python package and its tests need in it
+#   tools/setup.sh --site     and MkDocs in it (target site)
 #   tools/setup.sh --view        the same, and Rerun, to see and record runs (0.6 GB)
 #   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
@@ -58,6 +59,10 @@ case "${1:-}" in
         opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf evo shtab
     fi
     if [ "$1" = --view ]; then install_python rerun-sdk; fi
+    ;;
+  --site)
+    make_environment
+    install_python 'mkdocs>=1.6,<2'
     ;;
   --onnx)
     make_environment
