@@ -148,6 +148,8 @@ class SequenceBuilder {
     std::vector<std::vector<SegmentShape>> shapes;  // by camera
     std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
     FrameEvidence evidence;  // of the frame with those before it; then with the next one
+    std::array<ImageOf<float>, 2> disparity;  // px, checked; where it was needed for identities
+    SegmentLinks::Votes by_disparity;
   };
 
   using Pair = std::pair<GrayImage, GrayImage>;
@@ -223,13 +225,15 @@ class SequenceBuilder {
         batch[i].shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
         add_association(watch.elapsed_ms());
       }
-      if (keypoints_) {
-        const Pair pair = sequence_.read(begin + i);
-        batch[i].features = keypoints_->extract(pair.first, pair.second);
-      }
+      const bool linked = overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+      Pair pair;
+      if (keypoints_ || (linked && inputs_.disparity == "sgbm")) pair = sequence_.read(begin + i);
+      if (keypoints_) batch[i].features = keypoints_->extract(pair.first, pair.second);
+      if (linked) read_disparity_early(begin + i, pair, batch[i]);
     });
     for (Prepared& frame : batch) {
       SegmentLinks links;
+      links.by_disparity = std::move(frame.by_disparity);
       if (keypoints_) judge_keypoints(read_, frame, links);
       const Stopwatch watch;
       if (overlap_) {
@@ -245,6 +249,16 @@ class SequenceBuilder {
       prepared_.push_back(std::move(frame));
       ++read_;
     }
+  }
+
+  void read_disparity_early(std::size_t t, const Pair& pair, Prepared& frame) {
+    frame.disparity = disparities(t, pair);
+    const Stopwatch watch;
+    complete(frame.disparity, frame.perception);
+    const std::lock_guard lock(mutex_);
+    summary_.times.depth += watch.elapsed_ms();
+    frame.by_disparity = links_by_disparity(frame.perception[0].panoptic,
+                                            frame.perception[1].panoptic, frame.disparity[0]);
   }
 
   /// What a frame's keypoints say about the segments of the frame before.
@@ -317,7 +331,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 6\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 7\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -449,10 +463,13 @@ class SequenceBuilder {
     Pair next;
     if (needs_images()) out.now = sequence_.read(t);
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
-    std::array<ImageOf<float>, 2> disparity = disparities(t, out.now);
-    const Stopwatch watch;
-    complete(disparity, perception);
-    out.times.depth = watch.elapsed_ms();
+    std::array<ImageOf<float>, 2> disparity = std::move(prepared.disparity);
+    if (disparity[0].empty()) {
+      disparity = disparities(t, out.now);
+      const Stopwatch watch;
+      complete(disparity, perception);
+      out.times.depth = watch.elapsed_ms();
+    }
     for (std::size_t c = 0; c < perception.size(); ++c) {
       CameraPerception& in = perception[c];
       const GrayImage& image = c == 0 ? out.now.first : out.now.second;

@@ -11,23 +11,45 @@ namespace {
 
 constexpr double kLeastGain = 0.15;  // of overlap and keypoints: below, it is another object
 constexpr double kKeypointGain = 0.5;
+constexpr double kDisparityGain = 0.5;
+constexpr int kFewPixels = 30;      // by disparity, below which they do not count
+constexpr double kOneObject = 0.5;  // share of a left thing's pixels on one right thing, and back
 constexpr int kFewVotes = 2;        // keypoints, below which they do not count
 constexpr double kSmoothing = 0.5;  // of the speed in the image
 
 /// Share of a segment's keypoints that were found on each other segment.
-std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::uint16_t segment) {
+std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::uint16_t segment,
+                                       int few) {
   std::map<std::uint16_t, double> result;
   int total = 0;
   for (auto at = votes.lower_bound({segment, 0}); at != votes.end() && at->first.first == segment;
        ++at) {
     total += at->second;
-    if (at->second >= kFewVotes) result[at->first.second] = at->second;
+    if (at->second >= few) result[at->first.second] = at->second;
   }
   for (auto& [other, share] : result) share /= total;
   return result;
 }
 
 }  // namespace
+
+SegmentLinks::Votes links_by_disparity(const PanopticMap& left, const PanopticMap& right,
+                                       const ImageOf<float>& disparity) {
+  SegmentLinks::Votes votes;
+  for (int y = 0; y < left.map.height(); ++y) {
+    for (const SegmentRun& run : left.runs.row(y)) {
+      if (run.segment == 0 || !left.segments[run.segment - 1u].thing) continue;
+      for (int x = run.x0; x < run.x1; ++x) {
+        const float d = disparity.at(x, y);
+        const auto to = static_cast<float>(x) - d + 0.5F;
+        if (!(d > 0 && to >= 0)) continue;
+        const std::uint16_t segment = right.map.at(static_cast<int>(to), y);
+        if (segment != 0 && right.segments[segment - 1u].thing) ++votes[{run.segment, segment}];
+      }
+    }
+  }
+  return votes;
+}
 
 /// Intersection over union of a track's mask, moved to where it is expected, with the segments.
 std::map<std::uint16_t, double> MaskAssociator::overlaps(const View& view, std::size_t c,
@@ -85,16 +107,19 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
       add(segment, t, overlap);
     }
     if (view.missed == 0 && !view.mask.empty()) {
-      for (const auto& [segment, share] : shares(links.in_time[c], view.segment)) {
+      for (const auto& [segment, share] : shares(links.in_time[c], view.segment, kFewVotes)) {
         add(segment, t, kKeypointGain * share);
       }
     }
     if (c == 0) continue;
     for (std::size_t k = 0; k < given[0].size(); ++k) {
       if (given[0][k] != tracks_[t].identity) continue;
-      for (const auto& [segment, share] :
-           shares(links.in_stereo, static_cast<std::uint16_t>(k + 1))) {
+      const auto left = static_cast<std::uint16_t>(k + 1);
+      for (const auto& [segment, share] : shares(links.in_stereo, left, kFewVotes)) {
         add(segment, t, kKeypointGain * share);
+      }
+      for (const auto& [segment, share] : shares(links.by_disparity, left, kFewPixels)) {
+        add(segment, t, kDisparityGain * share);
       }
     }
   }
@@ -147,6 +172,42 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
   }
 }
 
+/// A left and a right thing of this frame whose pixels mostly meet are one object: where each is a
+/// track that the other view does not see now, the two become the older one.
+void MaskAssociator::join_views(const PanopticMap& left, const PanopticMap& right,
+                                const SegmentLinks& links,
+                                std::vector<std::vector<std::int32_t>>& identities) {
+  std::map<std::uint16_t, int> seen_left, seen_right;  // pixels by segment
+  for (const auto& [pair, votes] : links.by_disparity) {
+    seen_left[pair.first] += votes;
+    seen_right[pair.second] += votes;
+  }
+  const auto track_of = [&](std::int32_t identity) {
+    return std::find_if(tracks_.begin(), tracks_.end(),
+                        [&](const Track& track) { return track.identity == identity; });
+  };
+  for (const auto& [pair, votes] : links.by_disparity) {
+    const auto [l, r] = pair;
+    if (votes < kFewPixels || votes < kOneObject * seen_left[l] ||
+        votes < kOneObject * seen_right[r])
+      continue;
+    if (group_of(left.segments[l - 1u].label) != group_of(right.segments[r - 1u].label)) continue;
+    std::int32_t &a = identities[0][l - 1u], &b = identities[1][r - 1u];
+    if (a == b) continue;
+    const auto from_left = track_of(a), from_right = track_of(b);
+    const View &other_right = from_left->views[1], &other_left = from_right->views[0];
+    const bool free_right = other_right.mask.empty() || other_right.missed > 0;
+    const bool free_left = other_left.mask.empty() || other_left.missed > 0;
+    if (!free_right || !free_left) continue;
+    from_left->views[1] = from_right->views[1];
+    from_left->identity = std::min(a, b);
+    a = b = from_left->identity;
+    tracks_.erase(from_right);
+  }
+  std::sort(tracks_.begin(), tracks_.end(),
+            [](const Track& x, const Track& y) { return x.identity < y.identity; });
+}
+
 std::vector<std::vector<std::int32_t>> MaskAssociator::next_frame(
     std::span<const PanopticMap* const> cameras, const SegmentLinks& links) {
   std::vector<std::vector<std::int32_t>> identities;
@@ -154,6 +215,7 @@ std::vector<std::vector<std::int32_t>> MaskAssociator::next_frame(
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     associate(c, *cameras[c], links, identities, identities[c]);
   }
+  if (cameras.size() == 2) join_views(*cameras[0], *cameras[1], links, identities);
   const auto forgotten = [&](const View& view) {
     return view.mask.empty() || view.missed > options_.max_missed_frames;
   };

@@ -23,13 +23,20 @@ struct SegmentLinks {
   std::array<Votes, 2> in_time;                          ///< by camera; (last frame, this frame)
   std::array<std::map<std::uint16_t, Shift>, 2> shifts;  ///< by camera; of the last frame's segment
   Votes in_stereo;                                       ///< this frame; (left, right)
+  Votes by_disparity;  ///< likewise, pixels of the left segment whose disparity leads to the right
 };
+
+/// Pixels of left things that end on a thing of the right view by their disparity (px, NaN
+/// unknown).
+SegmentLinks::Votes links_by_disparity(const PanopticMap& left, const PanopticMap& right,
+                                       const ImageOf<float>& disparity);
 
 /// Gives thing segments of both cameras identities that persist, and one object the same identity
 /// in both: assignment by the overlap of masks, those of the past moved to where they are expected,
 /// and by keypoints found on both. A track is remembered over `max_missed_frames` frames and moves
-/// on with its last speed in the image. Whatever moves by itself may change its class (networks
-/// call a far car a person), other things may not.
+/// on with its last speed in the image. Two tracks, one of each view, that turn out to be one
+/// object become the older one. Whatever moves by itself may change its class (networks call a far
+/// car a person), other things may not.
 class MaskAssociator {
  public:
   /// \param pooled by label: classes that one object may change between
@@ -69,6 +76,9 @@ class MaskAssociator {
   void associate(std::size_t c, const PanopticMap& map, const SegmentLinks& links,
                  const std::vector<std::vector<std::int32_t>>& given,
                  std::vector<std::int32_t>& identities);
+
+  void join_views(const PanopticMap& left, const PanopticMap& right, const SegmentLinks& links,
+                  std::vector<std::vector<std::int32_t>>& identities);
 
   BuilderOptions::Association options_;
   std::vector<bool> pooled_;

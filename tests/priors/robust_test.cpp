@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "motion/belief.h"
 #include "priors/builder/appearance.h"
@@ -194,6 +195,47 @@ TEST(MaskAssociation, OneObjectHasOneIdentityInBothCameras) {
       associator.next_frame(std::vector<const PanopticMap*>{&left, &right}, links);
   EXPECT_EQ(identities[0], (std::vector<std::int32_t>{0, 1}));
   EXPECT_EQ(identities[1], (std::vector<std::int32_t>{1, 0}));
+}
+
+TEST(MaskAssociation, DisparityLinksWhatIsTheSameThingInBothViews) {
+  // The first goes 10 px to the left, onto the first; the second 30 px, onto the first and the
+  // third.
+  const PanopticMap left = boxes({{60, 20, 80, 40}, {90, 20, 110, 40}});
+  const PanopticMap right = boxes({{50, 20, 70, 40}, {10, 20, 20, 40}, {70, 20, 80, 40}});
+  ImageOf<float> disparity(200, 60);
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 200; ++x) disparity.at(x, y) = x < 85 ? 10.0F : 30.0F;
+  }
+  for (int x = 60; x < 80; ++x) disparity.at(x, 25) = std::numeric_limits<float>::quiet_NaN();
+  disparity.at(60, 26) = 70;  // leaves the image
+  const SegmentLinks::Votes expected = {
+      {{1, 1}, 19 * 20 - 1}, {{2, 1}, 20 * 10}, {{2, 3}, 20 * 10}};
+  EXPECT_EQ(links_by_disparity(left, right, disparity), expected);
+}
+
+TEST(MaskAssociation, TwoTracksThatTurnOutToBeOneObjectBecomeTheOlderOne) {
+  const PanopticMap left = boxes({{100, 20, 130, 40}}), right = boxes({{90, 20, 120, 40}});
+  const PanopticMap none = boxes({});
+  const auto next_pair = [](MaskAssociator& associator, const PanopticMap& a, const PanopticMap& b,
+                            const SegmentLinks& links) {
+    return associator.next_frame(std::vector<const PanopticMap*>{&a, &b}, links);
+  };
+  for (const int pixels : {600, 20}) {
+    MaskAssociator associator({}, std::vector<bool>(8, true));
+    EXPECT_EQ(next_pair(associator, none, right, {})[1][0], 0) << "only the right view sees it";
+    auto identities = next_pair(associator, left, right, {});
+    EXPECT_EQ(identities[0][0], 1) << "nothing tells that it is the same";
+    EXPECT_EQ(identities[1][0], 0);
+    SegmentLinks links;
+    links.by_disparity[{1, 1}] = pixels;
+    identities = next_pair(associator, left, right, links);
+    const bool enough = pixels == 600;
+    EXPECT_EQ(identities[0][0], enough ? 0 : 1);
+    EXPECT_EQ(identities[1][0], 0);
+    identities = next_pair(associator, left, right, {});
+    EXPECT_EQ(identities[0][0], enough ? 0 : 1) << "and stays so";
+    EXPECT_EQ(identities[1][0], 0);
+  }
 }
 
 TEST(MaskAssociation, OnlyPooledClassesMayChange) {
