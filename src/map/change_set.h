@@ -51,6 +51,7 @@ struct ChangeSet {
   std::vector<std::pair<LandmarkId, LandmarkId>> replaced;     ///< old (erased) -> its successor
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id
   std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
+  bool moved = false;          ///< keyframes as a whole, as when a loop closes
   float disparity_offset = 0;  ///< px, what new frames should add to their disparities
 };
 

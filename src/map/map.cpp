@@ -163,6 +163,7 @@ void Map::set_pose(KeyFrameId id, const Rigid3& T_c_w) {
 }
 
 void Map::move_keyframes(const std::vector<KeyFrameId>& ids, const std::vector<Rigid3>& T_c_w) {
+  moved_ = true;
   IdTable<KeyFrameId, Rigid3> T_new_old;  // of world points seen from each
   for (std::size_t k = 0; k < ids.size(); ++k) {
     T_new_old.put(ids[k], T_c_w[k].inverse() * keyframe(ids[k]).T_c_w);
@@ -443,6 +444,7 @@ KeyFrameView Map::view(KeyFrameId id) const {
 ChangeSet Map::take_changes() {
   ChangeSet changes;
   changes.disparity_offset = disparity_offset_;
+  changes.moved = std::exchange(moved_, false);
   std::sort(dirty_landmarks_.begin(), dirty_landmarks_.end());
   dirty_landmarks_.erase(std::unique(dirty_landmarks_.begin(), dirty_landmarks_.end()),
                          dirty_landmarks_.end());

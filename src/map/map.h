@@ -150,6 +150,7 @@ class Map {
 
   StereoCamera camera_;
   ScaleLevels scales_;
+  bool moved_ = false;          // keyframes as a whole, since the last change set
   float disparity_offset_ = 0;  // px
   bool keeps_beliefs_ = false;
   std::map<std::int32_t, InstanceBelief> beliefs_;  // of this session's things

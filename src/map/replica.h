@@ -15,6 +15,10 @@ class Replica {
   void apply(const ChangeSet& changes);
   void put(LandmarkId id, LandmarkView view) { landmarks_.put(id, std::move(view)); }
   void put(KeyFrameId id, KeyFrameView view) { keyframes_.put(id, std::move(view)); }
+  /// A keyframe that the tracker has made and no change set brings yet. Where a loop is closed
+  /// meanwhile, it follows its parent, and landmarks that it is the first to see follow it: else
+  /// the tracker would go on beside the corrected map for as long as every frame is a keyframe.
+  void put_pending(KeyFrameId id, KeyFrameView view);
 
   /// Where a landmark that a change set took away went: itself when alive, its successor when it
   /// was replaced, invalid when gone.
@@ -28,10 +32,13 @@ class Replica {
   [[nodiscard]] Anchor resolve(KeyFrameId id) const;
 
  private:
+  void follow(KeyFrameId pending, const Rigid3& T_c_parent);
+
   IdTable<LandmarkId, LandmarkView> landmarks_;
   IdTable<KeyFrameId, KeyFrameView> keyframes_;
   IdTable<LandmarkId, LandmarkId> successor_;
   IdTable<KeyFrameId, CulledKeyFrame> culled_;
+  std::vector<KeyFrameId> pending_;  // by id
 };
 
 }  // namespace kys_slam

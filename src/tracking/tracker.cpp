@@ -652,7 +652,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   view.landmarks = frame.landmarks;
   if (reference_.valid()) view.neighbours.push_back(reference_);
   view.parent = reference_;
-  replica_.put(message.id, std::move(view));
+  replica_.put_pending(message.id, std::move(view));
   for (const LandmarkId id : message.tracked) {
     const LandmarkView* landmark = replica_.landmarks().find(id);
     if (landmark == nullptr) continue;

@@ -203,6 +203,56 @@ TEST(ChangeSet, OneLargeChangeSetEqualsManySmallOnes) {
   }
 }
 
+TEST(ChangeSet, KeyframesUnderWayFollowWhenTheMapMoves) {
+  const auto at = [](double x) { return Rigid3(Eigen::Quaterniond::Identity(), {-x, 0, 0}); };
+  const auto landmark = [](double x, std::uint32_t observer) {
+    LandmarkView view;
+    view.p_w = {x, 0, 5};
+    view.normal = {0, 0, 1};
+    view.observers = {KeyFrameId{observer}};
+    return view;
+  };
+  for (const bool moved : {false, true}) {
+    Replica replica;
+    ChangeSet known;
+    known.keyframes.emplace_back(KeyFrameId{1}, KeyFrameView{at(1), {}, {}, {}, {}, {}, {}});
+    replica.apply(known);
+    // Two of the tracker's own, one on the other, each with a landmark of its own.
+    for (const std::uint32_t id : {2u, 3u}) {
+      replica.put(LandmarkId{id}, landmark(id, id));
+      std::vector<LandmarkId> seen{{1}, {2}};
+      if (id == 3) seen.push_back({3});
+      replica.put_pending(KeyFrameId{id}, {at(id), {}, seen, {}, {id - 1}, {}, {}});
+    }
+    ChangeSet closed;
+    closed.moved = moved;
+    // The world turns by a quarter about y, and keyframe 1 comes to (0, 0, 10).
+    Rigid3 T_new_old(so3_exp({0, M_PI / 2, 0}), {0, 0, 0});
+    T_new_old.translation = Eigen::Vector3d(0, 0, 10) - T_new_old * Eigen::Vector3d(1, 0, 0);
+    KeyFrameView corrected{at(1) * T_new_old.inverse(), {}, {}, {}, {}, {}, KeyFrameId{7}};
+    closed.keyframes.emplace_back(KeyFrameId{1}, corrected);
+    replica.apply(closed);
+    for (const std::uint32_t id : {2u, 3u}) {
+      const Rigid3 T = moved ? T_new_old : Rigid3();
+      const Eigen::Vector3d x(id, 0, 0);
+      const KeyFrameView& view = replica.keyframes().at(KeyFrameId{id});
+      EXPECT_LT((view.T_c_w.inverse_t() - T * x).norm(), 1e-9) << id;
+      const LandmarkView& seen = replica.landmarks().at(LandmarkId{id});
+      EXPECT_LT((seen.p_w - T * Eigen::Vector3d(id, 0, 5)).norm(), 1e-9) << id;
+      EXPECT_LT((seen.normal - (T.R() * Eigen::Vector3d::UnitZ()).cast<float>()).norm(), 1e-6f);
+      EXPECT_EQ(view.submap, moved ? KeyFrameId{7} : KeyFrameId{}) << id;
+    }
+    // Once it has come, a keyframe is where the map has it.
+    ChangeSet came;
+    came.moved = true;
+    came.keyframes.emplace_back(KeyFrameId{2}, KeyFrameView{at(20), {}, {}, {}, {1}, {}, {}});
+    replica.apply(came);
+    EXPECT_NEAR(replica.keyframes().at(KeyFrameId{2}).T_c_w.inverse_t().x(), 20, 1e-9);
+    const Rigid3 T_3_2 = replica.keyframes().at(KeyFrameId{3}).T_c_w * at(20).inverse();
+    EXPECT_NEAR(T_3_2.inverse_t().x(), 1, 1e-9);
+  }
+}
+
 TEST(ChangeSet, NothingChangedMeansAnEmptyOne) {
   RandomEditor editor(4);
   (void)editor.map().take_changes();
