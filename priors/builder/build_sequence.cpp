@@ -331,7 +331,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 7\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 8\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -548,6 +548,7 @@ class SequenceBuilder {
     priors.label_space = labels_.name();
     priors.calibration_hash = calibration_hash(sequence_.camera);
     priors.content_key = measured.key;
+    priors.shares_instances = overlap_.has_value();
     std::string rows;
     bool without_motion = false;
     BuildTimes& times = measured.times;

@@ -144,8 +144,10 @@ void PriorFile::parse_header(const std::string& name, const ExpectedPriors& expe
             std::all_of(label_begin, label_end, [](char c) { return c > 0x20 && c < 0x7F; }),
         name, "label space name is empty or not printable");
   const std::uint16_t flags = pf::load_u16(h + pf::kAtFrameFlags);
-  check((flags & ~pf::kFrameHasMotion) == 0, name, "has unknown frame flags");
+  check((flags & ~(pf::kFrameHasMotion | pf::kFrameSharesInstances)) == 0, name,
+        "has unknown frame flags");
   has_motion_ = (flags & pf::kFrameHasMotion) != 0;
+  shares_instances_ = (flags & pf::kFrameSharesInstances) != 0;
   calibration_hash_ = pf::load_u64(h + pf::kAtCalibration);
   content_key_ = pf::load_u64(h + pf::kAtContentKey);
 
@@ -194,8 +196,9 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
     const PriorSegment s = load_segment(bytes_.data() + segments_at + k * pf::kSegmentSize);
     check_segment(s, index, name, expected.label_count);
     camera.segments.push_back(s);
+    const std::int32_t instance = shares_instances_ ? s.instance % pf::kRightInstances : s.instance;
     camera.priors.push_back(
-        kys::make_prior(s.label, s.instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0));
+        kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0));
   }
   check_runs(camera, name);
   cameras_.push_back(std::move(camera));

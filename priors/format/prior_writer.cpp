@@ -254,7 +254,9 @@ std::vector<std::uint8_t> encode_priors(const FramePriors& priors, const std::st
   put_at(out, pf::kAtWidth, static_cast<std::uint64_t>(width), 2);
   put_at(out, pf::kAtHeight, static_cast<std::uint64_t>(height), 2);
   put_at(out, pf::kAtCameras, priors.cameras.size(), 2);
-  put_at(out, pf::kAtFrameFlags, priors.has_motion ? pf::kFrameHasMotion : 0, 2);
+  const int flags = (priors.has_motion ? pf::kFrameHasMotion : 0) |
+                    (priors.shares_instances ? pf::kFrameSharesInstances : 0);
+  put_at(out, pf::kAtFrameFlags, static_cast<std::uint64_t>(flags), 2);
   put_at(out, pf::kAtCalibration, priors.calibration_hash, 8);
   put_at(out, pf::kAtContentKey, priors.content_key, 8);
   std::copy(priors.label_space.begin(), priors.label_space.end(), out.begin() + pf::kAtLabelSpace);
@@ -275,6 +277,7 @@ FramePriors decode_priors(const PriorFile& file) {
   priors.calibration_hash = file.calibration_hash();
   priors.content_key = file.content_key();
   priors.has_motion = file.has_motion();
+  priors.shares_instances = file.shares_instances();
   const auto width = static_cast<std::size_t>(file.width());
   constexpr std::size_t kBytesPerPixel = sizeof(std::uint16_t) + sizeof(float);
   check_memory("a prior file's images",

@@ -52,6 +52,7 @@ class Frame:
     calibration_hash: int = 0
     content_key: int = 0
     has_motion: bool = False
+    shares_instances: bool = False  # one object has one instance, plus 2^30 in the right camera
 
 
 def calibration_hash(width, height, fx, fy, cx, cy, baseline):
@@ -152,7 +153,7 @@ def encode(frame):
         raise FormatError("the label space's name is not 1 to 32 printable characters")
     size = body_at + len(body)
     header = HEADER.pack(MAGIC, 1, HEADER.size, size, 0, width, height, len(frame.cameras),
-                         int(frame.has_motion), 0, frame.calibration_hash, frame.content_key,
+                         frame.has_motion + 2 * frame.shares_instances, 0, frame.calibration_hash, frame.content_key,
                          label_space, b"")
     data = bytearray(header + b"".join(entries) + body)
     struct.pack_into("<I", data, 16, zlib.crc32(data[20:]))
@@ -181,9 +182,10 @@ def decode(data, name="prior file"):
     label_space = label_space.split(b"\0")[0]
     _check(label_space and all(0x20 < c < 0x7F for c in label_space), name,
            "label space name is empty or not printable")
-    _check(flags & ~1 == 0, name, "has unknown frame flags")
+    _check(flags & ~3 == 0, name, "has unknown frame flags")
     _check(HEADER.size + cameras * CAMERA.size <= len(data), name, "is truncated (camera table)")
-    frame = Frame(label_space.decode("ascii"), [], calibration, key, bool(flags & 1))
+    frame = Frame(label_space.decode("ascii"), [], calibration, key, bool(flags & 1),
+                  bool(flags & 2))
     for c in range(cameras):
         frame.cameras.append(_decode_camera(data, c, width, height, name))
     return frame

@@ -19,7 +19,7 @@ EXCHANGE = os.environ.get("KYS_PRIORS_EXCHANGE", "")
 
 def example(seed=0, width=211, height=57):
     random = np.random.default_rng(seed)
-    frame = kysp.Frame("coco_panoptic_133", [], 0x0123456789ABCDEF, 77, True)
+    frame = kysp.Frame("coco_panoptic_133", [], 0x0123456789ABCDEF, 77, True, seed % 2 == 0)
     for c in range(2):
         segments = np.zeros(5, kysp.SEGMENT)
         segments["label"] = [100, 101, 2, 2, 7]
@@ -36,8 +36,10 @@ def example(seed=0, width=211, height=57):
 
 class KyspTest(unittest.TestCase):
     def check_equal(self, a, b):
-        self.assertEqual((a.label_space, a.calibration_hash, a.content_key, a.has_motion),
-                         (b.label_space, b.calibration_hash, b.content_key, b.has_motion))
+        self.assertEqual((a.label_space, a.calibration_hash, a.content_key, a.has_motion,
+                          a.shares_instances),
+                         (b.label_space, b.calibration_hash, b.content_key, b.has_motion,
+                          b.shares_instances))
         for left, right in zip(a.cameras, b.cameras):
             np.testing.assert_array_equal(left.segment_map, right.segment_map)
             for name in ("label", "flags", "instance", "scale", "score"):

@@ -89,6 +89,22 @@ TEST(PriorFormat, ChecksumIsThatOfZlib) {
             0xCBF43926u);
 }
 
+TEST(PriorFormat, OneObjectHasOneInstanceInBothViewsOnlyWhereTheFileSaysSo) {
+  FramePriors in = make_street(317, 101, 1);
+  const std::vector<Keypoint> keypoints = {{.x = 150, .y = 100}};
+  std::vector<kys::Prior> left(1), right(1);
+  for (const bool shared : {false, true}) {
+    in.shares_instances = shared;
+    const PriorFile file = PriorFile::parse(encode_priors(in, "x"), "x");
+    EXPECT_EQ(file.shares_instances(), shared);
+    EXPECT_EQ(decode_priors(file).shares_instances, shared);
+    file.lookup(CameraSide::kLeft, keypoints, left);
+    file.lookup(CameraSide::kRight, keypoints, right);
+    ASSERT_EQ(left[0].instance, 3) << "the lowest of the stuff";
+    EXPECT_EQ(right[0].instance, shared ? 3 : pf::kRightInstances + 3);
+  }
+}
+
 TEST(PriorFormat, RoundTripKeepsSegmentsAndBoundsMotion) {
   const FramePriors in = make_street(317, 101, 1);
   const PriorFile file = PriorFile::parse(encode_priors(in, "x"), "x");

@@ -64,6 +64,9 @@ class PriorFile {
   [[nodiscard]] std::uint64_t content_key() const { return content_key_; }
   /// Whether optical flow was there when the file was made.
   [[nodiscard]] bool has_motion() const { return has_motion_; }
+  /// Whether one object has one instance in both cameras; lookup() gives it the left one's number
+  /// in both then.
+  [[nodiscard]] bool shares_instances() const { return shares_instances_; }
   [[nodiscard]] std::size_t file_size() const { return bytes_.size(); }  ///< bytes
   [[nodiscard]] const std::vector<PriorSegment>& segments(CameraSide side) const;
 
@@ -96,6 +99,7 @@ class PriorFile {
   int width_ = 0;
   int height_ = 0;
   bool has_motion_ = false;
+  bool shares_instances_ = false;
 };
 
 }  // namespace kys_slam

@@ -36,6 +36,9 @@ inline constexpr std::size_t kAtLabelSpace = 48;
 
 /// Frame flag: optical flow was there, so that "not dynamic" means "seen to be static".
 inline constexpr std::uint16_t kFrameHasMotion = 1;
+/// Frame flag: what is one object in both cameras has the same instance in both, plus
+/// kRightInstances in the right one. Without it such an equality means nothing.
+inline constexpr std::uint16_t kFrameSharesInstances = 2;
 
 /// Segment flags.
 inline constexpr std::uint16_t kThing = 1;

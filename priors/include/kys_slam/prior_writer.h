@@ -24,6 +24,7 @@ struct FramePriors {
   std::uint64_t calibration_hash = 0;
   std::uint64_t content_key = 0;
   bool has_motion = false;
+  bool shares_instances = false;      ///< see PriorFile
   std::vector<CameraPriors> cameras;  ///< left, or left and right
 };
 
