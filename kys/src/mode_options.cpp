@@ -1,5 +1,6 @@
 #include <kys/error.h>
 #include <kys/mode_options.h>
+#include <kys/option_description.h>
 
 #include <charconv>
 #include <cmath>
@@ -73,12 +74,6 @@ std::string text_of(double value) {
   return std::string(buffer.data(), result.ptr);
 }
 
-void require(bool good, std::string_view key, std::string_view rule, double value) {
-  if (!good) {
-    throw Error(std::string(key) + " must be " + std::string(rule) + ", is " + text_of(value));
-  }
-}
-
 }  // namespace
 
 std::string_view mode_name(Mode mode) {
@@ -108,21 +103,15 @@ void ModeOptions::check() const {
   if (static_cast<std::size_t>(mode) >= kModeNames.size()) {
     throw Error("kys.mode is not one of the modes");
   }
-  // The upper limit keeps every product finite, the lower ones keep every quotient so.
-  constexpr double kLimit = 1e6;
-  for_each_option(*this, [](std::string_view key, const auto& value) {
+  auto description = option_descriptions().begin();
+  for_each_option(*this, [&](std::string_view key, const auto& value) {
+    const OptionDescription& option = *description++;
     if constexpr (std::is_same_v<std::decay_t<decltype(value)>, double>) {
-      require(value >= 0 && value <= kLimit, key, "between 0 and 1e6", value);
+      if (value >= option.least && value <= option.most) return;  // what is not a number does not
+      throw Error(std::string(key) + " must be between " + text_of(option.least) + " and " +
+                  text_of(option.most) + ", is " + text_of(value));
     }
   });
-  constexpr double kSmallest = 1e-3;
-  require(s >= kSmallest, "kys.s", "at least 0.001", s);
-  require(tau > 0, "kys.tau", "above 0", tau);
-  require(alpha <= 1, "kys.alpha", "between 0 and 1", alpha);
-  require(eta[0] >= kSmallest, "kys.eta1", "at least 0.001", eta[0]);
-  require(gamma >= kSmallest, "kys.gamma", "at least 0.001", gamma);
-  require(s_max >= kSmallest, "kys.s_max", "at least 0.001", s_max);
-  require(gate_belief <= 1, "kys.gate_belief", "between 0 and 1", gate_belief);
 }
 
 bool needs_priors(Mode mode) {
@@ -162,6 +151,38 @@ std::vector<std::pair<std::string, std::string>> option_values(const ModeOptions
     values.emplace_back(key, text_of(member));
   });
   return values;
+}
+
+const std::vector<OptionDescription>& option_descriptions() {
+  // The upper limit keeps every product finite, the smallest value every quotient.
+  constexpr double kLimit = 1e6;
+  constexpr double kSmallest = 1e-3;
+  static const std::vector<OptionDescription> kAll = {
+      {"kys.mode", "", 0, 0, "stock, scaled, hard_mismatch, soft_filter, semantic, panoptic, kys, mask or verified"},
+      {"kys.s", "", kSmallest, kLimit, "scaled: factor on every distance"},
+      {"kys.tau", "bits", kSmallest, kLimit,
+       "soft_filter: semantic distance from which a pair is rejected"},
+      {"kys.alpha", "", 0, 1, "semantic: weight of the Hamming against the semantic distance"},
+      {"kys.eta1", "", kSmallest, kLimit, "panoptic, kys: factor when the classes differ"},
+      {"kys.eta2", "", 0, kLimit, "panoptic, kys: what a semantic distance of s_max adds to eta1"},
+      {"kys.eta3", "", 0, kLimit, "panoptic, kys: what the discrepancy of the scales adds"},
+      {"kys.gamma", "", kSmallest, kLimit, "panoptic, kys: factor when the classes are the same"},
+      {"kys.s_max", "bits", kSmallest, kLimit, "panoptic, kys: semantic distance that counts as 1"},
+      {"kys.normalize", "", 0, 0,
+       "panoptic, kys: factors are divided by gamma, so that thresholds keep their meaning"},
+      {"kys.lambda_cross_class", "", 0, kLimit, "kys: weight of ln(1 + motion), classes differ"},
+      {"kys.lambda_cross_instance", "", 0, kLimit, "kys: the same, one class, instances differ"},
+      {"kys.lambda_same_instance", "", 0, kLimit, "kys: the same, one instance"},
+      {"kys.gates", "", 0, 0, "kys: pairs with a moving end are rejected"},
+      {"kys.gate_stereo", "", 0, kLimit,
+       "kys: largest motion, 0 to 100, that is matched between the cameras"},
+      {"kys.gate_temporal", "", 0, kLimit,
+       "kys: largest motion, 0 to 100, that is matched between frames"},
+      {"kys.continuous", "", 0, 0, "kys: false: gates only, pairs that pass keep the Hamming distance"},
+      {"kys.gate_belief", "", 0, 1,
+       "verified: largest probability of moving that is matched between frames"},
+  };
+  return kAll;
 }
 
 }  // namespace kys

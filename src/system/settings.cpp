@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <kys/mode_options.h>
+#include <kys/option_description.h>
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/settings.h>
@@ -223,8 +224,11 @@ std::vector<Settings::Description> Settings::describe() const {
                                             const char* unit, const char* meaning) {
         all.push_back({key, to_text(value), unit, meaning, range ? range_text(*range) : ""});
       }});
+  auto option = kys::option_descriptions().begin();  // in the order of the values
   for (const auto& [key, value] : kys::option_values(data_->kys)) {
-    all.push_back({key, value, "", "see kys/README.md", ""});
+    all.push_back({key, value, std::string(option->unit), std::string(option->meaning),
+                   option->is_number() ? range_text({option->least, option->most}) : ""});
+    ++option;
   }
   return all;
 }

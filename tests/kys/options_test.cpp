@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <kys/option_description.h>
 
 #include <cmath>
 #include <fstream>
@@ -47,6 +48,26 @@ TEST(Options, KeysReadBackWhatTheyWrite) {
     set_option(read, key, text);
   }
   EXPECT_EQ(read, changed);
+}
+
+TEST(Options, EveryOneIsDescribed) {
+  const auto values = option_values(ModeOptions());
+  const auto& all = option_descriptions();
+  ASSERT_EQ(all.size(), values.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    EXPECT_EQ(all[i].key, values[i].first);
+    EXPECT_GT(all[i].meaning.size(), 10u) << all[i].key;
+    const bool number = values[i].second.find_first_not_of("0123456789.e-+") == std::string::npos;
+    EXPECT_EQ(all[i].is_number(), number) << all[i].key;
+    if (!number) continue;
+    ModeOptions options;
+    for (const double good : {all[i].least, all[i].most}) {
+      set_option(options, all[i].key, std::to_string(good));
+      EXPECT_NO_THROW(options.check()) << all[i].key << " " << good;
+    }
+    set_option(options, all[i].key, std::to_string(all[i].least - 0.01));
+    EXPECT_THROW(options.check(), Error) << all[i].key;
+  }
 }
 
 /// Sets what a configuration file of the tree says under `kys`; returns how many keys that are.
@@ -108,10 +129,10 @@ TEST(Options, CheckNamesTheKey) {
     return "nothing";
   };
   EXPECT_EQ(complaint("kys.alpha", 1.5), "kys.alpha must be between 0 and 1, is 1.5");
-  EXPECT_EQ(complaint("kys.gamma", 0), "kys.gamma must be at least 0.001, is 0");
-  EXPECT_EQ(complaint("kys.tau", 0), "kys.tau must be above 0, is 0");
+  EXPECT_EQ(complaint("kys.gamma", 0), "kys.gamma must be between 0.001 and 1e+06, is 0");
+  EXPECT_EQ(complaint("kys.tau", 0), "kys.tau must be between 0.001 and 1e+06, is 0");
   EXPECT_EQ(complaint("kys.lambda_cross_class", -1),
-            "kys.lambda_cross_class must be between 0 and 1e6, is -1");
+            "kys.lambda_cross_class must be between 0 and 1e+06, is -1");
   EXPECT_EQ(complaint("kys.lambda_cross_class", 0), "nothing");
   EXPECT_EQ(complaint("kys.gate_stereo", 0), "nothing");
   ModeOptions o;

@@ -5,12 +5,16 @@
 
 --broken runs it with a matcher whose disparities are 5 px too large, and passes when the ATE is
 above its band: the suite has to notice. Exit status: 0 passed, 1 failed, 77 skipped.
+
+With KYS_REGRESSION_EXACT=1 in the environment the compiler that recorded has to give the stored
+trajectory itself: runs are reproducible, so anything else is a change of results.
 """
 import argparse
+import os
 import sys
 
-from harness import (SKIPPED, Absent, Failure, Workplace, compare, load, make_input, read_results,
-                     report, run)
+from harness import (SKIPPED, Absent, Failure, Workplace, compare, is_exact, load, make_input,
+                     read_results, report, run)
 
 FAULT = "stereo.added_disparity=5"
 
@@ -24,6 +28,18 @@ def check_broken(case, results):
     print(f"with {FAULT}: ATE {ate:.5f} m, band to {high} m")
     if ate <= high:
         raise Failure("the fault went unnoticed")
+
+
+def check_exact(case, results):
+    """Says whether the stored trajectory was met to its last digit."""
+    if "recorded" not in case or is_exact(case["expected"], results):
+        return
+    if results["versions"] != case["recorded"]["versions"]:
+        print("not the stored trajectory; it was recorded with another version or compiler")
+        return
+    print("not the stored trajectory, with the compiler that recorded it: results have changed")
+    if os.environ.get("KYS_REGRESSION_EXACT") == "1":
+        raise Failure("the results have changed; if they were meant to: record.py")
 
 
 def main():
@@ -46,6 +62,7 @@ def main():
             return 0
         lines, outside = compare(case["expected"], results)
         print("\n".join(lines))
+        check_exact(case, results)
         if outside:
             raise Failure(f"{arguments.case}: {', '.join(outside)} outside the band")
         return 0

@@ -172,11 +172,50 @@ def read_results(folder):
 # --- comparison --------------------------------------------------------------------------------
 
 
-def largest_difference(stored, positions):
-    """m, between stored rows [frame, x, y, z] and the positions of a run."""
+def best_rotation(pairs):
+    """Rotation matrix that turns the second points of the pairs onto the first ones, both about
+    their means, with the least squared error: the quaternion of Horn (1987), by power iteration."""
+    S = [[sum(b[i] * a[j] for a, b in pairs) for j in range(3)] for i in range(3)]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = S
+    N = [[xx + yy + zz, yz - zy, zx - xz, xy - yx],
+         [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+         [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+         [xy - yx, zx + xz, yz + zy, zz - xx - yy]]
+    shift = sum(abs(v) for row in N for v in row)  # makes the largest eigenvalue the one of largest size
+    q = [1.0, 0.0, 0.0, 0.0]
+    for _ in range(20000):
+        new = [sum(N[i][j] * q[j] for j in range(4)) + shift * q[i] for i in range(4)]
+        norm = math.sqrt(sum(v * v for v in new))
+        new = [v / norm for v in new]
+        change = max(abs(x - y) for x, y in zip(new, q))
+        q = new
+        if change < 1e-15:
+            break
+    w, x, y, z = q
+    return [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+
+
+def largest_difference(stored, positions, align=True):
+    """m, between stored rows [frame, x, y, z] and the positions of a run; `align`: after the rigid
+    motion that brings them together, since a milliradian in the first frames turns all the rest."""
     if not stored or stored[-1][0] >= len(positions):
         return math.inf
-    return max(math.dist(row[1:], positions[row[0]]) for row in stored)
+    pairs = [(row[1:], positions[row[0]]) for row in stored]
+    if align:
+        means = [[statistics.fmean(p[k][i] for p in pairs) for i in range(3)] for k in range(2)]
+        pairs = [tuple([v - m for v, m in zip(p[k], means[k])] for k in range(2)) for p in pairs]
+        R = best_rotation(pairs)
+        pairs = [(a, [sum(R[i][j] * b[j] for j in range(3)) for i in range(3)]) for a, b in pairs]
+    return max(math.dist(a, b) for a, b in pairs)
+
+
+def is_exact(expected, results):
+    """Whether a run gave the stored trajectory, to the digits stored."""
+    rows = expected["trajectory"]["positions"]
+    return rows[-1][0] < len(results["positions"]) and all(
+        [round(v, 4) for v in results["positions"][row[0]]] == row[1:] for row in rows)
 
 
 def compare(expected, results):
@@ -194,7 +233,8 @@ def compare(expected, results):
         if not good:
             outside.append(metric)
     if "trajectory" in expected:
-        difference = largest_difference(expected["trajectory"]["positions"], results["positions"])
+        difference = largest_difference(expected["trajectory"]["positions"], results["positions"],
+                                        expected["trajectory"]["alignment"].startswith("SE(3)"))
         band = expected["trajectory"]["band"]
         good = difference <= band
         lines.append(f"{'trajectory':<13} {difference:9.5f}   m at most from the stored one, "

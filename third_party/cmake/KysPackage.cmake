@@ -26,7 +26,7 @@ set(CPACK_DEBIAN_DEV_PACKAGE_NAME libkys-slam-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEV_PACKAGE_SHLIBDEPS OFF)
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
-  "libeigen3-dev, libopencv-dev, libyaml-cpp-dev, libspdlog-dev, libfmt-dev, nlohmann-json3-dev, libspng-dev, libdeflate-dev, libturbojpeg0-dev")
+  "libeigen3-dev, libopencv-dev, libyaml-cpp-dev, libspdlog-dev, libfmt-dev, nlohmann-json3-dev, libspng-dev, libdeflate-dev, libturbojpeg0-dev, pkg-config")
 set(CPACK_COMPONENT_KYS_GROUP dev)
 set(CPACK_COMPONENT_KYS_SLAM_GROUP dev)
 set(CPACK_DEBIAN_DEV_DESCRIPTION "Headers, static libraries and CMake packages of the SLAM library kys_slam and
