@@ -1,0 +1,60 @@
+#!/usr/bin/env python3
+"""What the comparison of trajectories and the bands rest on."""
+import math
+import unittest
+
+from harness import compare, is_exact, largest_difference
+from record import band_of_ate
+
+TRACK = [[0.1 * i, 0.01 * i * i, math.sin(0.3 * i)] for i in range(40)]
+ROWS = [[i] + [round(v, 4) for v in TRACK[i]] for i in range(0, 40, 3)]
+
+
+def turned(points, angle, shift):
+    c, s = math.cos(angle), math.sin(angle)
+    return [[c * x - s * y + shift, s * x + c * y, z - shift] for x, y, z in points]
+
+
+class Comparison(unittest.TestCase):
+    def test_a_rigid_motion_is_no_difference(self):
+        for angle in (0, 0.001, 0.5, 2.5, math.pi):
+            self.assertLess(largest_difference(ROWS, turned(TRACK, angle, 3)), 2e-4)
+
+    def test_a_bend_is_one(self):
+        bent = [list(p) for p in TRACK]
+        for i in range(20, 40):
+            bent[i][2] += 0.1
+        self.assertGreater(largest_difference(ROWS, bent), 0.03)
+        self.assertLess(largest_difference(ROWS, bent), 0.1)
+
+    def test_a_mirror_image_is_one(self):
+        self.assertGreater(largest_difference(ROWS, [[x, y, -z] for x, y, z in TRACK]), 0.5)
+
+    def test_without_alignment_a_shift_counts(self):
+        shifted = [[x + 0.25, y, z] for x, y, z in TRACK]
+        self.assertAlmostEqual(largest_difference(ROWS, shifted, align=False), 0.25, places=3)
+
+    def test_a_shorter_run_is_infinitely_far(self):
+        self.assertEqual(largest_difference(ROWS, TRACK[:30]), math.inf)
+
+    def test_exact(self):
+        expected = {"trajectory": {"positions": ROWS, "alignment": "SE(3), Umeyama", "band": 0.01}}
+        self.assertTrue(is_exact(expected, {"positions": TRACK}))
+        other = [list(p) for p in TRACK]
+        other[3][0] += 2e-4
+        self.assertFalse(is_exact(expected, {"positions": other}))
+        self.assertEqual(compare(expected, {"positions": other})[1], [])
+        other[3][0] += 0.1
+        self.assertEqual(compare(expected, {"positions": other})[1], ["trajectory"])
+
+
+class Bands(unittest.TestCase):
+    def test_the_narrower_spread_but_not_less_than_two_millimetres(self):
+        self.assertEqual(band_of_ate(0.1, 0.01, [0.11, 0.095]), [0.08, 0.12])
+        self.assertEqual(band_of_ate(0.1, 0.003, [0.2]), [0.091, 0.109])
+        self.assertEqual(band_of_ate(0.1, 0.0, [0.1]), [0.098, 0.102])
+        self.assertEqual(band_of_ate(0.001, 1, [0.3]), [0.0, 0.599])
+
+
+if __name__ == "__main__":
+    unittest.main()
