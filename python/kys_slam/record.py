@@ -6,7 +6,7 @@
 
 .rrd files and the live view are Rerun's (rerun-sdk), .mcap files hold Foxglove's schemas
 (mcap-protobuf-support, foxglove-schemas-protobuf). Drawing happens in a process of its own
-(kys_slam.record_process): the thread that feeds copies keypoints and pixels, nothing else.
+(kys_slam.record_process): the thread that feeds copies keypoints and shares the image, nothing else.
 Recording changes no result.
 """
 

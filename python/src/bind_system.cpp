@@ -65,6 +65,17 @@ GrayImage mask_of(const MaybeArray& array, const char* what) {
   return array ? to_gray(view_of(*array, what, false)) : GrayImage();
 }
 
+/// The writing thread takes the GIL to let go of a frame that Python owns, so nobody may wait for
+/// that thread with the GIL.
+class PythonPipe final : public ObservationPipe {
+ public:
+  using ObservationPipe::ObservationPipe;
+  ~PythonPipe() override {
+    const nb::gil_scoped_release released;
+    stop();
+  }
+};
+
 /// The system with what Python gives it.
 class Slam {
  public:
@@ -89,20 +100,21 @@ class Slam {
                    const std::string& name, const std::optional<nb::bytes>& segments,
                    const std::tuple<MaybeArray, MaybeArray>& masks, bool bgr) {
     const ImageView l = view_of(left, "left image", bgr), r = view_of(right, "right image", bgr);
-    StereoFrame frame;
-    frame.name = name;
-    frame.timestamp = timestamp;
+    const auto frame = std::make_shared<StereoFrame>();
+    frame->name = name;
+    frame->timestamp = timestamp;
     std::optional<PriorFile> given = parse(segments);
     const auto bytes = bytes_of(segments);
     const nb::gil_scoped_release released;
-    frame.left = to_gray(l);
-    frame.right = to_gray(r);
+    frame->left = to_gray(l);
+    frame->right = to_gray(r);
     const std::lock_guard lock(mutex_);
-    frame.index = fed_;
+    frame->index = fed_;
     return feed_locked(frame, std::move(given), bytes, masks);
   }
 
-  FrameReport feed_frame(const StereoFrame& frame, const std::optional<nb::bytes>& segments,
+  FrameReport feed_frame(const std::shared_ptr<StereoFrame>& frame,
+                         const std::optional<nb::bytes>& segments,
                          const std::tuple<MaybeArray, MaybeArray>& masks) {
     std::optional<PriorFile> given = parse(segments);
     const auto bytes = bytes_of(segments);
@@ -117,7 +129,7 @@ class Slam {
     observe();
   }
   /// What is fed from now on goes into `pipe` as well.
-  void add_pipe(std::shared_ptr<ObservationPipe> pipe) {
+  void add_pipe(std::shared_ptr<PythonPipe> pipe) {
     {
       const nb::gil_scoped_release released;
       const std::lock_guard lock(mutex_);
@@ -125,7 +137,7 @@ class Slam {
     }
     observe();
   }
-  void remove_pipe(const std::shared_ptr<ObservationPipe>& pipe) {
+  void remove_pipe(const std::shared_ptr<PythonPipe>& pipe) {
     const nb::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
     std::erase(pipes_, pipe);
@@ -174,14 +186,15 @@ class Slam {
     return {static_cast<const std::uint8_t*>(segments->data()), segments->size()};
   }
 
-  FrameReport feed_locked(const StereoFrame& frame, std::optional<PriorFile> given,
+  FrameReport feed_locked(const std::shared_ptr<StereoFrame>& frame, std::optional<PriorFile> given,
                           std::span<const std::uint8_t> segments,
                           const std::tuple<MaybeArray, MaybeArray>& masks) {
     priors_->given = std::move(given);
-    left_ = &frame.left;
+    left_ = std::shared_ptr<const GrayImage>(frame, &frame->left);
     segments_ = segments;
-    FrameReport report = system_->feed(frame, {mask_of(std::get<0>(masks), "left mask"),
-                                               mask_of(std::get<1>(masks), "right mask")});
+    FrameReport report = system_->feed(*frame, {mask_of(std::get<0>(masks), "left mask"),
+                                                mask_of(std::get<1>(masks), "right mask")});
+    left_.reset();
     ++fed_;
     return report;
   }
@@ -195,7 +208,7 @@ class Slam {
       return;
     }
     system_->set_observer([this](const FrameObservation& seen) {  // called with the lock
-      for (const auto& pipe : pipes_) pipe->put(seen, *left_, segments_);
+      for (const auto& pipe : pipes_) pipe->put(seen, left_, segments_);
       if (!has_callback_) return;
       const nb::gil_scoped_acquire acquired;
       const nb::object callback = callback_;  // it may put another one in its place
@@ -239,8 +252,8 @@ class Slam {
   Priors* priors_ = nullptr;    // the system's
   std::recursive_mutex mutex_;  // of feeding and of what follows; an observer may come back here
   std::int64_t fed_ = 0;
-  std::vector<std::shared_ptr<ObservationPipe>> pipes_;
-  const GrayImage* left_ = nullptr;         // of the frame being fed
+  std::vector<std::shared_ptr<PythonPipe>> pipes_;
+  std::shared_ptr<const GrayImage> left_;   // of the frame being fed
   std::span<const std::uint8_t> segments_;  // given with it
   nb::object callback_;                     // read and written with the GIL
   std::atomic<bool> has_callback_ = false;
@@ -394,11 +407,11 @@ void bind_report(nb::module_& m) {
 
 void bind_pipe(nb::module_& m) {
   const auto released = nb::call_guard<nb::gil_scoped_release>();
-  nb::class_<ObservationPipe>(m, "_ObservationPipe", "See python/src/observation_pipe.h.")
+  nb::class_<PythonPipe>(m, "_ObservationPipe", "See python/src/observation_pipe.h.")
       .def(nb::init<int, bool>(), "descriptor"_a, "wait"_a)
-      .def("finish", &ObservationPipe::finish, released)
-      .def_prop_ro("broken", &ObservationPipe::broken)
-      .def_prop_ro("skipped", &ObservationPipe::skipped);
+      .def("finish", &PythonPipe::finish, released)
+      .def_prop_ro("broken", &PythonPipe::broken)
+      .def_prop_ro("skipped", &PythonPipe::skipped);
 }
 
 void bind_system(nb::module_& m) {

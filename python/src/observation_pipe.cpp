@@ -23,10 +23,6 @@ class Cursor {
     std::memcpy(at_, &value, sizeof value);
     at_ += sizeof value;
   }
-  void put(const void* data, std::size_t size) {
-    if (size > 0) std::memcpy(at_, data, size);
-    at_ += size;
-  }
 
  private:
   std::uint8_t* at_;
@@ -70,19 +66,16 @@ nlohmann::json to_json(std::span<const ObservedInstance> instances) {
 
 }  // namespace
 
-void ObservationPipe::copy(const FrameObservation& seen, const GrayImage& left,
-                           std::span<const std::uint8_t> segments, Item& item) {
+void ObservationPipe::copy(const FrameObservation& seen, std::span<const std::uint8_t> segments,
+                           Item& item) {
   item.report = *seen.report;
   item.instances.assign(seen.instances.begin(), seen.instances.end());
   item.keypoints = seen.keypoints.size();
   item.priors = seen.priors.size();
-  item.width = left.width();
-  item.height = left.height();
-  item.segments = segments.size();
+  item.segments.assign(segments.begin(), segments.end());
   const std::size_t per_keypoint = 3 * sizeof(float) + 1;
   const std::size_t per_prior = sizeof(std::int32_t) + sizeof(float) + sizeof(std::uint16_t);
-  item.arrays.resize(per_keypoint * item.keypoints + per_prior * item.priors + left.size() +
-                     segments.size());
+  item.arrays.resize(per_keypoint * item.keypoints + per_prior * item.priors);
   Cursor out(item.arrays.data());
   for (const Keypoint& k : seen.keypoints) {
     out.put(k.x);
@@ -93,8 +86,6 @@ void ObservationPipe::copy(const FrameObservation& seen, const GrayImage& left,
   for (const kys::Prior& p : seen.priors) out.put(static_cast<float>(p.motion));
   for (const kys::Prior& p : seen.priors) out.put(static_cast<std::uint16_t>(p.label));
   for (const kys::Tier t : seen.tiers) out.put(static_cast<std::uint8_t>(t));
-  out.put(left.data(), left.size());
-  out.put(segments.data(), segments.size());
 }
 
 /// What stands before the arrays.
@@ -103,13 +94,14 @@ std::string ObservationPipe::head_of(const Item& item) {
   header["instances"] = to_json(item.instances);
   header["n"] = item.keypoints;
   header["priors"] = item.priors;
-  header["width"] = item.width;
-  header["height"] = item.height;
-  header["segments"] = item.segments;
+  header["width"] = item.left->width();
+  header["height"] = item.left->height();
+  header["segments"] = item.segments.size();
   std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   text.resize((text.size() + 3) / 4 * 4, ' ');  // so that the arrays are aligned
   const auto size = static_cast<std::uint32_t>(text.size());
-  const std::uint64_t length = sizeof size + text.size() + item.arrays.size();
+  const std::uint64_t length =
+      sizeof size + text.size() + item.arrays.size() + item.left->size() + item.segments.size();
   std::string head(1 + sizeof length + sizeof size, 'F');
   std::memcpy(head.data() + 1, &length, sizeof length);
   std::memcpy(head.data() + 1 + sizeof length, &size, sizeof size);
@@ -123,16 +115,21 @@ ObservationPipe::ObservationPipe(int descriptor, bool wait)
 }
 
 ObservationPipe::~ObservationPipe() {
+  stop();
+  ::close(descriptor_);
+}
+
+void ObservationPipe::stop() {
   {
     const std::lock_guard lock(mutex_);
     stop_ = true;
   }
   changed_.notify_all();
-  thread_.join();
-  ::close(descriptor_);
+  if (thread_.joinable()) thread_.join();
+  queue_.clear();
 }
 
-void ObservationPipe::put(const FrameObservation& seen, const GrayImage& left,
+void ObservationPipe::put(const FrameObservation& seen, std::shared_ptr<const GrayImage> left,
                           std::span<const std::uint8_t> segments) {
   Item item;
   {
@@ -148,7 +145,8 @@ void ObservationPipe::put(const FrameObservation& seen, const GrayImage& left,
       spare_.pop_back();
     }
   }
-  copy(seen, left, segments, item);
+  copy(seen, segments, item);
+  item.left = std::move(left);
   {
     const std::lock_guard lock(mutex_);
     queue_.push_back(std::move(item));
@@ -181,9 +179,8 @@ void ObservationPipe::run() {
     writing_ = true;
     lock.unlock();
     changed_.notify_all();
-    const std::string head = head_of(item);
-    const bool written =
-        write_all(head.data(), head.size()) && write_all(item.arrays.data(), item.arrays.size());
+    const bool written = write_item(item);
+    item.left.reset();
     lock.lock();
     writing_ = false;
     spare_.push_back(std::move(item));
@@ -193,6 +190,13 @@ void ObservationPipe::run() {
     }
     changed_.notify_all();
   }
+}
+
+bool ObservationPipe::write_item(const Item& item) const {
+  const std::string head = head_of(item);
+  return write_all(head.data(), head.size()) && write_all(item.arrays.data(), item.arrays.size()) &&
+         write_all(item.left->data(), item.left->size()) &&
+         write_all(item.segments.data(), item.segments.size());
 }
 
 bool ObservationPipe::write_all(const void* data, std::size_t size) const {

@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <span>
 #include <string>
@@ -16,8 +17,8 @@
 namespace kys_slam {
 
 /// What the system sees, frame by frame, written to a file descriptor for another process: the
-/// thread that feeds copies numbers and pixels into a buffer, a thread of its own writes them.
-/// Python takes no part in either.
+/// thread that feeds copies numbers into a buffer and shares the image, a thread of its own writes
+/// both. Python takes no part in either.
 ///
 /// A frame is the byte 'F', the length of the rest (u64), the length of a header (u32), the header
 /// (JSON), then the arrays whose sizes the header tells (kys_slam/record_process.py reads them).
@@ -29,11 +30,11 @@ class ObservationPipe {
   ObservationPipe(int descriptor, bool wait);
   ObservationPipe(const ObservationPipe&) = delete;
   ObservationPipe& operator=(const ObservationPipe&) = delete;
-  ~ObservationPipe();
+  virtual ~ObservationPipe();
 
-  /// \param left  may be empty
+  /// \param left  may be empty; must not change any more. The writing thread lets go of it.
   /// \param segments  bytes of the prior file that came with the frame; empty: none
-  void put(const FrameObservation& seen, const GrayImage& left,
+  void put(const FrameObservation& seen, std::shared_ptr<const GrayImage> left,
            std::span<const std::uint8_t> segments);
 
   /// Returns when all frames are written, or the reader is gone.
@@ -44,19 +45,25 @@ class ObservationPipe {
 
   static constexpr std::size_t kCapacity = 16;
 
+ protected:
+  /// Ends the writing thread. What is not written yet is not written any more.
+  void stop();
+
  private:
-  /// A frame, copied.
+  /// A frame, copied; its image is shared.
   struct Item {
     FrameReport report;
     std::vector<ObservedInstance> instances;
-    std::size_t keypoints = 0, priors = 0, segments = 0;  // lengths
-    int width = 0, height = 0;                            // px
-    std::vector<std::uint8_t> arrays;
+    std::size_t keypoints = 0, priors = 0;  // lengths
+    std::vector<std::uint8_t> arrays;       // of keypoints and priors
+    std::shared_ptr<const GrayImage> left;
+    std::vector<std::uint8_t> segments;
   };
-  static void copy(const FrameObservation& seen, const GrayImage& left,
-                   std::span<const std::uint8_t> segments, Item& item);
+  static void copy(const FrameObservation& seen, std::span<const std::uint8_t> segments,
+                   Item& item);
   static std::string head_of(const Item& item);
   void run();
+  bool write_item(const Item& item) const;
   bool write_all(const void* data, std::size_t size) const;
 
   int descriptor_;
