@@ -37,6 +37,12 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
   for (float& u : u_right_) u -= disparity_offset_;
   cell_width_inv_ = static_cast<float>(kColumns) / static_cast<float>(camera.width);
   cell_height_inv_ = static_cast<float>(kRows) / static_cast<float>(camera.height);
+  fill_cells();
+}
+
+/// Groups the features by cells.
+void FrameFeatures::fill_cells() {
+  const std::size_t n = size();
   std::vector<std::uint16_t> cell(n);
   cell_start_.assign(kRows * kColumns + 1, 0);
   for (std::size_t i = 0; i < n; ++i) {
@@ -57,10 +63,28 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
 
 FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left,
                                      std::vector<float> u_right, std::vector<kys::Prior> priors,
-                                     float disparity_offset) {
+                                     std::vector<std::uint8_t> aligned, float disparity_offset) {
   FrameFeatures features(camera, std::move(left), std::move(u_right), std::move(priors));
+  if (!aligned.empty() && aligned.size() != features.size()) {
+    throw std::logic_error("features of a frame differ in number");
+  }
+  features.aligned_ = std::move(aligned);
   features.disparity_offset_ = disparity_offset;
   return features;
+}
+
+FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) const {
+  FrameFeatures changed = *this;
+  changed.aligned_.resize(size(), 0);
+  for (const Aligned& a : aligned) {
+    Keypoint& k = changed.set_.keypoints.at(a.feature);
+    changed.u_right_[a.feature] += a.u - k.x;
+    k.x = a.u;
+    k.y = a.v;
+    changed.aligned_[a.feature] = 1;
+  }
+  changed.fill_cells();
+  return changed;
 }
 
 FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {

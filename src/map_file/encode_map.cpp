@@ -56,7 +56,9 @@ void write_shared(ByteWriter& out, const MapContents& contents, std::string_view
 void write_features(ByteWriter& out, const FrameFeatures& features) {
   const std::size_t n = features.size();
   out.u32(static_cast<std::uint32_t>(n));
-  out.u8(features.priors().empty() ? std::uint8_t{0} : mf::kHasPriors);
+  const bool aligned = !features.aligned().empty();
+  out.u8(static_cast<std::uint8_t>((features.priors().empty() ? 0 : mf::kHasPriors) |
+                                   (aligned ? mf::kHasAligned : 0)));
   column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).x; });
   column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).y; });
   column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).angle; });
@@ -64,6 +66,7 @@ void write_features(ByteWriter& out, const FrameFeatures& features) {
   column_f32(out, n, [&](std::size_t i) { return features.u_right(i); });
   for (std::size_t i = 0; i < n; ++i) out.u8(features.keypoint(i).octave);
   for (std::size_t i = 0; i < n; ++i) write_descriptor(out, features.descriptor(i));
+  for (const std::uint8_t flag : features.aligned()) out.u8(flag);
   for (const kys::Prior& prior : features.priors()) write_prior(out, prior);
 }
 

@@ -34,6 +34,7 @@ inline constexpr int kMaxSide = 16384;           ///< px
 inline constexpr float kMaxPixel = 65536;        ///< px, of any coordinate
 inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
 inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
+inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
 /// Ids may run this far ahead of what is in the file: tables by id are made of their size.
 inline constexpr std::uint64_t kIdsAtLeast = 65536;
 inline constexpr std::uint64_t kIdsPerObject = 1024;  ///< features or keyframe records

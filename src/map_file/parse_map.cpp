@@ -119,9 +119,10 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   const std::size_t n = in.count(kFeatureSize);
   require(n <= std::numeric_limits<std::uint16_t>::max(), "has a keyframe of too many features");
   const std::uint8_t flags = in.u8();
-  require((flags & ~mf::kHasPriors) == 0, "has a keyframe with unknown flags");
-  const bool with_priors = flags != 0;
-  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0)),
+  require((flags & ~(mf::kHasPriors | mf::kHasAligned)) == 0, "has a keyframe with unknown flags");
+  const bool with_priors = (flags & mf::kHasPriors) != 0;
+  const bool with_aligned = (flags & mf::kHasAligned) != 0;
+  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) + (with_aligned ? 1 : 0)),
           "has a keyframe of wrong size");
   FeatureSet set;
   set.keypoints.resize(n);
@@ -146,11 +147,16 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   for (Keypoint& k : set.keypoints) k.octave = in.u8();
   set.descriptors.reserve(n);
   for (std::size_t i = 0; i < n; ++i) set.descriptors.push_back(read_descriptor(in));
+  std::vector<std::uint8_t> aligned(with_aligned ? n : 0);
+  for (std::uint8_t& flag : aligned) {
+    flag = in.u8();
+    require(flag <= 1, "has a keyframe with unknown flags");
+  }
   std::vector<kys::Prior> priors;
   for (std::size_t i = 0; with_priors && i < n; ++i) priors.push_back(read_prior(in));
   return std::make_shared<const FrameFeatures>(
       FrameFeatures::restore(contents.camera, std::move(set), std::move(u_right), std::move(priors),
-                             contents.disparity_offset));
+                             std::move(aligned), contents.disparity_offset));
 }
 
 KeyFrame read_keyframe(ByteReader in, const MapContents& contents) {

@@ -67,7 +67,7 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
       problem.observations.push_back(
           {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, weight});
-      observations.push_back({id, o.keyframe});
+      observations.push_back({id, o.keyframe, o.feature});
     }
   }
   return observations;

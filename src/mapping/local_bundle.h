@@ -28,6 +28,7 @@ struct LocalBundleReport {
 struct ObservationRef {
   LandmarkId landmark;
   KeyFrameId keyframe;
+  std::uint32_t feature = 0;
 };
 
 /// Adds landmarks and those of their observations that fall on `poses` (increasing ids, in the

@@ -1,5 +1,6 @@
 #include "mapping/stereo_calibration.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -17,16 +18,19 @@ constexpr int kRounds = 2;
 // Square of Huber's delta. Errors are about half of what kPixelSigma allows, so this bends for the
 // few per cent at depth edges, whose disparities lean towards the nearer surface.
 constexpr double kHuber = 0.5;
-// Corners repeat to about 0.26 px, disparities to 0.09 px of the octave. It matters here: the
-// inverse distances that several views give are as uncertain as the corners, and taken for more
+// Information of disparities over that of corners. Disparities repeat to 0.09 px of the octave, as
+// do corners that are aligned; corners as they are found repeat to about 0.26 px. It matters here:
+// the inverse distances that several views give are as uncertain as the corners, and taken for more
 // accurate than they are they flatten the line through (inverse distance, disparity) and raise its
 // intercept, which is the offset.
-constexpr double kDisparityWeight = 8;
+constexpr double kWeightAligned = 1;
+constexpr double kWeightFound = 8;
 constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 
 struct Whole {
   std::vector<KeyFrameId> poses;
   std::vector<LandmarkId> landmarks;
+  std::vector<ObservationRef> seen;  // one per observation of the problem
   BundleProblem problem;
 };
 
@@ -43,7 +47,7 @@ Whole whole_map(const Map& map, int min_observers) {
       whole.landmarks.push_back(id);
     }
   });
-  add_landmarks(map, whole.poses, whole.landmarks, whole.problem);
+  whole.seen = add_landmarks(map, whole.poses, whole.landmarks, whole.problem);
   return whole;
 }
 
@@ -58,12 +62,22 @@ double way(const BundleProblem& problem) {
 
 /// Coarse octaves mix more surfaces in a patch: their error grows with their scale and is no
 /// constant. There only the left pixel counts.
-void drop_coarse_disparities(BundleProblem& problem) {
-  for (auto& o : problem.observations) {
-    if (o.inv_sigma * kPixelSigma * kLargestScale < 1) {
-      o.u_right = std::numeric_limits<float>::quiet_NaN();
+void drop_coarse_disparities(const Map& map, Whole& whole) {
+  for (std::size_t k = 0; k < whole.seen.size(); ++k) {
+    const ObservationRef& o = whole.seen[k];
+    const std::size_t octave = map.keyframe(o.keyframe).features->keypoint(o.feature).octave;
+    if (map.scales().scale[octave] > kLargestScale) {
+      whole.problem.observations[k].u_right = std::numeric_limits<float>::quiet_NaN();
     }
   }
+}
+
+/// Information of disparities over that of corners in a problem.
+double disparity_weight(const Map& map, const Whole& whole) {
+  const auto aligned = std::count_if(whole.seen.begin(), whole.seen.end(), [&](const auto& o) {
+    return map.keyframe(o.keyframe).features->is_aligned(o.feature);
+  });
+  return 2 * static_cast<std::size_t>(aligned) >= whole.seen.size() ? kWeightAligned : kWeightFound;
 }
 
 void shift_disparities(BundleProblem& problem, double offset) {
@@ -72,11 +86,11 @@ void shift_disparities(BundleProblem& problem, double offset) {
 
 /// Adjusts poses and points and takes out what does not fit: the same observations have to serve at
 /// every offset, or the costs could not be compared. Returns false when it was stopped.
-bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
+bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::atomic<bool>* stop) {
   BundleOptions refine;
   refine.iterations = 10;
   refine.refine_iterations = 10;
-  refine.disparity_weight = kDisparityWeight;
+  refine.disparity_weight = disparity_weight;
   refine.stop = stop;
   const BundleSummary refined = adjust_bundle(problem, refine);
   std::vector<BundleProblem::Observation> inliers;
@@ -103,8 +117,8 @@ struct Parabola {
 };
 
 /// Cost at its minimum with disparities shifted; the problem's poses and points are moved there.
-std::optional<double> least_cost(BundleProblem& problem, double offset, int iterations,
-                                 const std::atomic<bool>* stop) {
+std::optional<double> least_cost(BundleProblem& problem, double offset, double disparity_weight,
+                                 int iterations, const std::atomic<bool>* stop) {
   BundleOptions exact;
   // One of three costs that is not at its minimum moves the vertex by more than its sigma.
   // Landmarks of little parallax are slow, but not when each goes to its own best place after every
@@ -112,7 +126,7 @@ std::optional<double> least_cost(BundleProblem& problem, double offset, int iter
   exact.solver = BundleSolver::kSparseSchur;
   exact.iterations = iterations;
   exact.refine_iterations = 0;
-  exact.disparity_weight = kDisparityWeight;
+  exact.disparity_weight = disparity_weight;
   exact.chi2_mono = exact.chi2_stereo = kHuber;
   exact.function_tolerance = 1e-9;
   exact.stop = stop;
@@ -138,14 +152,15 @@ BundleProblem mirrored(const BundleProblem& other, const BundleProblem& centre) 
 
 /// Every minimum begins where the ones before say it will be: the vertex is then within 0.0005 px
 /// of where 100 iterations each take it.
-std::optional<Parabola> profile(BundleProblem problem, const std::atomic<bool>* stop) {
-  const auto middle = least_cost(problem, 0, 8, stop);
+std::optional<Parabola> profile(BundleProblem problem, double disparity_weight,
+                                const std::atomic<bool>* stop) {
+  const auto middle = least_cost(problem, 0, disparity_weight, 8, stop);
   if (!middle) return {};
   BundleProblem shifted = problem;
-  const auto above = least_cost(shifted, kStep, 5, stop);
+  const auto above = least_cost(shifted, kStep, disparity_weight, 5, stop);
   if (!above) return {};
   shifted = mirrored(shifted, problem);
-  const auto below = least_cost(shifted, -kStep, 3, stop);
+  const auto below = least_cost(shifted, -kStep, disparity_weight, 3, stop);
   if (!below) return {};
   const double curvature = (*below - 2 * *middle + *above) / (kStep * kStep);
   if (!(curvature > 0)) return {};
@@ -156,15 +171,16 @@ std::optional<Parabola> profile(BundleProblem problem, const std::atomic<bool>* 
 
 DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
                                           const std::atomic<bool>* stop) {
-  const BundleProblem whole = whole_map(map, options.min_observers).problem;
+  Whole whole = whole_map(map, options.min_observers);
+  drop_coarse_disparities(map, whole);
+  const double weight = disparity_weight(map, whole);
   DisparityOffset result;
   for (int round = 0; round < kRounds; ++round) {
-    BundleProblem problem = whole;
+    BundleProblem problem = whole.problem;
     shift_disparities(problem, result.offset);
-    if (!keep_inliers(problem, stop)) return {};
-    drop_coarse_disparities(problem);
+    if (!keep_inliers(problem, weight, stop)) return {};
     const int redundancy = redundancy_of(problem);
-    const std::optional<Parabola> parabola = profile(std::move(problem), stop);
+    const std::optional<Parabola> parabola = profile(std::move(problem), weight, stop);
     if (!parabola || redundancy < 100) return {};
     result.offset += parabola->vertex;
     const double variance = 2 * parabola->cost / redundancy;  // of a unit residual

@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <span>
 
-/// The inner loops of stereo's patch alignment over plain memory, compiled once per instruction set
-/// from patch_kernels.inc. Every variant gives the same bytes; kernels() picks the fastest this
-/// machine runs.
+/// The inner loops of patch alignment (patch_alignment.h, landmark_patch.h) over plain memory,
+/// compiled once per instruction set from patch_kernels.inc. Every variant gives the same bytes;
+/// kernels() picks the fastest this machine runs.
 namespace kys_slam::patch {
 
 inline constexpr int kHalf = 5;  ///< px
@@ -60,6 +60,36 @@ struct Sums {
   float ae[3];  ///< w a e
 };
 
+inline constexpr int kCornerHalf = 4;  ///< px, of a landmark's patch as it is compared
+inline constexpr int kCornerSide = 2 * kCornerHalf + 1;
+inline constexpr int kPatchReach = 8;  ///< px, of a landmark's patch as it is kept
+inline constexpr int kPatchSide = 2 * kPatchReach + 1;
+/// Bytes of a kept patch: its pixels by rows, and three that are read with the last.
+inline constexpr int kPatchBytes = kPatchSide * kPatchSide + 3;
+
+/// A landmark's patch as it should look in an image, with its gradients, grey levels per px.
+struct Template {
+  alignas(64) float wanted[kCornerSide][kRow];
+  alignas(64) float du[kCornerSide][kRow];
+  alignas(64) float dv[kCornerSide][kRow];
+};
+
+/// Weights by distance from the centre.
+struct CornerWindow {
+  alignas(64) float weight[kCornerSide][kRow];
+  float total;  ///< of the weights
+};
+
+/// Sums over a template of weight w, gradient (u, v), difference e (image less template, its mean
+/// taken off).
+struct CornerSums {
+  float square;  ///< grey levels squared, mean of e^2 by the window's weights
+  float w, we;
+  float u, v;        ///< w u, w v
+  float uu, uv, vv;  ///< w u^2, w u v, w v^2
+  float ue, ve;      ///< w u e, w v e
+};
+
 struct Kernels {
   const char* name;
 
@@ -74,6 +104,17 @@ struct Kernels {
   /// that farthest to the left; of a row 11 and 21 columns may be read.
   void (*slide)(const std::uint8_t* left, std::ptrdiff_t left_stride, const std::uint8_t* right,
                 std::ptrdiff_t right_stride, std::int32_t* sums);
+
+  /// \param back px of the kept patch per px of the template, 2x2 by rows; must not lead out of the
+  ///   patch
+  void (*warp)(const std::uint8_t* patch, const float* back, Template* to);
+
+  /// Weights as in sum_up. \param image the pixel left of and above the template's first one; kRow
+  /// + 1
+  ///   columns and kCornerSide + 1 rows are read
+  void (*sum_up_both)(const Template& wanted, const CornerWindow& window, const std::uint8_t* image,
+                      std::ptrdiff_t stride, float fraction_x, float fraction_y, float tolerance,
+                      float noise, CornerSums* sums);
 };
 
 /// The fastest variant this machine runs.

@@ -98,6 +98,8 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("tracking.reference_ratio", s.tracking.reference_ratio, {0.1, 10}, "",
         "best over second best distance without prediction");
 
+  visit("tracking.align", s.tracking.align, "",
+        "keypoints are aligned with what their landmarks look like, where there are images");
   visit("tracking.acceleration", s.tracking.acceleration, {0, 1e6}, "m/s^2",
         "standard deviation about constant velocity, which holds poses that few matches hold and "
         "goes "

@@ -169,6 +169,9 @@ struct System::Impl {
   /// The map while no frame is fed and the back end rests; `lock` holds it there.
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(const std::vector<BackEndStep>& steps);
+  [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
+    return {count, frame.timestamp, seen.features, seen.left};
+  }
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   struct Place {
     KeyFrameId submap;
@@ -258,7 +261,8 @@ void System::save_map(const std::filesystem::path& file) const {
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
   }
-  kys_slam::save_map(impl_->runner.map(), file, label_space_name(impl_->options.control.label_space));
+  kys_slam::save_map(impl_->runner.map(), file,
+                     label_space_name(impl_->options.control.label_space));
 }
 
 void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {
@@ -348,8 +352,8 @@ TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult
   if (!options.relocalization.enabled || seen.features->size() == 0) return lost;
   apply(runner.drain());
   if (const auto place = runner.relocalize(*seen.features, lost.statistics)) {
-    TrackResult resumed = tracker.resume(count, frame.timestamp, seen.features,
-                                         {place->keyframe, place->T_c_w, place->landmarks}, 0);
+    TrackResult resumed =
+        tracker.resume(input(frame, seen), {place->keyframe, place->T_c_w, place->landmarks}, 0);
     resumed.statistics += lost.statistics;
     if (resumed.status != TrackingStatus::kLost) return resumed;
     lost.reason += "; " + resumed.reason;
@@ -358,7 +362,7 @@ TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult
   if (!tracker.can_start(*seen.features) || ++unrecognised < options.relocalization.patience) {
     return lost;
   }
-  TrackResult started = tracker.start_submap(count, frame.timestamp, seen.features);
+  TrackResult started = tracker.start_submap(input(frame, seen));
   started.statistics += lost.statistics;
   return started;
 }
@@ -434,8 +438,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   FrontEndResult seen = s.front_end.process(frame, masks);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
-  TrackResult tracked =
-      s.tracker.track(s.count, frame.timestamp, seen.features, s.runner.waiting());
+  TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());
   if (tracked.status == TrackingStatus::kLost && s.tracker.knows_a_map()) {
     tracked = s.recover(frame, seen, std::move(tracked));
   }

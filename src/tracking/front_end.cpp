@@ -98,6 +98,7 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   const bool from_images = !frame.left_features;
   if (from_images) {
     extract(frame);
+    result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};
   }

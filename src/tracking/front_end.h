@@ -27,6 +27,7 @@ struct FrontEndTimes {
 
 struct FrontEndResult {
   std::shared_ptr<const FrameFeatures> features;
+  const ImagePyramid* left = nullptr;  ///< until the next frame; null: features without images
   FrontEndTimes times;
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;

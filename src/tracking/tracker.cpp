@@ -90,23 +90,31 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       options_(options),
       model_(&model),
       start_(start),
-      close_depth_(static_cast<float>(options.close_baselines * camera.baseline)) {
+      close_depth_(static_cast<float>(options.close_baselines * camera.baseline)),
+      patches_(camera, scales) {
   options.check();
   if (model.wants_belief()) {
     instances_.emplace(camera, scales, options.instances, start, model);
   }
 }
 
-Tracker::Frame Tracker::make_frame(std::int64_t index, double timestamp,
-                                   std::shared_ptr<const FrameFeatures> features) {
+Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
+  std::shared_ptr<const FrameFeatures> features = input.features;
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
-    const std::optional<ExpectedPose> motion = expected_pose(timestamp);
+    const std::optional<ExpectedPose> motion = expected_pose(input.timestamp);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
-    std::vector<kys::Prior> priors = instances_->believe(timestamp, *features, expected, T_last_w);
+    std::vector<kys::Prior> priors =
+        instances_->believe(input.timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
-  Frame frame{index, timestamp, std::move(features), {}, {}, {}};
+  Frame frame{input.index,
+              input.timestamp,
+              std::move(features),
+              {},
+              {},
+              {},
+              options_.align ? input.left : nullptr};
   frame.landmarks.resize(frame.features->size());
   return frame;
 }
@@ -118,12 +126,11 @@ void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark
   frozen_ = frozen;
 }
 
-TrackResult Tracker::track(std::int64_t frame_index, double timestamp,
-                           std::shared_ptr<const FrameFeatures> features, int waiting) {
+TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   TrackResult result;
   Stopwatch watch;
   if (last_) refresh_last_frame();
-  Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  Frame frame = make_frame(input);
   const std::optional<Velocity> moving = velocity_;
   const bool repeated = last_ && repeats(*frame.features, *last_->features);
   repeats_ = repeated ? repeats_ + 1 : 0;
@@ -171,14 +178,12 @@ bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   return true;
 }
 
-TrackResult Tracker::resume(std::int64_t frame_index, double timestamp,
-                            std::shared_ptr<const FrameFeatures> features, const KnownPlace& place,
-                            int waiting) {
+TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, int waiting) {
   TrackResult result;
   result.reason = "relocalised";
   result.relocalised = true;
   Stopwatch watch;
-  Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  Frame frame = make_frame(input);
   frame.T_c_w = place.T_c_w;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (replica_.landmarks().contains(place.landmarks[i])) frame.landmarks[i] = place.landmarks[i];
@@ -206,10 +211,9 @@ bool Tracker::can_start(const FrameFeatures& features) const {
   return !frozen_ && count_stereo(features) >= options_.min_start_points;
 }
 
-TrackResult Tracker::start_submap(std::int64_t frame_index, double timestamp,
-                                  std::shared_ptr<const FrameFeatures> features) {
+TrackResult Tracker::start_submap(const TrackerInput& input) {
   TrackResult result;
-  Frame frame = make_frame(frame_index, timestamp, std::move(features));
+  Frame frame = make_frame(input);
   const KeyFrameId before = std::exchange(reference_, KeyFrameId{});
   start_map(frame, result);
   if (result.status != TrackingStatus::kStarted) reference_ = before;
@@ -250,6 +254,7 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
     judged_.resize(std::min(judged_.size(), instances_->frames_kept()));
   }
   last_ = std::move(frame);
+  last_->left = nullptr;  // the next frame's image comes into its place
 }
 
 /// What the frame says of its things; landmarks on those that turn out to move are let go.
@@ -526,6 +531,10 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   const std::vector<LandmarkId> predicted = frame.landmarks;
   match_local_landmarks(frame, local, result);
   result.matches = count_landmarks(frame.landmarks);
+  if (frame.left != nullptr) {
+    frame.features =
+        patches_.align(replica_, frame.T_c_w, frame.landmarks, *frame.left, *frame.features);
+  }
   const std::vector<LandmarkId> matched = frame.landmarks;
   result.inliers = refine_pose(frame, result);
   for (const LandmarkId id : predicted) {
@@ -627,6 +636,9 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
         std::make_shared<const FrameFeatures>(frame.features->with_priors(std::move(priors)));
     message.beliefs = instances_->take_changed_beliefs();
   }
+  if (frame.left != nullptr) {
+    frame.features = patches_.with_origins(frame.landmarks, *frame.features);
+  }
   message.id = {next_keyframe_++};
   message.frame_index = frame.index;
   message.timestamp = frame.timestamp;
@@ -659,6 +671,9 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
     LandmarkView seen = *landmark;
     seen.observers.push_back(message.id);
     replica_.put(id, std::move(seen));
+  }
+  if (frame.left != nullptr) {
+    patches_.keep(message.id, frame.landmarks, *frame.left, *frame.features);
   }
   reference_ = last_keyframe_ = message.id;
   last_keyframe_frame_ = frame.index;

@@ -19,6 +19,7 @@
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
 #include "tracking/keyframe_policy.h"
+#include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
 
 namespace kys_slam {
@@ -40,12 +41,21 @@ struct TrackerOptions {
   double acceleration =
       3;  ///< m/s^2, standard deviation: holds a pose that little else does; 0: off
   double turn_acceleration = 3;  ///< rad/s^2, the same of the rotation
-  ConsensusOptions consensus;    ///< the pose by image area, not by matches
+  bool align = true;           ///< keypoints with their landmarks' patches, where there are images
+  ConsensusOptions consensus;  ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model wants belief
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
+};
+
+/// A frame as the front end made it.
+struct TrackerInput {
+  std::int64_t index = 0;
+  double timestamp = 0;  ///< s
+  std::shared_ptr<const FrameFeatures> features;
+  const ImagePyramid* left = nullptr;  ///< of the left image; null: features without images
 };
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
@@ -95,16 +105,12 @@ class Tracker {
           const kys::DistanceModel& model, const kys::BeliefStart& start = {});
 
   /// \param waiting keyframes sent to the back end whose change set has not been applied
-  TrackResult track(std::int64_t frame_index, double timestamp,
-                    std::shared_ptr<const FrameFeatures> features, int waiting);
+  TrackResult track(const TrackerInput& input, int waiting);
 
   /// Tracks a frame that `track` lost but that was recognised in the map (relocalisation).
-  TrackResult resume(std::int64_t frame_index, double timestamp,
-                     std::shared_ptr<const FrameFeatures> features, const KnownPlace& place,
-                     int waiting);
+  TrackResult resume(const TrackerInput& input, const KnownPlace& place, int waiting);
   /// Starts a new sub-map with a frame that `track` lost, at the origin of its own world.
-  TrackResult start_submap(std::int64_t frame_index, double timestamp,
-                           std::shared_ptr<const FrameFeatures> features);
+  TrackResult start_submap(const TrackerInput& input);
   /// Is there a map a lost frame could be looked for in?
   [[nodiscard]] bool knows_a_map() const { return !replica_.keyframes().empty(); }
   /// Enough stereo points to start a map?
@@ -115,7 +121,10 @@ class Tracker {
   void continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end, bool frozen);
 
   /// Brings the replica up to date; between two frames.
-  void apply(const ChangeSet& changes) { replica_.apply(changes); }
+  void apply(const ChangeSet& changes) {
+    replica_.apply(changes);
+    patches_.apply(changes);
+  }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
   /// Landmarks of the last frame with a pose, per feature; invalid: none.
@@ -135,10 +144,10 @@ class Tracker {
     std::vector<LandmarkId> landmarks;  // per feature
     Rigid3 T_c_w;
     FramePose pose;
+    const ImagePyramid* left = nullptr;  // while the frame is tracked
   };
 
-  Frame make_frame(std::int64_t index, double timestamp,
-                   std::shared_ptr<const FrameFeatures> features);
+  Frame make_frame(const TrackerInput& input);
   void start_map(Frame& frame, TrackResult& result);
   bool finish_tracked(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
@@ -180,6 +189,7 @@ class Tracker {
   float close_depth_;  // m
 
   Replica replica_;
+  LandmarkPatches patches_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion
   std::optional<Frame> last_;  // last frame with a pose

@@ -148,8 +148,7 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
 
   // An offset given at once, and one replaced by another, are the same.
   const FrameFeatures direct(camera, set, {90, testing::kNoStereo, 500.5f}, {}, 0.75f);
-  const FrameFeatures again =
-      plain.with_disparity_offset(0.25f).with_disparity_offset(0.75f);
+  const FrameFeatures again = plain.with_disparity_offset(0.25f).with_disparity_offset(0.75f);
   for (std::size_t i : {0u, 2u}) {
     EXPECT_FLOAT_EQ(direct.u_right(i), shifted.u_right(i));
     EXPECT_FLOAT_EQ(again.u_right(i), shifted.u_right(i));
@@ -157,6 +156,33 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   }
   const FrameFeatures back = again.with_disparity_offset(0);
   EXPECT_FLOAT_EQ(back.u_right(0), 90);
+}
+
+TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
+  const StereoCamera camera = testing::kitti_camera();
+  const ScaleLevels scales(1.2, 8);
+  FeatureSet set;
+  set.keypoints = {{100, 50, 0, 1, 0}, {300, 50, 0, 1, 2}};
+  set.descriptors.resize(2);
+  const FrameFeatures found(camera, set, {90, testing::kNoStereo}, {});
+  const std::vector<FrameFeatures::Aligned> places{{0, 160.25f, 49.5f}};
+  const FrameFeatures aligned = found.with_aligned(places);
+  EXPECT_FALSE(found.is_aligned(0));
+  EXPECT_TRUE(aligned.is_aligned(0));
+  EXPECT_FALSE(aligned.is_aligned(1));
+  EXPECT_FLOAT_EQ(aligned.keypoint(0).x, 160.25f);
+  EXPECT_FLOAT_EQ(aligned.keypoint(0).y, 49.5f);
+  EXPECT_FLOAT_EQ(aligned.depth(0), found.depth(0));
+  EXPECT_FLOAT_EQ(aligned.stereo_pixel(0, scales).inv_sigma, 1 / kAlignedSigma);
+  EXPECT_FLOAT_EQ(aligned.stereo_pixel(1, scales).inv_sigma, 1 / (kPixelSigma * 1.44f));
+  int here = 0, there = 0;
+  aligned.for_each_near(160.25f, 49.5f, 1, 0, 7, [&](std::size_t) { ++here; });
+  aligned.for_each_near(100, 50, 1, 0, 7, [&](std::size_t) { ++there; });
+  EXPECT_EQ(here, 1) << "it is looked for where it is now";
+  EXPECT_EQ(there, 0);
+  // What is aligned stays so.
+  EXPECT_TRUE(aligned.with_aligned({}).is_aligned(0));
+  EXPECT_TRUE(aligned.with_priors(std::vector<kys::Prior>(2)).is_aligned(0));
 }
 
 TEST(FrameFeatures, RefusesArraysOfUnequalLength) {

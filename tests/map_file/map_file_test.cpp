@@ -101,6 +101,20 @@ TEST(MapFile, LoadedMapEqualsTheSavedOne) {
   }
 }
 
+TEST(MapFile, KeepsWhatIsAligned) {
+  Map map(testing::kitti_camera(), ScaleLevels(1.2, 8));
+  const auto found = testing::random_features(map.camera(), 20, 5);
+  const Keypoint& k = found->keypoint(7);
+  const std::vector<FrameFeatures::Aligned> places{{7, k.x + 0.25f, k.y - 0.5f}};
+  map.add_keyframe(testing::make_keyframe(
+      0, std::make_shared<const FrameFeatures>(found->with_aligned(places))));
+  const Map loaded = parse_map(encode_map(map), "aligned");
+  const FrameFeatures& features = *loaded.keyframe({0}).features;
+  for (std::size_t i = 0; i < features.size(); ++i) EXPECT_EQ(features.is_aligned(i), i == 7);
+  EXPECT_EQ(features.keypoint(7).x, k.x + 0.25f);
+  EXPECT_EQ(encode_map(loaded), encode_map(map));
+}
+
 TEST(MapFile, SavedAgainIsTheSameBytes) {
   const Map map = sample_map();
   const auto bytes = encode_map(map, kSampleLabelSpace);

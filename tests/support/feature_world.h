@@ -19,6 +19,7 @@ class FeatureWorld {
     double half_width = 12;    ///< m
     double half_height = 4;    ///< m
     double pixel_noise = 0;    ///< px at octave 0, standard deviation
+    bool aligned = false;      ///< corners count as aligned with their landmarks
     int flipped_bits = 0;      ///< of each descriptor, at random
     double max_distance = 60;  ///< m
     int max_features = 1500;
@@ -55,6 +56,7 @@ class FeatureWorld {
 
   [[nodiscard]] const StereoCamera& camera() const { return camera_; }
   [[nodiscard]] const std::vector<Point>& points() const { return points_; }
+  [[nodiscard]] bool aligned() const { return options_.aligned; }
 
   /// Frame number `index` seen from T_w_c. `seen`, if given, receives the point of every feature.
   [[nodiscard]] StereoFrame look(std::int64_t index, const Rigid3& T_w_c,

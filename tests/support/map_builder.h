@@ -59,6 +59,16 @@ inline Landmark make_landmark(std::uint32_t id, const Eigen::Vector3d& p_w,
   return landmark;
 }
 
+/// The same features, all counted as aligned with their landmarks.
+inline std::shared_ptr<const FrameFeatures> all_aligned(const FrameFeatures& features) {
+  std::vector<FrameFeatures::Aligned> places;
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    places.push_back(
+        {static_cast<std::uint32_t>(i), features.keypoint(i).x, features.keypoint(i).y});
+  }
+  return std::make_shared<const FrameFeatures>(features.with_aligned(places));
+}
+
 /// Exact or noisy features of a FeatureWorld as a keyframe has them, and the point behind each.
 struct SeenFeatures {
   std::shared_ptr<const FrameFeatures> features;
@@ -106,6 +116,7 @@ inline WorldMap map_of_world(const FeatureWorld& world, const std::vector<Rigid3
       seen.features = std::make_shared<const FrameFeatures>(
           world.camera(), std::move(set), std::move(u_right), std::vector<kys::Prior>{});
     }
+    if (world.aligned()) seen.features = all_aligned(*seen.features);
     for (const std::size_t p : seen.points) ++views[p];
     result.map.add_keyframe(
         make_keyframe(static_cast<std::uint32_t>(k), seen.features, poses[k].inverse()));

@@ -24,7 +24,7 @@ class TrackerTest : public ::testing::Test {
   }
   TrackResult track(std::int64_t index, std::shared_ptr<const FrameFeatures> features,
                     int waiting = 0) {
-    return tracker_.track(index, 0.1 * static_cast<double>(index), std::move(features), waiting);
+    return tracker_.track({index, 0.1 * static_cast<double>(index), std::move(features)}, waiting);
   }
   TrackResult track_world(std::int64_t index, double metres) {
     return track(index, see(world_, index, weaving_pose(metres)).features);
@@ -159,7 +159,7 @@ TEST_F(TrackerTest, ASubmapStartsWithTheLastVelocity) {
       testing::kitti_camera(), FeatureSet{}, std::vector<float>{}, std::vector<kys::Prior>{});
   EXPECT_EQ(track(3, nothing).status, TrackingStatus::kLost);
   const auto seen = see(world_, 4, weaving_pose(1.6));
-  const TrackResult start = tracker_.start_submap(4, 0.4, seen.features);
+  const TrackResult start = tracker_.start_submap({4, 0.4, seen.features});
   ASSERT_EQ(start.status, TrackingStatus::kStarted) << start.reason;
   const TrackResult result = track(5, far_only(5, 2.0));
   ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
@@ -254,7 +254,7 @@ class TrackerWithPriors : public TrackerTest {
   TrackResult after_landmarks_got(const kys::Prior& seen, const kys::Prior& landmark_prior,
                                   const kys::DistanceModel& model) {
     Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model);
-    tracker.track(0, 0, labelled(*see(world_, 0, weaving_pose(0)).features, seen), 0);
+    tracker.track({0, 0, labelled(*see(world_, 0, weaving_pose(0)).features, seen)}, 0);
     ChangeSet changes;
     tracker.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
       LandmarkView other = landmark;
@@ -262,7 +262,7 @@ class TrackerWithPriors : public TrackerTest {
       changes.landmarks.emplace_back(id, other);
     });
     tracker.apply(changes);
-    return tracker.track(1, 0.1, labelled(*see(world_, 1, weaving_pose(0.4)).features, seen), 0);
+    return tracker.track({1, 0.1, labelled(*see(world_, 1, weaving_pose(0.4)).features, seen)}, 0);
   }
 };
 
