@@ -144,9 +144,9 @@ Planes read_flo(const fs::path& path) {
   const auto width = static_cast<std::int32_t>(prior_format::load_u32(bytes.data() + 4));
   const auto height = static_cast<std::int32_t>(prior_format::load_u32(bytes.data() + 8));
   check_size(path, width, height);
-  Planes out{{ImageOf<float>(width, height), ImageOf<float>(width, height)}};
-  const std::size_t area = out.plane[0].size();
+  const std::size_t area = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   if (bytes.size() - 12 < 8 * area) fail(path, "is truncated");
+  Planes out{{ImageOf<float>(width, height), ImageOf<float>(width, height)}};
   for (std::size_t i = 0; i < area; ++i) {
     out.plane[0].data()[i] = prior_format::load_f32(bytes.data() + 12 + 8 * i);
     out.plane[1].data()[i] = prior_format::load_f32(bytes.data() + 16 + 8 * i);

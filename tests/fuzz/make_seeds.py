@@ -192,6 +192,7 @@ def perception():
         save("field", name + ".npy", b"\2" + out.getvalue())
     save("field", "disparity.pfm", b"\1Pf\n12 8\n-1.0\n" + disparity[::-1].tobytes())
     save("field", "flow.flo", b"\3PIEH" + struct.pack("<ii", 12, 8) + flow.tobytes())
+    save("field", "flow_large_header.flo", b"\3PIEH" + struct.pack("<ii", 2048, 15616) + bytes(24))
     save("field", "disparity.png",
          b"\0" + image_bytes(Image.fromarray((disparity * 256).astype(np.uint16)), "PNG"))
     rows = [b"".join(struct.pack(">HHH", 32768 + 64 * x, 32768 - 64 * y, 1) for x in range(12))

@@ -3,8 +3,11 @@
 KITTI 06 at half size, there and back), and one that gives every picture twice. Passed over without the
 images or without Pillow.
 
-    reversal_test.py BIN_DIR SHARED_DATA_DIR
+    reversal_test.py BIN_DIR SHARED_DATA_DIR [CYCLES]
+
+With CYCLES there and back so often in one run, by hand: the place has to stay one place.
 """
+import csv
 import json
 import os
 import subprocess
@@ -63,12 +66,34 @@ def halve(clip, folder, choose=there_and_back):
     return len(order)
 
 
+def cycles(count, programs, clip):
+    """There and back `count` times: what is tracked and how many keyframes there are, in quarters."""
+    with tempfile.TemporaryDirectory(prefix="kys_reversal_") as folder:
+        halve(clip, folder, lambda n: [*list(range(n)), *list(range(n - 2, 0, -1))] * count)
+        output = os.path.join(folder, "out")
+        subprocess.run([os.path.join(programs, "run_stereo_kitti"), folder, "--output", output,
+                        "--quiet"], check=True)
+        with open(os.path.join(output, "summary.json"), encoding="utf-8") as file:
+            s = json.load(file)
+        with open(os.path.join(output, "frames.csv"), encoding="utf-8") as file:
+            frames = list(csv.DictReader(file))
+    made = [sum(f["keyframe"] == "1" for f in frames[k * len(frames) // 4:
+                                                     (k + 1) * len(frames) // 4]) for k in range(4)]
+    print(f"{count} cycles: {s['frames_tracked']} of {s['frames']} tracked, "
+          f"{s['frames_connected']} connected, ATE {s['ate_se3_rmse_m']:.3f} m, largest error "
+          f"{s['ate_se3_max_m']:.2f} m, {s['keyframes']} keyframes, made in each quarter {made}, "
+          f"{s['loops_closed']} loops, {s['submaps']} sub-maps")
+    return 0
+
+
 def main():
-    programs, shared = sys.argv[1:]
+    programs, shared, *count = sys.argv[1:]
     clip = os.path.join(shared, "kitti_06_clip")
     if not os.path.isdir(clip):
         print("no images")
         return SKIPPED
+    if count:
+        return cycles(int(count[0]), programs, clip)
     failed = 0
     for choose in (there_and_back, every_picture_twice):
         with tempfile.TemporaryDirectory(prefix="kys_reversal_") as folder:
