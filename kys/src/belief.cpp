@@ -14,12 +14,13 @@ namespace {
 /// Words of class names (COCO, ADE20K, Virtual KITTI 2, Cityscapes) that stand for what moves by
 /// itself.
 constexpr std::array<std::string_view, 45> kMobileWords = {
-    "person",   "people",     "rider",   "pedestrian", "child",   "man",      "woman",    "bicycle",
-    "bike",     "minibike",   "motorcycle", "motorbike", "car",   "van",      "bus",      "truck",
-    "lorry",    "train",      "tram",    "trailer",    "caravan", "vehicle",  "airplane", "boat",
-    "ship",     "cat",        "dog",     "horse",      "sheep",   "cow",      "elephant", "bear",
-    "zebra",    "giraffe",    "bird",    "animal",     "wheelchair", "scooter", "tractor", "cart",
-    "plane", "cyclist",  "tuk-tuk",    "excavator", "helicopter"};
+    "person",  "people",     "rider",     "pedestrian", "child",     "man",     "woman",
+    "bicycle", "bike",       "minibike",  "motorcycle", "motorbike", "car",     "van",
+    "bus",     "truck",      "lorry",     "train",      "tram",      "trailer", "caravan",
+    "vehicle", "airplane",   "boat",      "ship",       "cat",       "dog",     "horse",
+    "sheep",   "cow",        "elephant",  "bear",       "zebra",     "giraffe", "bird",
+    "animal",  "wheelchair", "scooter",   "tractor",    "cart",      "plane",   "cyclist",
+    "tuk-tuk", "excavator",  "helicopter"};
 
 std::string lower(std::string_view text) {
   std::string out(text);

@@ -11,9 +11,9 @@ namespace kys {
 
 namespace {
 
-constexpr std::array<std::string_view, 9> kModeNames = {
-    "stock",    "scaled",   "hard_mismatch", "soft_filter", "semantic",
-    "panoptic", "kys",      "mask",          "verified"};
+constexpr std::array<std::string_view, 9> kModeNames = {"stock",       "scaled",   "hard_mismatch",
+                                                        "soft_filter", "semantic", "panoptic",
+                                                        "kys",         "mask",     "verified"};
 
 /// Calls visit(key, member) for every option: the one place where keys and members meet.
 template <typename Options, typename Visit>
@@ -93,9 +93,8 @@ Mode parse_mode(std::string_view name) {
 
 const std::array<Mode, 9>& all_modes() {
   static constexpr std::array<Mode, 9> kModes = {
-      Mode::kStock,    Mode::kScaled,   Mode::kHardMismatch, Mode::kSoftFilter,
-      Mode::kSemantic, Mode::kPanoptic, Mode::kKys,          Mode::kMask,
-      Mode::kVerified};
+      Mode::kStock,    Mode::kScaled, Mode::kHardMismatch, Mode::kSoftFilter, Mode::kSemantic,
+      Mode::kPanoptic, Mode::kKys,    Mode::kMask,         Mode::kVerified};
   return kModes;
 }
 
@@ -158,7 +157,8 @@ const std::vector<OptionDescription>& option_descriptions() {
   constexpr double kLimit = 1e6;
   constexpr double kSmallest = 1e-3;
   static const std::vector<OptionDescription> kAll = {
-      {"kys.mode", "", 0, 0, "stock, scaled, hard_mismatch, soft_filter, semantic, panoptic, kys, mask or verified"},
+      {"kys.mode", "", 0, 0,
+       "stock, scaled, hard_mismatch, soft_filter, semantic, panoptic, kys, mask or verified"},
       {"kys.s", "", kSmallest, kLimit, "scaled: factor on every distance"},
       {"kys.tau", "bits", kSmallest, kLimit,
        "soft_filter: semantic distance from which a pair is rejected"},
@@ -178,7 +178,8 @@ const std::vector<OptionDescription>& option_descriptions() {
        "kys: largest motion, 0 to 100, that is matched between the cameras"},
       {"kys.gate_temporal", "", 0, kLimit,
        "kys: largest motion, 0 to 100, that is matched between frames"},
-      {"kys.continuous", "", 0, 0, "kys: false: gates only, pairs that pass keep the Hamming distance"},
+      {"kys.continuous", "", 0, 0,
+       "kys: false: gates only, pairs that pass keep the Hamming distance"},
       {"kys.gate_belief", "", 0, 1,
        "verified: largest probability of moving that is matched between frames"},
   };

@@ -113,8 +113,9 @@ RgbImage draw_stages(const GrayImage& image, const CameraFusion& fusion,
   });
   annotate(panels[4], fusion);
   const BackgroundReferences& bg = fusion.background;
-  title(panels[4], text_of("red moving, orange radial only, grey not judged; m_bg %.2f px, sigma %.2f px",
-                           bg.m_bg, bg.sigma_par));
+  title(panels[4],
+        text_of("red moving, orange radial only, grey not judged; m_bg %.2f px, sigma %.2f px",
+                bg.m_bg, bg.sigma_par));
   tint(panels[5], map, [&](int k, int x, int y, cv::Vec3b& c) {
     if (!fusion.decisions[static_cast<std::size_t>(k)].dynamic) return false;
     const float mu = fusion.priors.motion.at(x, y);

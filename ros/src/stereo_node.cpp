@@ -73,8 +73,8 @@ class StereoNode : public rclcpp::Node {
           [this, side](const CameraInfo& m) { infos_[side] = convert(m); });
       images_[side].subscribe(this, name + "/image", rmw_qos_profile_sensor_data);
     }
-    pairs_ = std::make_unique<message_filters::Synchronizer<Policy>>(Policy(20), images_[0],
-                                                                     images_[1]);
+    pairs_ =
+        std::make_unique<message_filters::Synchronizer<Policy>>(Policy(20), images_[0], images_[1]);
     pairs_->setMaxIntervalDuration(rclcpp::Duration::from_seconds(tolerance));
     pairs_->registerCallback(&StereoNode::track, this);
   }

@@ -11,9 +11,9 @@ struct StereoCalibrationOptions {
   int keyframes = 20;  ///< in the map when the offset is first looked for; again at twice that
   double significance = 2.5;  ///< standard deviations by which it has to differ
   /// px, standard deviation of the estimate beside that from noise: patches that see two surfaces
-  /// have disparities that lean to one side. First looks at 9 rendered sequences whose true offset is
-  /// zero have a root mean square of 0.022; the worst, a hall at 376x240, is 0.056 off sequential and
-  /// 0.07 pipelined, which this keeps out.
+  /// have disparities that lean to one side. First looks at 9 rendered sequences whose true offset
+  /// is zero have a root mean square of 0.022; the worst, a hall at 376x240, is 0.056 off
+  /// sequential and 0.07 pipelined, which this keeps out.
   double systematic = 0.026;
   double max_correction = 1;  ///< px, more is no calibration error but a failure
   int min_observers = 3;      ///< keyframes that see a landmark used here

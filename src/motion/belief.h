@@ -6,9 +6,9 @@
 namespace kys_slam {
 
 struct BeliefUpdateOptions {
-  double change_rate = 0.2;   ///< 1/s, at which things change between standing and moving
-  double max_evidence = 3;    ///< nats, what one frame may say at most
-  double max_log_odds = 7;    ///< nats, belief never gets surer than this
+  double change_rate = 0.2;  ///< 1/s, at which things change between standing and moving
+  double max_evidence = 3;   ///< nats, what one frame may say at most
+  double max_log_odds = 7;   ///< nats, belief never gets surer than this
 };
 
 inline double probability(double log_odds) {

@@ -35,8 +35,8 @@ struct InstanceTrackerOptions {
   double descriptor_distance = 80;  ///< bits
   double descriptor_ratio = 0.85;   ///< best / second best
   double inherit_radius = 0.015;    ///< of the image's width: keypoints without a prior file take
-                                  ///< that of the nearest predicted one
-  double memory = 1.5;  ///< s without a file after which nothing is inherited any more
+                                    ///< that of the nearest predicted one
+  double memory = 1.5;              ///< s without a file after which nothing is inherited any more
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;

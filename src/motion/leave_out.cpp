@@ -10,7 +10,7 @@ namespace kys_slam {
 namespace {
 
 // Rotation and translation of a pose that nothing holds: it says nothing about any instance.
-constexpr double kUnknownRotation = 1;     // rad
+constexpr double kUnknownRotation = 1;      // rad
 constexpr double kUnknownTranslation = 10;  // m
 
 }  // namespace
@@ -23,8 +23,8 @@ PoseWithout::PoseWithout(const StereoCamera& camera, const Rigid3& T_c_w,
     if (p.z() < kMinDepth) continue;
     const double weight =
         static_cast<double>(term.weight) * term.pixel.inv_sigma * term.pixel.inv_sigma;
-    Eigen::Vector3d e = reprojection_error(camera, p, term.pixel.u, term.pixel.v,
-                                           term.pixel.u_right);
+    Eigen::Vector3d e =
+        reprojection_error(camera, p, term.pixel.u, term.pixel.v, term.pixel.u_right);
     Eigen::Matrix3d J = reprojection_jacobian(camera, p);
     if (std::isnan(term.pixel.u_right)) {
       e.z() = 0;
@@ -73,8 +73,7 @@ CameraMotion camera_motion(const Rigid3& T_before_w, const PoseIncrement& before
   adjoint.topLeftCorner<3, 3>() = R;
   adjoint.bottomLeftCorner<3, 3>() = hat(motion.T_now_before.translation) * R;
   adjoint.bottomRightCorner<3, 3>() = R;
-  motion.covariance =
-      now.covariance + adjoint * before.covariance * adjoint.transpose();
+  motion.covariance = now.covariance + adjoint * before.covariance * adjoint.transpose();
   return motion;
 }
 

@@ -170,9 +170,9 @@ TEST(Formula, VerifiedGatesOnBeliefBetweenFramesOnly) {
 
 TEST(Formula, FollowingOneThingIsNeverGated) {
   for (const Mode mode : all_modes()) {
-    const Distance d = model_of(options_of(mode))
-                           .evaluate({}, on(1, 1, 0, 90), with_bits(10), on(1, 1, 0, 90),
-                                     Context::kInstance);
+    const Distance d =
+        model_of(options_of(mode))
+            .evaluate({}, on(1, 1, 0, 90), with_bits(10), on(1, 1, 0, 90), Context::kInstance);
     EXPECT_LT(d.value, kRejected) << mode_name(mode);
   }
 }
@@ -180,8 +180,7 @@ TEST(Formula, FollowingOneThingIsNeverGated) {
 TEST(Formula, OnlyKysAndVerifiedHaveGates) {
   for (const Mode mode : all_modes()) {
     const float gated = value(model_of(options_of(mode)), 10, on(1, 1, 0, 90), on(1, 1, 0, 90));
-    EXPECT_EQ(gated == kRejected, mode == Mode::kKys || mode == Mode::kVerified)
-        << mode_name(mode);
+    EXPECT_EQ(gated == kRejected, mode == Mode::kKys || mode == Mode::kVerified) << mode_name(mode);
   }
 }
 

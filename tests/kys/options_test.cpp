@@ -145,8 +145,7 @@ TEST(Options, ModesThatLookAtSNeedALabelSpace) {
   for (const Mode mode : all_modes()) {
     const bool needs = needs_label_space(options_of(mode));
     EXPECT_EQ(needs, mode == Mode::kSoftFilter || mode == Mode::kSemantic ||
-                         mode == Mode::kPanoptic || mode == Mode::kKys ||
-                         mode == Mode::kVerified);
+                         mode == Mode::kPanoptic || mode == Mode::kKys || mode == Mode::kVerified);
     if (needs) {
       EXPECT_THROW(DistanceModel{options_of(mode)}, Error);
     } else {

@@ -30,8 +30,8 @@ class Body {
     std::vector<InstanceMatch> all;
     const Rigid3 T_before_now = T_now_before.inverse();
     for (const Eigen::Vector3d& q : points_) {
-      const Eigen::Vector3d x = centre_ + so3_exp(motion.head<3>()) * (q - centre_) +
-                                motion.tail<3>();
+      const Eigen::Vector3d x =
+          centre_ + so3_exp(motion.head<3>()) * (q - centre_) + motion.tail<3>();
       all.push_back({see(T_before_now * q, sigma), see(x, sigma)});
     }
     return all;
@@ -68,8 +68,8 @@ TEST(InstanceMotion, FindsTheMotionItWasGiven) {
   Vector6d truth;
   truth << 0, 0.03, 0, 0.1, 0, 0.7;
   const CameraMotion ego = ahead(0.8);
-  const InstanceMotion found = estimate_instance_motion(
-      kCamera, body.matches(ego.T_now_before, truth, 0.1), ego, kCar, {});
+  const InstanceMotion found =
+      estimate_instance_motion(kCamera, body.matches(ego.T_now_before, truth, 0.1), ego, kCar, {});
   EXPECT_EQ(found.matches, 40);
   EXPECT_GT(found.inliers, 36);
   EXPECT_LT(found.log_ratio, -50);
@@ -98,10 +98,10 @@ TEST(InstanceMotion, TellsStillFromMoving) {
                   .log_ratio,
               2)
         << seed;
-    EXPECT_LT(
-        estimate_instance_motion(kCamera, body.matches(ego.T_now_before, moves, 0.15), ego, kCar, {})
-            .log_ratio,
-        -5)
+    EXPECT_LT(estimate_instance_motion(kCamera, body.matches(ego.T_now_before, moves, 0.15), ego,
+                                       kCar, {})
+                  .log_ratio,
+              -5)
         << seed;
   }
 }
@@ -159,8 +159,7 @@ TEST(InstanceMotion, RatioIsThatOfTheStackedGaussians) {
   InstanceMotionOptions options;
   options.max_chi2 = 1e6;
   options.iterations = 20;
-  const double ratio =
-      estimate_instance_motion(kCamera, matches, ego, small, options).log_ratio;
+  const double ratio = estimate_instance_motion(kCamera, matches, ego, small, options).log_ratio;
 
   const auto n = static_cast<Eigen::Index>(3 * matches.size());
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
@@ -185,8 +184,7 @@ TEST(InstanceMotion, RatioIsThatOfTheStackedGaussians) {
     const StereoPixel& w = matches[i].now;
     // Error and its derivative by the first measurement, numerically.
     const auto error = [&](double u, double v, double d) {
-      const Eigen::Vector3d q =
-          ego.T_now_before * kCamera.back_project(u, v, kCamera.bf() / d);
+      const Eigen::Vector3d q = ego.T_now_before * kCamera.back_project(u, v, kCamera.bf() / d);
       return reprojection_error(kCamera, q, w.u, w.v, w.u_right);
     };
     const double d = static_cast<double>(b.u) - b.u_right;

@@ -12,7 +12,7 @@ namespace kys_slam {
 namespace {
 
 const StereoCamera kCamera{1241, 376, 720, 720, 610, 185, 0.54};
-constexpr double kDt = 0.1;              // s
+constexpr double kDt = 0.1;               // s
 constexpr std::int32_t kDriving = 70000;  // instances
 constexpr std::int32_t kParked = 70001;
 
@@ -35,13 +35,16 @@ class Street {
     const auto car = space_.index_of("car");
     for (int i = 0; i < 300; ++i) {
       points_.push_back({{15 * side(random), 1.5, 30 + 20 * side(random)},
-                         kys::make_prior(road, road, 1, 0, false), random_descriptor(random)});
+                         kys::make_prior(road, road, 1, 0, false),
+                         random_descriptor(random)});
     }
     for (int i = 0; i < 60; ++i) {
       points_.push_back({{side(random), 0.5 + side(random), 12 + side(random)},
-                         kys::make_prior(car, kDriving, 1, 0, false), random_descriptor(random)});
+                         kys::make_prior(car, kDriving, 1, 0, false),
+                         random_descriptor(random)});
       points_.push_back({{4 + side(random), 0.5 + side(random), 20 + 2 * side(random)},
-                         kys::make_prior(car, kParked, 1, 0, false), random_descriptor(random)});
+                         kys::make_prior(car, kParked, 1, 0, false),
+                         random_descriptor(random)});
     }
   }
 
@@ -87,9 +90,9 @@ class Street {
     const double time = kDt * frames_;
     std::vector<kys::Prior> believed = tracker_.believe(time, raw, T_c_w, last);
     kys::Statistics statistics;
-    states_ = tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),
-                             T_c_w, frames_ == 0 ? std::vector<PoseTerm>{} : terms, past_,
-                             statistics);
+    states_ =
+        tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),
+                       T_c_w, frames_ == 0 ? std::vector<PoseTerm>{} : terms, past_, statistics);
     past_.insert(past_.begin(), T_c_w);
     past_.resize(std::min(past_.size(), tracker_.frames_kept()));
     ++frames_;

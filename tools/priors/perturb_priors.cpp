@@ -14,6 +14,7 @@
 
 namespace {
 
+/// Long: the options of three subcommands, one after the other.
 int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;

@@ -450,6 +450,7 @@ class Painter {
     set(kWood, wood, 0.8, 1.2);
   }
 
+  /// One paragraph per material: long, but nothing in it depends on what is above.
   void hall() {
     Canvas floor = rough(1024, 0.45F, 0.026F, 0.09F);
     for (int i = 0; i < 4; ++i) {

@@ -43,6 +43,7 @@ std::string command_of(const kys_slam::simulator::World& world,
   return command;
 }
 
+/// Long: one option after the other.
 int run(int argc, char** argv) {
   using namespace kys_slam::simulator;
   WorldOptions world_options;

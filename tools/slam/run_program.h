@@ -1,10 +1,9 @@
 #pragma once
 
+#include <kys_slam/frame_input.h>
 #include <kys_slam/settings.h>
 
 #include <string>
-
-#include <kys_slam/frame_input.h>
 
 namespace kys_slam {
 
