@@ -182,10 +182,10 @@ void write_csv(const PlaceRun& run, const std::string& path) {
 void declare(CLI::App& app, Arguments& a) {
   app.add_option("SEQUENCE", a.sequence, "folder of an EuRoC sequence with ground truth")
       ->required();
-  app.add_option("--every", a.run.every, "make every so manyth frame a keyframe")
+  app.add_option("--every", a.run.every, "make every N-th frame a keyframe")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option("--frames", a.run.frames, "use so many keyframes (0: all)")
+  app.add_option("--frames", a.run.frames, "number of keyframes (0: all)")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--features", a.run.features, "per image")

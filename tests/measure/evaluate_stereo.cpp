@@ -269,7 +269,7 @@ int run(int argc, char** argv) {
       "px; sigma is 1.48 times the median deviation; `per oct.` in pixels of the octave.");
   Arguments a;
   app.add_option("SEQUENCE", a.sequence, "folder of a simulated sequence")->required();
-  app.add_option("--every", a.every, "use every so manyth frame")
+  app.add_option("--every", a.every, "use every N-th frame")
       ->check(whole_number(1))
       ->capture_default_str();
   app.add_option("--features", a.orb.features, "per image")

@@ -14,8 +14,8 @@ namespace kys_slam {
 enum class DecisionError {
   kParked,        ///< every vehicle, parked ones too, is called moving
   kBlind,         ///< nothing is called moving
-  kDrop,          ///< 30 % of the files are missing, in stretches of 1 to 8 frames
-  kFlip,          ///< per instance and stretch of 10 frames, wrong with probability 0.3
+  kDrop,          ///< 30 % of the files are missing, in runs of 1 to 8 frames
+  kFlip,          ///< per instance and interval of 10 frames, wrong with probability 0.3
   kLate,          ///< every file is that of the frame before; the first frame has none
   kBleed,         ///< moving segments are 8 px too large
   kSegmentsOnly,  ///< motion was not judged at all
@@ -33,7 +33,7 @@ struct DecisionErrorCounts {
   std::size_t moving_before = 0, moving_after = 0;  ///< of these, called moving
 };
 
-/// Frames that are kept: 30 % (rounded) are not, in stretches of 1 to 8 that do not touch.
+/// Frames that are kept: 30 % (rounded) are not, in runs of 1 to 8 that do not touch.
 std::vector<bool> kept_frames(std::size_t frames, std::uint64_t seed);
 
 /// Calls a segment moving, as sure as can be (score and mu 100), or not moving.

@@ -91,7 +91,7 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--start", o.start, "first pose used")->capture_default_str();
   app.add_option("--frames", o.frames, "poses used (default: all)");
-  app.add_option("--every", o.every, "of the file's poses the first, and then each so many")
+  app.add_option("--every", o.every, "every N-th pose of the file, from the first")
       ->capture_default_str();
   app.add_option("--features", o.features, "per image (default: kitti 2000, euroc 1200)");
   app.add_option("--pixel-noise", o.pixel_noise, "sigma at octave 0, px")->capture_default_str();
