@@ -38,10 +38,9 @@ Vec2 lane_corner(const Streets& k) {
 
 class StreetTraffic {
  public:
-  StreetTraffic(World& world, const Streets& streets, const Path& ego, const Drive& drive)
+  StreetTraffic(World& world, const Streets& streets, const Drive& drive)
       : world_(world),
         k_(streets),
-        ego_(ego),
         drive_(std::make_shared<const Drive>(drive)),
         rng_(hash_of(world.seed, 202)),
         meshes_(add_mover_meshes(world.scene)) {}
@@ -206,7 +205,6 @@ class StreetTraffic {
 
   World& world_;
   const Streets& k_;
-  const Path& ego_;
   std::shared_ptr<const Drive> drive_;
   Rng rng_;
   MoverMeshes meshes_;
@@ -241,7 +239,7 @@ World make_street(const WorldOptions& options) {
   const Vec2 van = streets.cross_a + right_of(streets.dir_b) * 4.35 + streets.dir_b * 27.0;
   plan.keep_clear = {{van, 7.5}, {van + streets.dir_b * 7, 4.0}};
   build_town(world.scene, plan, options.seed);
-  StreetTraffic(world, streets, ego, drive).add_all();
+  StreetTraffic(world, streets, drive).add_all();
 
   for (int i = 0; i < frames; ++i) {
     const double t = i / kRate;
