@@ -2,6 +2,7 @@
 # clang-format and clang-tidy (14, as in Debian 12) over the source; status 1 when they find something.
 #   tools/lint.sh              files that differ from the branch main
 #   tools/lint.sh FILE...      these files
+#   tools/lint.sh --format     clang-format alone, all files (seconds)
 #   tools/lint.sh --all        src, kys, priors and tools (10 minutes of one core)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,7 +13,7 @@ done
 
 all=false
 case "${1:-}" in
-  --all)
+  --all | --format)
     all=true
     mapfile -t files < <(git ls-files '*.h' '*.cpp')
     ;;
@@ -28,6 +29,7 @@ fi
 
 echo "clang-format: ${#files[@]} files"
 clang-format --dry-run -Werror "${files[@]}"
+if [ "${1:-}" = --format ]; then exit 0; fi
 
 # A compile database is all clang-tidy needs; nothing is built.
 configure() { cmake --preset release -B "$1" "${@:2}" >/dev/null; }

@@ -146,7 +146,8 @@ void add_options(CLI::App& app, Arguments& a) {
   app.add_option("--max-range", o.max_range, "Objects farther away do not count, m")
       ->check(finite_range(0.1, 1e6))
       ->capture_default_str();
-  app.add_option("--min-keypoints", o.min_keypoints, "Errors are those of estimates with at least this many keypoints")
+  app.add_option("--min-keypoints", o.min_keypoints,
+                 "Errors are those of estimates with at least this many keypoints")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
   app.add_option("--min-pixels", o.min_pixels,
