@@ -117,7 +117,7 @@ void flatten(const YAML::Node& node, const std::string& prefix, const std::strin
     } else if (entry.second.IsScalar()) {
       entries.emplace_back(key, entry.second.as<std::string>());
     } else {
-      throw InputError(file + ": setting " + key + " has no single value");
+      throw InputError(fmt::format("{}: setting {} has no single value", file, key));
     }
   }
 }
