@@ -80,7 +80,7 @@ std::vector<Rigid3> all_poses(const std::vector<FrameEstimate>& trajectory) {
 
 /// A field of a CSV file that stays one field on one line.
 std::string csv_field(const std::string& value) {
-  const std::string text = printable(value);
+  std::string text = printable(value);
   if (text.find_first_of(",\"") == std::string::npos) return text;
   std::string quoted = "\"";
   for (const char c : text) {
