@@ -331,7 +331,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 8\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 9\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +

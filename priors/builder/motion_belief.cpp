@@ -14,7 +14,10 @@ namespace {
 // Limits of one frame's evidence by source, nats; and of what a camera and the keypoints say.
 constexpr double kMaxFlow = 2.5, kMaxAppearance = 3, kMaxKeypoints = 3, kMaxCamera = 4,
                  kMaxFrame = 5;
-constexpr double kFlowSlope = 3;         // nats per e-fold of residual over threshold
+// Few keypoints of a slow thing mostly fit standing still: that says less than that they do not.
+constexpr double kMaxStillKeypoints = 1;
+constexpr double kKeypointShare = 0.5;  // of a segment's that fit one motion: below, they are mixed
+constexpr double kFlowSlope = 3;        // nats per e-fold of residual over threshold
 constexpr double kParallaxError = 0.03;  // of the flow due to depth, added to the threshold
 constexpr double kMinValid = 0.1;        // share of a segment's pixels with a residual
 constexpr double kMinValidArea = 50;     // px, the same
@@ -56,8 +59,9 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
     e.appearance = std::clamp(kAppearanceSlope * (kStillShare - a.still) * share, -kMaxAppearance,
                               kMaxAppearance);
   }
-  if (segment.keypoints.matches > 0) {
-    e.keypoints = std::clamp(-segment.keypoints.log_ratio, -kMaxKeypoints, kMaxKeypoints);
+  const KeypointEvidence& k = segment.keypoints;
+  if (k.matches > 0 && k.inliers >= kKeypointShare * k.matches) {
+    e.keypoints = std::clamp(-k.log_ratio, -kMaxStillKeypoints, kMaxKeypoints);
   }
   if (e.appearance < 0 && e.flow > 0) {
     e.appearance *= std::clamp((m.length - kSameShift) / (kOtherShift - kSameShift), 0.0, 1.0);

@@ -51,6 +51,21 @@ TEST(MotionEvidence, FlowThatTheNextImageContradictsSaysNothing) {
   EXPECT_GT(motion_evidence(options, s, kBackground).flow, 0);
 }
 
+TEST(MotionEvidence, KeypointsThatStandSayLessThanThoseThatMove) {
+  SegmentStatistics s;
+  const auto nats = [&](int matches, int inliers, double log_ratio) {
+    s.keypoints.matches = matches;
+    s.keypoints.inliers = inliers;
+    s.keypoints.log_ratio = log_ratio;
+    return motion_evidence({}, s, kBackground).keypoints;
+  };
+  EXPECT_EQ(nats(10, 8, 0.6), -0.6);
+  EXPECT_EQ(nats(10, 8, 50), -1);
+  EXPECT_EQ(nats(10, 8, -50), 3);
+  EXPECT_EQ(nats(10, 4, -50), 0) << "most do not fit one motion";
+  EXPECT_EQ(nats(0, 0, -50), 0);
+}
+
 TEST(MotionEvidence, LookingDifferentAloneIsHidingNotMoving) {
   SegmentStatistics s = segment(0.1);
   s.appearance = {100, 100, 0.0, 0.0};

@@ -104,8 +104,15 @@ def main():
     parser.add_argument("--min-area", type=int, default=200, help="px")
     parser.add_argument("--max-depth", type=float, default=45.0, help="m, of the car")
     parser.add_argument("--list", action="store_true", help="every wrong decision")
+    parser.add_argument("--table", help="file to write the truth of one PRIORS to (CSV), for "
+                        "decision_page.py --truth")
     options = parser.parse_args()
     names = class_names(options.classes)
+    if options.table:
+        lines = [f"{row['frame']},{row['camera']},{row['input_id']},{int(moves)}"
+                 for row, moves in judged_segments(options.priors[0], names, options.min_area)]
+        Path(options.table).write_text("\n".join(["frame,camera,input_id,moving", *lines, ""]),
+                                       encoding="utf-8")
     for folder in options.priors:
         result = count(judged_segments(folder, names, options.min_area), options.max_depth)
         print(f"{folder}: true {result['true']}, missed {result['missed']}, false {result['false']}, "

@@ -1,0 +1,234 @@
+"""A page that shows which things of a sequence were judged to move, and why.
+
+    decision_page.py PRIORS SEQUENCE --output page.html [--truth ground_truth.csv] [--wrong]
+
+PRIORS is a folder made by build_priors (.kysp files and segments.csv) for the images of SEQUENCE. The
+page is one HTML file with the pictures inside. Per object (one identity in both cameras): its belief
+over time, pictures of moments spread over it, and what each source said. Red outlines move, green ones
+stand, yellow ones are not judged. --truth is a table with frame, camera, moving and segment_id or
+input_id (simulate_sequence's ground_truth.csv): wrong decisions are marked, and --wrong shows those
+alone. The last frame has no flow: it is left out.
+"""
+
+import argparse
+import base64
+import csv
+import html
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python" / "kys_slam"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import common  # noqa: E402
+import kysp  # noqa: E402
+
+COLOURS = {"moving": (40, 40, 230), "static": (60, 180, 60), "not_judged": (0, 200, 230)}  # BGR
+MARGIN = 0.6       # of a segment's size, shown around it
+HEIGHT = 150       # px, of a picture
+STYLE = """body{font:15px sans-serif;margin:2em auto;max-width:70em}figure{display:inline-block;
+margin:.3em;vertical-align:top;width:19em}img{max-width:19em}figcaption{font-size:13px}
+.moving{color:#c00}.static{color:#080}.not_judged{color:#a80}.wrong{background:#fcc}svg{background:#f4f4f4}"""
+
+
+def read_table(path):
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            return list(csv.DictReader(stream))
+    except (OSError, csv.Error, UnicodeDecodeError) as error:
+        sys.exit(f"{path}: {common.first_line(error)}")
+
+
+def frame_number(text):
+    digits = text[len(text.rstrip("0123456789")):]
+    return int(digits) if digits else -1
+
+
+def read_truth(path):
+    """Whether it moves, by frame, camera and number in the segmentation."""
+    return {(frame_number(row["frame"]), row["camera"], row.get("input_id") or row["segment_id"]):
+            row["moving"] == "1" for row in read_table(path)}
+
+
+def reasons(row):
+    """What each source said, in words."""
+    number = {key: float(row[key]) for key in row if key not in ("frame", "camera", "state")}
+    said = []
+    if number["evidence_flow"]:
+        said.append(f"flow {number['evidence_flow']:+.1f}: median residual {number['median_px']:.1f} px "
+                    f"in {100 * number['valid']:.0f} % of its pixels")
+    elif number["valid"] < 0.1:
+        said.append(f"no flow ({100 * number['valid']:.0f} % valid)")
+    else:
+        said.append(f"flow 0: residual {number['median_px']:.1f} px, scattered or contradicted")
+    if number["patches"]:
+        said.append(f"appearance {number['evidence_appearance']:+.1f}: {100 * number['still_alike']:.0f} % of "
+                    f"{number['patches']:.0f} patches look the same where a still thing would be")
+    if number["keypoints"]:
+        said.append(f"keypoints {number['evidence_keypoints']:+.1f}: {number['keypoint_inliers']:.0f} of "
+                    f"{number['keypoints']:.0f} moved {number['keypoint_shift_m']:.2f} m in "
+                    f"{number['keypoint_span_s']:.1f} s")
+    return said
+
+
+class Pictures:
+    """Crops of segments with their outline."""
+
+    def __init__(self, priors, folders):
+        self.priors, self.folders = Path(priors), folders
+        self.name, self.frame = None, None
+
+    def load(self, name):
+        """The priors of a frame."""
+        if self.name != name:
+            try:
+                self.frame = kysp.read(self.priors / (name + ".kysp"))
+            except (OSError, kysp.FormatError) as error:
+                sys.exit(common.first_line(error))
+            self.name = name
+        return self.frame
+
+    def crop(self, row):
+        """A JPEG of the segment's surroundings, or None where the segment is not in the file."""
+        import cv2
+
+        side = int(row["camera"] == "right")
+        camera = self.load(row["frame"]).cameras[side]
+        at = np.flatnonzero(camera.segments["instance"] == int(row["identity"]))
+        if len(at) == 0:
+            return None
+        mask = camera.segment_map == at[0] + 1
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        path = self.folders[side] / (row["frame"] + ".png")
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None or image.shape[:2] != mask.shape:
+            sys.exit(f"{path}: is not an image of the priors' size")
+        border = (int(MARGIN * len(rows)) + 12, int(MARGIN * len(columns)) + 20)
+        y0, y1 = max(0, rows[0] - border[0]), min(mask.shape[0], rows[-1] + border[0] + 1)
+        x0, x1 = max(0, columns[0] - border[1]), min(mask.shape[1], columns[-1] + border[1] + 1)
+        scale = HEIGHT / (y1 - y0)
+        size = (max(1, round(scale * (x1 - x0))), HEIGHT)
+        picture = cv2.resize(image[y0:y1, x0:x1], size, interpolation=cv2.INTER_CUBIC)
+        big = cv2.resize(mask[y0:y1, x0:x1].astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        outlines, _ = cv2.findContours(big, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.drawContours(picture, outlines, -1, COLOURS[row["state"]], 2)
+        good, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 80])
+        return data.tobytes() if good else None
+
+
+def curve(rows):
+    """Belief of an object over time (log-odds, -5 to 5), as SVG."""
+    frames = [frame_number(row["frame"]) for row in rows]
+    first, last = min(frames), max(frames)
+    points = " ".join(f"{10 + 480 * (f - first) / max(1, last - first):.0f},"
+                      f"{30 - 5 * float(row['log_odds']):.1f}" for f, row in zip(frames, rows))
+    return (f'<svg width="500" height="60"><line x1="0" y1="30" x2="500" y2="30" stroke="#aaa"/>'
+            f'<polyline points="{points}" fill="none" stroke="#00c" stroke-width="2"/></svg>')
+
+
+def is_wrong(row, truth):
+    key = (frame_number(row["frame"]), row["camera"], row["input_id"])
+    return key in truth and truth[key] != (row["state"] == "moving")
+
+
+def chosen(rows, count, truth, wrong_alone):
+    """Rows spread over an object's time; with a truth, wrong ones first."""
+    wrong = [row for row in rows if is_wrong(row, truth)]
+    rest = [] if wrong_alone else rows
+    spread = [rest[round(i)] for i in np.linspace(0, len(rest) - 1, min(count, len(rest)))]
+    some = [wrong[round(i)] for i in np.linspace(0, len(wrong) - 1, min(count, len(wrong)))]
+    picked = {id(row): row for row in (some + spread)[:count]}
+    return [row for row in rows if id(row) in picked]
+
+
+def names_of(label_space):
+    """Class names by dense label; empty where the label space is not known."""
+    try:
+        lines = (Path(__file__).resolve().parents[2] / "kys" / "data" /
+                 f"{label_space}.classes.csv").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+    lines = [line for line in lines if line and not line.startswith("#")][2:]
+    return [line.split(",", 4)[4] for line in lines]
+
+
+def figure(row, picture, names, truth):
+    label = int(row["label"])
+    name = names[label] if label < len(names) else f"class {label}"
+    wrong = is_wrong(row, truth)
+    text = [f'<b class="{row["state"]}">{row["state"].replace("_", " ")}</b>'
+            + (" <b>(the truth says otherwise)</b>" if wrong else ""),
+            f"frame {html.escape(row['frame'])} {row['camera']}, {html.escape(name)}, {row['area_px']} px at "
+            f"{float(row['mean_depth_m']):.0f} m, belief {float(row['log_odds']):+.1f}"]
+    text += [html.escape(reason) for reason in reasons(row)]
+    data = base64.b64encode(picture).decode("ascii")
+    return (f'<figure class="{"wrong" if wrong else ""}"><img src="data:image/jpeg;base64,{data}" alt="">'
+            f"<figcaption>{'<br>'.join(text)}</figcaption></figure>")
+
+
+def make_page(options):
+    rows = [row for row in read_table(Path(options.priors) / "segments.csv")
+            if int(row["area_px"]) >= options.min_area]
+    if not rows or "log_odds" not in rows[0]:
+        sys.exit(f"{options.priors}: has no judged segments of {options.min_area} px (segments.csv)")
+    last = max(frame_number(row["frame"]) for row in rows)
+    rows = [row for row in rows if frame_number(row["frame"]) < last]
+    truth = read_truth(options.truth) if options.truth else {}
+    objects = {}
+    for row in rows:
+        objects.setdefault(int(row["identity"]) % kysp.RIGHT_INSTANCES, []).append(row)
+    if options.wrong:
+        objects = {k: v for k, v in objects.items() if any(is_wrong(row, truth) for row in v)}
+
+    def weight(item):
+        moving = sum(row["state"] == "moving" for row in item[1])
+        return (-min(moving, len(item[1]) - moving), -moving, -len(item[1]), item[0])
+
+    kept = sorted(objects.items(), key=weight)[:options.objects]
+    pictures = Pictures(options.priors, options.images)
+    names = names_of(pictures.load(rows[0]["frame"]).label_space)
+    counts = {state: sum(row["state"] == state for row in rows) for state in COLOURS}
+    wrong = sum(is_wrong(row, truth) for row in rows)
+    parts = [f"<!doctype html><meta charset=utf-8><title>Decisions</title><style>{STYLE}</style>",
+             "<h1>What is judged to move, and why</h1>",
+             f"<p>{len(rows)} segments of at least {options.min_area} px: {counts['moving']} moving, "
+             f"{counts['static']} static, {counts['not_judged']} not judged"
+             + (f"; {wrong} wrong by the given truth" if truth else "") + ". Evidence is in nats: above 0 "
+             "says moving. Belief adds up over both cameras and over time; above 0 a thing counts as "
+             f"moving. {len(kept)} of {len(objects)} objects are shown, those that are undecided first."
+             "</p>"]
+    for identity, seen in common.progress(kept, "objects"):
+        parts.append(f"<h2>Object {identity}, {len(seen)} segments</h2>{curve(seen)}<div>")
+        for row in chosen(seen, options.pictures, truth, options.wrong):
+            picture = pictures.crop(row)
+            if picture is not None:
+                parts.append(figure(row, picture, names, truth))
+        parts.append("</div>")
+    common.write_atomic(options.output, "\n".join(parts).encode("utf-8"))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("priors", type=Path)
+    parser.add_argument("sequence", type=Path)
+    parser.add_argument("--output", required=True, type=Path, help="HTML file")
+    parser.add_argument("--truth", help="table of what moves")
+    parser.add_argument("--wrong", action="store_true", help="wrong decisions alone (with --truth)")
+    parser.add_argument("--objects", type=int, default=40, help="at most")
+    parser.add_argument("--pictures", type=int, default=6, help="at most, per object")
+    parser.add_argument("--min-area", type=int, default=200, help="px, of a segment")
+    options = parser.parse_args()
+    if options.wrong and not options.truth:
+        parser.error("--wrong needs --truth")
+    common.need("cv2")
+    pairs = [("image_0", "image_1"), ("image_2", "image_3")]
+    found = [pair for pair in pairs if (options.sequence / pair[0]).is_dir()]
+    if not found:
+        sys.exit(f"{options.sequence}: has no images (image_0, image_2)")
+    options.images = [options.sequence / name for name in found[0]]
+    make_page(options)
+
+
+if __name__ == "__main__":
+    main()
