@@ -156,6 +156,18 @@ class Onnx(unittest.TestCase):
             self.assertGreater(segment["area"], 0.7 * 30 * 50)
         times = json.loads((self.folder / "made" / "times.json").read_text())
         self.assertIn("network", times)
+        page = self.folder / "page.html"
+        command = [sys.executable, str(ROOT / "tools" / "perception" / "decision_page.py"),
+                   str(self.folder / "made" / "priors"), str(sequence), "--output", str(page)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        text = page.read_text()
+        self.assertEqual(text.count("<h2>Object"), 2, "the two boxes")
+        self.assertGreaterEqual(text.count("data:image/jpeg;base64,"), 4)
+        self.assertIn(">car, ", text.replace("left, ", ">").replace("right, ", ">"))
+        done = subprocess.run([*command, "--wrong"], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("--wrong needs --truth", done.stderr)
 
     @unittest.skipUnless((REAL / "espnetv2_cityscapes_384x1248.onnx").exists(),
                          "the real network is not there")
