@@ -54,9 +54,16 @@ void CornerDetector::find_peaks(const CornerOptions& options, int width, int hei
 
 void CornerDetector::mark_weak_cells(std::size_t cell_row) {
   weak_cells_.assign(row_groups_, 0);
-  for (std::size_t x = 1; x + 1 < column_of_.size(); ++x) {
-    const bool weak = strong_[cell_row * cell_columns_ + column_of_[x]] == 0;
-    weak_cells_[x / kGroup] |= static_cast<std::uint64_t>(weak) << (x % kGroup);
+  for (std::size_t c = 0; c < cell_columns_; ++c) {
+    if (strong_[cell_row * cell_columns_ + c] != 0) continue;
+    std::size_t x = column_begin_[c];
+    const std::size_t end = column_begin_[c + 1];
+    while (x < end) {  // group by group
+      const std::size_t stop = std::min(end, (x / kGroup + 1) * kGroup);
+      const std::uint64_t run = ~std::uint64_t{0} >> (kGroup - (stop - x));
+      weak_cells_[x / kGroup] |= run << (x % kGroup);
+      x = stop;
+    }
   }
 }
 
@@ -101,9 +108,12 @@ void CornerDetector::detect(const GrayImage& image, const CornerOptions& options
   cell_rows_ = static_cast<std::size_t>(std::max(1, height / options.cell));
   strong_.assign(cell_columns_ * cell_rows_, 0);
   column_of_.assign(static_cast<std::size_t>(width) + 2, 0);
-  for (int x = 0; x < width; ++x) {
-    column_of_[static_cast<std::size_t>(x) + 1] =
+  column_begin_.assign(cell_columns_ + 1, static_cast<std::size_t>(width) + 1);
+  for (int x = width - 1; x >= 0; --x) {
+    const auto at = static_cast<std::size_t>(x) + 1;
+    column_of_[at] =
         static_cast<std::uint32_t>(cell_of(x, 0, width, static_cast<int>(cell_columns_)));
+    column_begin_[column_of_[at]] = at;
   }
   const auto fast_score = kernels::kernels().fast_score;
   for (int y = origin_; y <= options.margin + height; ++y) {

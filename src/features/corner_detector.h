@@ -56,6 +56,7 @@ class CornerDetector {
   std::size_t cell_rows_ = 0;
   std::vector<std::uint8_t> strong_;       // per cell: a corner reaches the threshold
   std::vector<std::uint32_t> column_of_;   // cell column by x - origin_; none outside the margin
+  std::vector<std::size_t> column_begin_;  // the first x - origin_ of each, and one past the last
   std::vector<std::uint64_t> weak_cells_;  // of a row of cells, a bit per pixel: none does
 };
 

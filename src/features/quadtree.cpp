@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <utility>
 
 namespace kys_slam {
 
@@ -17,7 +17,7 @@ constexpr int kMaxRoots = 255;
 /// Corners in the order of their keys lie node by node, at every depth.
 struct Entry {
   std::uint32_t key;
-  std::uint32_t corner;
+  Corner corner;
 };
 
 std::uint32_t spread_bits(std::uint32_t v) {  // bit i to bit 2 i, for 16 bits
@@ -32,27 +32,29 @@ std::uint32_t step_of(int at, int extent, int steps) {
   return static_cast<std::uint32_t>(static_cast<std::int64_t>(at) * steps / extent);
 }
 
-/// Sorts by key; equal keys stay in their order.
-void radix_sort(std::vector<Entry>& entries) {
+/// Puts the entries in the order of their keys, which are below `end`: one pass by the leading
+/// bits, then what shares these, which is little. Equal keys come in any order.
+void sort_by_key(std::vector<Entry>& entries, std::uint32_t end) {
   constexpr int kBits = 11;
+  const int shift = std::max(0, static_cast<int>(std::bit_width(end - 1)) - kBits);
+  std::array<std::uint32_t, (1u << kBits) + 1> start{};
+  for (const Entry& e : entries) ++start[(e.key >> shift) + 1];
+  std::uint32_t sum = 0;
+  for (std::uint32_t& s : start) s = sum += s;
   std::vector<Entry> other(entries.size());
-  for (int shift = 0; shift < 32; shift += kBits) {
-    std::array<std::uint32_t, 1u << kBits> start{};
-    const auto digit = [shift](const Entry& e) {
-      return static_cast<std::size_t>(e.key >> shift & ((1u << kBits) - 1));
-    };
-    for (const Entry& e : entries) ++start[digit(e)];
-    std::uint32_t sum = 0;
-    for (std::uint32_t& s : start) sum += std::exchange(s, sum);
-    for (const Entry& e : entries) other[start[digit(e)]++] = e;
-    entries.swap(other);
+  std::array<std::uint32_t, 1u << kBits> next;
+  std::copy_n(start.begin(), next.size(), next.begin());
+  for (const Entry& e : entries) other[next[e.key >> shift]++] = e;
+  const auto less = [](const Entry& a, const Entry& b) { return a.key < b.key; };
+  for (std::size_t k = 0; k < next.size(); ++k) {
+    if (next[k] - start[k] > 1) std::sort(&other[start[k]], other.data() + next[k], less);
   }
+  entries.swap(other);
 }
 
 class Quadtree {
  public:
-  Quadtree(const std::vector<Corner>& corners, int min_x, int max_x, int min_y, int max_y)
-      : corners_(corners) {
+  Quadtree(const std::vector<Corner>& corners, int min_x, int max_x, int min_y, int max_y) {
     const int width = max_x - min_x;
     const int height = max_y - min_y;
     const int roots = std::clamp(static_cast<int>(std::lround(static_cast<double>(width) / height)),
@@ -75,9 +77,9 @@ class Quadtree {
     entries_.reserve(corners.size());
     for (const Corner& c : corners) {
       const std::uint32_t key = part(column, c.x - min_x) | part(row, c.y - min_y);
-      entries_.push_back({key, static_cast<std::uint32_t>(entries_.size())});
+      entries_.push_back({key, c});
     }
-    radix_sort(entries_);
+    sort_by_key(entries_, static_cast<std::uint32_t>(roots) << (2 * kDepth));
     std::uint32_t first = 0;
     for (std::uint32_t root = 0; root < static_cast<std::uint32_t>(roots); ++root) {
       first = add({first, static_cast<std::uint32_t>(entries_.size()), -1}, root + 1, 2 * kDepth);
@@ -114,9 +116,9 @@ class Quadtree {
     std::vector<Corner> kept;
     kept.reserve(nodes_.size());
     for (const Node& node : nodes_) {
-      Corner best = corners_[entries_[node.first].corner];
+      Corner best = entries_[node.first].corner;
       for (std::uint32_t k = node.first + 1; k < node.last; ++k) {
-        const Corner& c = corners_[entries_[k].corner];
+        const Corner& c = entries_[k].corner;
         if (c.score != best.score ? c.score > best.score
                                   : (c.y != best.y ? c.y < best.y : c.x < best.x)) {
           best = c;
@@ -158,7 +160,6 @@ class Quadtree {
     nodes_.pop_back();
   }
 
-  const std::vector<Corner>& corners_;
   std::vector<Entry> entries_;
   std::vector<Node> nodes_;
 };

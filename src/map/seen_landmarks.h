@@ -1,9 +1,9 @@
 #pragma once
 
-#include <algorithm>
 #include <vector>
 
 #include "map/map.h"
+#include "map/sort_ids.h"
 
 namespace kys_slam {
 
@@ -16,8 +16,7 @@ inline std::vector<LandmarkId> landmarks_seen_by(const Map& map,
       if (landmark.valid()) seen.push_back(landmark);
     }
   }
-  std::sort(seen.begin(), seen.end());
-  seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
+  sort_unique(seen);
   return seen;
 }
 

@@ -1,7 +1,7 @@
 #include "mapping/local_bundle.h"
 
 #include <algorithm>
-#include <map>
+#include <cstdint>
 
 #include "map/seen_landmarks.h"
 
@@ -13,7 +13,16 @@ struct Window {
   std::vector<KeyFrameId> free;       // by id
   std::vector<KeyFrameId> fixed;      // by id
   std::vector<LandmarkId> landmarks;  // by id
+  std::vector<LandmarkId> single;     // by id; the others, seen in stereo by one keyframe alone
 };
+
+/// A landmark's only view, in stereo, says nothing about its pose: as many numbers as unknowns. It
+/// keeps its place in that view.
+bool is_single(const Map& map, LandmarkId id) {
+  const std::vector<Observation>& observations = map.landmark(id).observations;
+  if (observations.size() != 1) return false;
+  return map.keyframe(observations[0].keyframe).features->has_stereo(observations[0].feature);
+}
 
 Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOptions& options) {
   Window window;
@@ -21,18 +30,22 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
   window.free.push_back(current);
   std::sort(window.free.begin(), window.free.end());
   window.landmarks = landmarks_seen_by(map, window.free);
+  const auto rest = std::stable_partition(window.landmarks.begin(), window.landmarks.end(),
+                                          [&](LandmarkId id) { return !is_single(map, id); });
+  window.single.assign(rest, window.landmarks.end());
+  window.landmarks.erase(rest, window.landmarks.end());
 
-  std::map<KeyFrameId, int> shared;
+  std::vector<int> shared(map.keyframe_id_end(), 0);  // landmarks, by keyframe
+  for (const KeyFrameId id : window.free) shared[id.value] = -1;
   for (const LandmarkId landmark : window.landmarks) {
     for (const Observation& o : map.landmark(landmark).observations) {
-      if (!std::binary_search(window.free.begin(), window.free.end(), o.keyframe)) {
-        ++shared[o.keyframe];
-      }
+      if (shared[o.keyframe.value] >= 0) ++shared[o.keyframe.value];
     }
   }
   std::vector<std::pair<int, KeyFrameId>> order;
-  order.reserve(shared.size());
-  for (const auto& [id, count] : shared) order.emplace_back(-count, id);
+  for (std::uint32_t id = 0; id < shared.size(); ++id) {
+    if (shared[id] > 0) order.emplace_back(-shared[id], KeyFrameId{id});
+  }
   std::sort(order.begin(), order.end());
   order.resize(std::min(order.size(), options.max_fixed));
   for (const auto& entry : order) window.fixed.push_back(entry.second);
@@ -100,6 +113,15 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   bundle.stop = stop;
   const BundleSummary summary = adjust_bundle(problem, bundle);
 
+  // While the map has the poses from before.
+  for (const LandmarkId id : window.single) {
+    const Landmark& landmark = map.landmark(id);
+    const KeyFrameId seen_by = landmark.observations[0].keyframe;
+    const auto k = static_cast<std::size_t>(std::lower_bound(poses.begin(), poses.end(), seen_by) -
+                                            poses.begin());
+    if (problem.pose_fixed[k] != 0) continue;
+    map.set_position(id, problem.T_c_w[k].inverse() * (map.keyframe(seen_by).T_c_w * landmark.p_w));
+  }
   for (std::size_t k = 0; k < poses.size(); ++k) {
     if (problem.pose_fixed[k] == 0) map.set_pose(poses[k], problem.T_c_w[k]);
   }
@@ -116,9 +138,10 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   for (const LandmarkId id : window.landmarks) {
     if (map.has(id)) map.refresh_geometry(id);
   }
+  for (const LandmarkId id : window.single) map.refresh_geometry(id);
   report.keyframes = static_cast<int>(window.free.size());
   report.fixed = static_cast<int>(window.fixed.size());
-  report.landmarks = static_cast<int>(window.landmarks.size());
+  report.landmarks = static_cast<int>(window.landmarks.size() + window.single.size());
   report.observations = static_cast<int>(observations.size());
   report.iterations = summary.iterations;
   return report;

@@ -30,17 +30,19 @@ class RowBands {
 
   void add(const Entry& entry) { entries_.push_back(entry); }
   /// After the last one.
-  void sort(int image_height) {
+  void sort(int image_width, int image_height) {
     bands_ = std::max(1, static_cast<int>(static_cast<float>(image_height) / kHeight) + 1);
-    start_.assign(static_cast<std::size_t>(bands_) + 1, 0);
-    for (const Entry& e : entries_) ++start_[band(e.y) + 1];
-    for (std::size_t b = 1; b < start_.size(); ++b) start_[b] += start_[b - 1];
+    columns_ = std::max(1, static_cast<int>(static_cast<float>(image_width) / kWidth) + 1);
+    start_.assign(static_cast<std::size_t>(bands_ * columns_) + 1, 0);
+    for (const Entry& e : entries_) ++start_[cell(e) + 1];
+    for (std::size_t c = 1; c < start_.size(); ++c) start_[c] += start_[c - 1];
     std::vector<Entry> sorted(entries_.size());
     std::vector<std::uint32_t> next(start_.begin(), start_.end() - 1);
-    for (const Entry& e : entries_) sorted[next[band(e.y)]++] = e;
+    for (const Entry& e : entries_) sorted[next[cell(e)]++] = e;
     entries_ = std::move(sorted);
-    for (std::size_t b = 0; b + 1 < start_.size(); ++b) {
-      std::sort(entries_.begin() + start_[b], entries_.begin() + start_[b + 1],
+    for (std::size_t c = 0; c + 1 < start_.size(); ++c) {
+      if (start_[c + 1] - start_[c] < 2) continue;
+      std::sort(entries_.begin() + start_[c], entries_.begin() + start_[c + 1],
                 [](const Entry& l, const Entry& r) {
                   return l.x != r.x ? l.x < r.x : l.feature < r.feature;
                 });
@@ -50,18 +52,29 @@ class RowBands {
     return static_cast<std::size_t>(
         std::clamp(y * (1 / kHeight), 0.0f, static_cast<float>(bands_ - 1)));
   }
-  /// Entries of a band from column `x` on, to its last.
+  /// Entries of a band from column `x` or a little before on, to its last.
   [[nodiscard]] std::span<const Entry> from(std::size_t band, float x) const {
-    const auto end = entries_.begin() + start_[band + 1];
-    const auto begin = std::partition_point(entries_.begin() + start_[band], end,
-                                            [x](const Entry& e) { return e.x < x; });
-    return {begin, end};
+    const std::size_t row = band * static_cast<std::size_t>(columns_);
+    return {entries_.begin() + start_[row + column(x)],
+            entries_.begin() + start_[row + static_cast<std::size_t>(columns_)]};
   }
 
  private:
+  static constexpr float kWidth = 16;  // px
+
+  /// The first one where x is no number.
+  [[nodiscard]] std::size_t column(float x) const {
+    return static_cast<std::size_t>(
+        std::min(std::max(0.0f, x * (1 / kWidth)), static_cast<float>(columns_ - 1)));
+  }
+  [[nodiscard]] std::size_t cell(const Entry& e) const {
+    return band(e.y) * static_cast<std::size_t>(columns_) + column(e.x);
+  }
+
   int bands_ = 1;
+  int columns_ = 1;
   std::vector<Entry> entries_;
-  std::vector<std::uint32_t> start_;
+  std::vector<std::uint32_t> start_;  // of each cell, row by row
 };
 
 class EpipolarSearch {
@@ -82,7 +95,7 @@ class EpipolarSearch {
       const Keypoint& k = b.keypoint(j);
       bands_.add({k.x, k.y, static_cast<std::uint16_t>(j), k.octave, beside_epipole(j)});
     }
-    bands_.sort(camera.height);
+    bands_.sort(camera.width, camera.height);
   }
 
   /// Best free feature of b on the epipolar line of a feature of a; -1: none.
@@ -171,9 +184,11 @@ class EpipolarSearch {
       }
       const float x0 = segment.near.x() + begin * direction.x();
       const float x1 = segment.near.x() + end * direction.x();
+      const float left = std::min(x0, x1) - wide;
       const float right = std::max(x0, x1) + wide;
-      for (const RowBands::Entry& e : bands_.from(band, std::min(x0, x1) - wide)) {
+      for (const RowBands::Entry& e : bands_.from(band, left)) {
         if (e.x > right) break;
+        if (e.x < left) continue;
         if (e.octave < min_octave || e.octave > max_octave) continue;
         const Eigen::Vector2f offset(e.x - segment.near.x(), e.y - segment.near.y());
         const float slack = slack_[e.octave];

@@ -58,7 +58,6 @@ struct SchurPoint {
 /// What back-substitution and the gain ratio need of an eliminated point.
 struct EliminatedPoint {
   std::array<double, 6> L_inverse;  // of the Cholesky factor of V + damping: lower triangle by rows
-  Eigen::Vector3d y;                // L^-1 b
   Eigen::Vector3d b;                // J^T W r
   Eigen::Vector3d damping;          // what was added to the diagonal of V
 };
@@ -705,8 +704,8 @@ class SchurBundle {
     V.diagonal() += e.damping;
     const Eigen::Matrix3d L = inverse_of_cholesky(V);
     e.L_inverse = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
-    e.y = L * e.b;
-    eliminate(groups, point.end - point.begin, mixed_.data(), e.L_inverse.data(), e.y.data(),
+    const Eigen::Vector3d y = L * e.b;
+    eliminate(groups, point.end - point.begin, mixed_.data(), e.L_inverse.data(), y.data(),
               free_of_.data() + point.begin, Z_.data(), system);
   }
 
@@ -787,9 +786,10 @@ class SchurBundle {
       Eigen::Matrix3d L_inverse;
       L_inverse << L[0], 0, 0, L[1], L[2], 0, L[3], L[4], L[5];
       const Eigen::Vector3d moved = L_inverse * gradient;  // sum of Z^T pose_step
-      point_step_[k] = -(L_inverse.transpose() * (e.y + moved));
+      const Eigen::Vector3d y = L_inverse * e.b;
+      point_step_[k] = -(L_inverse.transpose() * (y + moved));
       predicted += point_step_[k].dot(e.damping.cwiseProduct(point_step_[k]));
-      predicted -= point_step_[k].dot(e.b) + moved.dot(e.y);
+      predicted -= point_step_[k].dot(e.b) + moved.dot(y);
     }
     return 0.5 * predicted;
   }

@@ -67,6 +67,33 @@ TEST(LocalBundle, RecoversAPerturbedMapExactly) {
   EXPECT_LT(worst, 2e-3);
 }
 
+TEST(LocalBundle, ALandmarkOfOneStereoViewGoesWithItsKeyframe) {
+  const std::vector<Rigid3> poses = drive(7, 0.8);
+  Map map = testing::map_of_world(world(0), poses).map;
+  const KeyFrameId current{6};
+  const KeyFrame& keyframe = map.keyframe(current);
+  constexpr std::uint32_t feature = 10;
+  ASSERT_TRUE(keyframe.features->has_stereo(feature));
+  if (keyframe.landmarks[feature].valid()) map.erase_landmark(keyframe.landmarks[feature]);
+  perturb(map, 0.05, 0.002);
+  const LandmarkId single{map.landmark_id_end()};
+  const Keypoint& k = keyframe.features->keypoint(feature);
+  const Eigen::Vector3d p_c =
+      map.camera().back_project(k.x, k.y, keyframe.features->depth(feature));
+  map.add_landmark(testing::make_landmark(single.value, keyframe.T_c_w.inverse() * p_c, current));
+  ASSERT_TRUE(map.add_observation(single, current, feature));
+  map.refresh_landmark(single);
+
+  const Eigen::Vector3d before = map.landmark(single).p_w;
+  const LocalBundleReport report = adjust_locally(map, current, {});
+  map.check_consistency();
+  EXPECT_EQ(static_cast<std::size_t>(report.landmarks), map.landmarks().size());
+  EXPECT_LT((keyframe.T_c_w * map.landmark(single).p_w - p_c).norm(), 1e-9);
+  EXPECT_GT((map.landmark(single).p_w - before).norm(), 1e-3);
+  EXPECT_NEAR(map.landmark(single).min_distance,
+              map.scales().distance_range(p_c.norm(), k.octave).min, 1e-3);
+}
+
 TEST(LocalBundle, TheRootAndFixedKeyframesStay) {
   const std::vector<Rigid3> poses = drive(12, 1.0);
   const FeatureWorld noisy = world(0.5);

@@ -365,6 +365,7 @@ int run(const RunProgram& program, const Arguments& a) {
 }  // namespace
 
 int run_program(RunProgram program, int argc, char** argv) {
+  keep_freed_memory(4 << 20);  // images, not what bundle adjustment of a whole map takes
   return run_main(program.name, [&] {
     Arguments arguments;
     CLI::App app(program.description, program.name);

@@ -26,10 +26,19 @@ class MemoryReserve {
 
 /// For programs that make and drop images of the same sizes for every frame: the allocator keeps
 /// what it has, where it would map, clear and unmap every image anew. Once, at the start of main().
-inline void keep_freed_memory() {
+/// \param below bytes; larger blocks go back to the system when they are freed
+inline void keep_freed_memory([[maybe_unused]] int below = 32 << 20) {
 #ifdef __GLIBC__
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // bytes
+  mallopt(M_MMAP_THRESHOLD, below);
   mallopt(M_TRIM_THRESHOLD, 512 << 20);
+#endif
+}
+
+/// After work on much memory that comes back rarely: what was freed of it goes to the system, which
+/// the allocator does not do for blocks inside its heaps.
+inline void return_freed_memory() {
+#ifdef __GLIBC__
+  malloc_trim(0);
 #endif
 }
 

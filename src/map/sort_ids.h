@@ -1,0 +1,39 @@
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+/// Sorts ids and drops repetitions. Ids of one neighbourhood lie close together: a bit for each id
+/// between the least and the greatest is then less work than comparisons.
+template <typename IdType>
+void sort_unique(std::vector<IdType>& ids) {
+  if (ids.empty()) return;
+  const auto [least, greatest] = std::minmax_element(ids.begin(), ids.end());
+  const std::uint32_t first = least->value;
+  const std::size_t words = (std::size_t{greatest->value} - first) / 64 + 1;
+  if (words > ids.size()) {
+    std::sort(ids.begin(), ids.end());
+    ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+    return;
+  }
+  std::vector<std::uint64_t> present(words, 0);
+  for (const IdType id : ids) {
+    present[(id.value - first) / 64] |= std::uint64_t{1} << ((id.value - first) % 64);
+  }
+  std::size_t count = 0;
+  for (std::size_t w = 0; w < words; ++w) {
+    for (std::uint64_t bits = present[w]; bits != 0; bits &= bits - 1) {
+      const auto at =
+          static_cast<std::uint32_t>(64 * w + static_cast<std::size_t>(std::countr_zero(bits)));
+      ids[count++] = IdType{first + at};
+    }
+  }
+  ids.resize(count);
+}
+
+}  // namespace kys_slam
