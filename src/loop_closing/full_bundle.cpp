@@ -1,5 +1,7 @@
 #include "loop_closing/full_bundle.h"
 
+#include <kys_slam/util/memory.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -38,7 +40,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
   map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
     if (map.keyframe(landmark.reference).submap == submap) job->landmarks.push_back(id);
   });
-  job->observations = add_landmarks(map, job->keyframes, job->landmarks, job->problem);
+  static_cast<void>(add_landmarks(map, job->keyframes, job->landmarks, job->problem));
   job->T_c_w = job->problem.T_c_w;
   job->points = job->problem.points;
   const auto size = static_cast<int>(job->keyframes.size());
@@ -51,6 +53,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
     bundle.stop = &stop_;
     job_->summary = adjust_bundle(job_->problem, bundle);
     job_->done = true;
+    return_freed_memory();
   };
   if (worker_) {
     worker_->start(work);
@@ -133,9 +136,11 @@ void FullBundle::take_over(Map& map, const Job& job) const {
   for (const KeyFrameId id : ids) T_c_w.push_back(corrected.at(id));
   map.move_keyframes(ids, T_c_w);
   for (const auto& [id, p_w] : positions) map.set_position(id, p_w);
-  for (std::size_t k = 0; k < job.observations.size(); ++k) {
-    if (job.summary.outlier[k] == 0 || !map.has(job.observations[k].landmark)) continue;
-    map.remove_observation(job.observations[k].landmark, job.observations[k].keyframe);
+  for (std::size_t k = 0; k < job.problem.observations.size(); ++k) {
+    const BundleProblem::Observation& o = job.problem.observations[k];
+    const LandmarkId landmark = job.landmarks[static_cast<std::size_t>(o.point)];
+    if (job.summary.outlier[k] == 0 || !map.has(landmark)) continue;
+    map.remove_observation(landmark, job.keyframes[static_cast<std::size_t>(o.pose)]);
   }
   for (const auto& entry : positions) {
     if (map.has(entry.first)) map.refresh_geometry(entry.first);

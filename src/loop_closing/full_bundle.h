@@ -46,9 +46,8 @@ class FullBundle {
     KeyFrameId due;
     KeyFrameId submap;
     float disparity_offset = 0;
-    std::vector<KeyFrameId> keyframes;  // by id
-    std::vector<LandmarkId> landmarks;  // by id
-    std::vector<ObservationRef> observations;
+    std::vector<KeyFrameId> keyframes;    // by id
+    std::vector<LandmarkId> landmarks;    // by id
     std::vector<Rigid3> T_c_w;            // before
     std::vector<Eigen::Vector3d> points;  // before
     BundleProblem problem;                // after, once done

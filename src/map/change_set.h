@@ -25,6 +25,14 @@ struct LandmarkView {
   friend bool operator==(const LandmarkView&, const LandmarkView&) = default;
 };
 
+/// Of a landmark, what moves with the map.
+struct LandmarkGeometry {
+  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+  float min_distance = 0;
+  float max_distance = 0;
+};
+
 /// What the tracker knows of a keyframe.
 struct KeyFrameView {
   Rigid3 T_c_w;
@@ -47,6 +55,8 @@ struct CulledKeyFrame {
 /// to a replica of the earlier state it gives a replica of the later one.
 struct ChangeSet {
   std::vector<std::pair<LandmarkId, LandmarkView>> landmarks;  ///< new or changed, by id
+  /// Those of which nothing else changed, by id: most, as every adjustment moves all it sees.
+  std::vector<std::pair<LandmarkId, LandmarkGeometry>> moved_landmarks;
   std::vector<LandmarkId> erased_landmarks;                    ///< by id
   std::vector<std::pair<LandmarkId, LandmarkId>> replaced;     ///< old (erased) -> its successor
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id

@@ -1,5 +1,6 @@
 #include "map/frame_features.h"
 
+#include <functional>
 #include <limits>
 #include <stdexcept>
 
@@ -85,6 +86,29 @@ FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) cons
   }
   changed.fill_cells();
   return changed;
+}
+
+FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
+  if (keep.size() != size()) throw std::logic_error("a choice of features of another frame");
+  FrameFeatures chosen;
+  chosen.bf_ = bf_;
+  chosen.disparity_offset_ = disparity_offset_;
+  chosen.cell_width_inv_ = cell_width_inv_;
+  chosen.cell_height_inv_ = cell_height_inv_;
+  const auto pick = [&](auto& to, const auto& from) {
+    if (from.empty()) return;  // no priors, none aligned
+    to.reserve(static_cast<std::size_t>(std::count_if(keep.begin(), keep.end(), std::identity{})));
+    for (std::size_t i = 0; i < keep.size(); ++i) {
+      if (keep[i] != 0) to.push_back(from[i]);
+    }
+  };
+  pick(chosen.set_.keypoints, set_.keypoints);
+  pick(chosen.set_.descriptors, set_.descriptors);
+  pick(chosen.u_right_, u_right_);
+  pick(chosen.aligned_, aligned_);
+  pick(chosen.priors_, priors_);
+  chosen.fill_cells();
+  return chosen;
 }
 
 FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {

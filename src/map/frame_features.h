@@ -50,7 +50,8 @@ struct ScaleLevels {
 };
 
 /// Features of the left image of one frame with what stereo and priors add to them. Made once by
-/// the front end, never changed afterwards, shared by frame, keyframe and replica.
+/// the front end, never changed afterwards, shared by frame, keyframe and replica. Old keyframes
+/// have a subset of theirs.
 class FrameFeatures {
  public:
   FrameFeatures() = default;
@@ -81,6 +82,9 @@ class FrameFeatures {
   [[nodiscard]] bool is_aligned(std::size_t i) const {
     return !aligned_.empty() && aligned_[i] != 0;
   }
+  /// Those of the features whose place in the list is not zero, in the same order.
+  /// \param keep one per feature
+  [[nodiscard]] FrameFeatures subset(std::span<const std::uint8_t> keep) const;
   /// The same features with other priors, one per keypoint or none.
   [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }

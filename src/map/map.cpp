@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
+
+#include "map/sort_ids.h"
 
 namespace kys_slam {
 
@@ -205,8 +208,8 @@ void Map::set_disparity_offset(float offset) {
   disparity_offset_ = offset;
   for (const KeyFrameId id : keyframes_.ids()) {
     KeyFrame& keyframe = keyframes_.at(id);
-    keyframe.features = std::make_shared<const FrameFeatures>(
-        keyframe.features->with_disparity_offset(offset));
+    keyframe.features =
+        std::make_shared<const FrameFeatures>(keyframe.features->with_disparity_offset(offset));
     touch(id);
   }
 }
@@ -254,9 +257,30 @@ bool Map::cull_keyframe(KeyFrameId id) {
   keyframes_.erase(id);
   culled_.put(id, record);
   newly_culled_.push_back(record);
-  dirty_keyframes_.erase(id);
   touch(grandparent);
   return true;
+}
+
+std::size_t Map::thin_keyframe(KeyFrameId id) {
+  KeyFrame& keyframe = keyframes_.at(id);
+  std::vector<std::uint8_t> keep(keyframe.landmarks.size());
+  std::vector<LandmarkId> landmarks;
+  landmarks.reserve(keep.size());
+  for (std::size_t i = 0; i < keep.size(); ++i) {
+    const LandmarkId landmark = keyframe.landmarks[i];
+    if (!landmark.valid()) continue;
+    keep[i] = 1;
+    lower_observation(landmarks_.at(landmark).observations, id)->feature =
+        static_cast<std::uint32_t>(landmarks.size());
+    landmarks.push_back(landmark);
+  }
+  if (landmarks.size() == keep.size()) return 0;
+  keyframe.features = std::make_shared<const FrameFeatures>(keyframe.features->subset(keep));
+  landmarks.shrink_to_fit();
+  keyframe.landmarks = std::move(landmarks);
+  keyframe.covisible.shrink_to_fit();
+  touch(id);
+  return keep.size() - keyframe.landmarks.size();
 }
 
 void Map::add_landmark(Landmark landmark) {
@@ -268,7 +292,7 @@ void Map::add_landmark(Landmark landmark) {
 
 void Map::set_position(LandmarkId id, const Eigen::Vector3d& p_w) {
   landmarks_.at(id).p_w = p_w;
-  touch(id);
+  touch_geometry(id);
 }
 
 void Map::add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found) {
@@ -366,6 +390,7 @@ void Map::refresh_landmark(LandmarkId id) {
   if (const auto known = beliefs_.find(landmark.prior.instance); known != beliefs_.end()) {
     landmark.prior = kys::believed(landmark.prior, known->second.p_static);
   }
+  touch(id);
   refresh_geometry(id);
 }
 
@@ -424,7 +449,7 @@ void Map::refresh_geometry(LandmarkId id) {
   const ScaleLevels::DistanceRange range = scales_.distance_range(distance, octave);
   landmark.min_distance = range.min;
   landmark.max_distance = range.max;
-  touch(id);
+  touch_geometry(id);
 }
 
 LandmarkView Map::view(LandmarkId id) const {
@@ -445,20 +470,32 @@ ChangeSet Map::take_changes() {
   ChangeSet changes;
   changes.disparity_offset = disparity_offset_;
   changes.moved = std::exchange(moved_, false);
-  std::sort(dirty_landmarks_.begin(), dirty_landmarks_.end());
-  dirty_landmarks_.erase(std::unique(dirty_landmarks_.begin(), dirty_landmarks_.end()),
-                         dirty_landmarks_.end());
+  sort_unique(dirty_landmarks_);
+  changes.landmarks.reserve(dirty_landmarks_.size());
   for (const LandmarkId id : dirty_landmarks_) {
     if (has(id)) changes.landmarks.emplace_back(id, view(id));
   }
+  sort_unique(moved_landmarks_);
+  changes.moved_landmarks.reserve(moved_landmarks_.size());
+  auto dirty = dirty_landmarks_.begin();
+  for (const LandmarkId id : moved_landmarks_) {
+    while (dirty != dirty_landmarks_.end() && *dirty < id) ++dirty;
+    if ((dirty != dirty_landmarks_.end() && *dirty == id) || !has(id)) continue;
+    const Landmark& l = landmark(id);
+    changes.moved_landmarks.emplace_back(
+        id, LandmarkGeometry{l.p_w, l.normal, l.min_distance, l.max_distance});
+  }
+  std::sort(dirty_keyframes_.begin(), dirty_keyframes_.end());
   for (const KeyFrameId id : dirty_keyframes_) {
+    is_dirty_[id.value] = 0;
     if (has(id)) changes.keyframes.emplace_back(id, view(id));
   }
   std::sort(erased_landmarks_.begin(), erased_landmarks_.end());
   changes.erased_landmarks = std::move(erased_landmarks_);
   changes.replaced = std::move(replaced_);
   changes.culled_keyframes = std::move(newly_culled_);
-  dirty_landmarks_.clear();
+  dirty_landmarks_ = {};  // may have had the whole map
+  moved_landmarks_ = {};
   dirty_keyframes_.clear();
   erased_landmarks_.clear();
   replaced_.clear();

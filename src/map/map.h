@@ -3,9 +3,10 @@
 #include <kys/belief.h>
 #include <kys_slam/stereo_camera.h>
 
+#include <cstddef>
+#include <cstdint>
 #include <map>
 #include <optional>
-#include <set>
 #include <span>
 #include <vector>
 
@@ -91,11 +92,17 @@ class Map {
   /// Removes a keyframe and its observations; its children find a new parent among its own parent
   /// and each other. The root of the spanning tree stays: returns false.
   bool cull_keyframe(KeyFrameId id);
+  /// Drops the features of a keyframe that see no landmark; the others are numbered anew. Returns
+  /// how many went.
+  std::size_t thin_keyframe(KeyFrameId id);
 
   /// Adds a landmark without observations.
   void add_landmark(Landmark landmark);
   void set_position(LandmarkId id, const Eigen::Vector3d& p_w);
   void add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found);
+  /// The next change set has all of the landmark, changed or not: the tracker took for granted that
+  /// its new keyframe sees it.
+  void publish(LandmarkId id) { touch(id); }
   /// A keyframe's feature sees a landmark. Both have to be free of such an observation: returns
   /// false otherwise.
   bool add_observation(LandmarkId landmark, KeyFrameId keyframe, std::uint32_t feature);
@@ -145,8 +152,13 @@ class Map {
   void restore_landmarks(std::vector<Landmark> landmarks);
   void restore_covisibility();
   void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
-  void touch(KeyFrameId id) { dirty_keyframes_.insert(id); }
+  void touch(KeyFrameId id) {
+    if (id.value >= is_dirty_.size()) is_dirty_.resize(std::size_t{id.value} + 1, 0);
+    if (is_dirty_[id.value] == 0) dirty_keyframes_.push_back(id);
+    is_dirty_[id.value] = 1;
+  }
   void touch(LandmarkId id) { dirty_landmarks_.push_back(id); }
+  void touch_geometry(LandmarkId id) { moved_landmarks_.push_back(id); }
 
   StereoCamera camera_;
   ScaleLevels scales_;
@@ -159,8 +171,10 @@ class Map {
   IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks
   IdTable<KeyFrameId, CulledKeyFrame> culled_;
 
-  std::set<KeyFrameId> dirty_keyframes_;
+  std::vector<KeyFrameId> dirty_keyframes_;  // each once; some culled since
+  std::vector<std::uint8_t> is_dirty_;       // by keyframe id
   std::vector<LandmarkId> dirty_landmarks_;  // with repetitions
+  std::vector<LandmarkId> moved_landmarks_;  // the same; some dirty as well
   std::vector<LandmarkId> erased_landmarks_;
   std::vector<std::pair<LandmarkId, LandmarkId>> replaced_;
   std::vector<CulledKeyFrame> newly_culled_;

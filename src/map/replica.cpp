@@ -9,7 +9,7 @@ void Replica::put_pending(KeyFrameId id, KeyFrameView view) {
   pending_.push_back(id);
 }
 
-void Replica::apply(const ChangeSet& changes) {
+void Replica::apply(ChangeSet changes) {
   std::vector<std::pair<KeyFrameId, Rigid3>> hanging;  // T_c_parent
   for (const KeyFrameId id : pending_) {
     const KeyFrameView& view = keyframes_.at(id);
@@ -20,8 +20,15 @@ void Replica::apply(const ChangeSet& changes) {
   }
   for (const LandmarkId id : changes.erased_landmarks) landmarks_.erase(id);
   for (const auto& [from, into] : changes.replaced) successor_.put(from, into);
-  for (const auto& [id, view] : changes.landmarks) landmarks_.put(id, view);
-  for (const auto& [id, view] : changes.keyframes) keyframes_.put(id, view);
+  for (auto& [id, view] : changes.landmarks) landmarks_.put(id, std::move(view));
+  for (const auto& [id, geometry] : changes.moved_landmarks) {
+    LandmarkView& view = landmarks_.at(id);
+    view.p_w = geometry.p_w;
+    view.normal = geometry.normal;
+    view.min_distance = geometry.min_distance;
+    view.max_distance = geometry.max_distance;
+  }
+  for (auto& [id, view] : changes.keyframes) keyframes_.put(id, std::move(view));
   for (const CulledKeyFrame& culled : changes.culled_keyframes) {
     keyframes_.erase(culled.id);
     culled_.put(culled.id, culled);

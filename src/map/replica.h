@@ -12,7 +12,7 @@ class Replica {
   [[nodiscard]] const IdTable<LandmarkId, LandmarkView>& landmarks() const { return landmarks_; }
   [[nodiscard]] const IdTable<KeyFrameId, KeyFrameView>& keyframes() const { return keyframes_; }
 
-  void apply(const ChangeSet& changes);
+  void apply(ChangeSet changes);
   void put(LandmarkId id, LandmarkView view) { landmarks_.put(id, std::move(view)); }
   void put(KeyFrameId id, KeyFrameView view) { keyframes_.put(id, std::move(view)); }
   /// A keyframe that the tracker has made and no change set brings yet. Where a loop is closed

@@ -5,10 +5,14 @@
 namespace kys_slam {
 
 LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)
-    : options_(options), model_(&model), calibration_(options.calibration) {}
+    : options_(options),
+      model_(&model),
+      calibration_(options.calibration),
+      thinning_(options.thinning) {}
 
-void LocalMapper::continue_map(std::uint32_t landmark_id_end) {
-  landmark_ids_.continue_after(landmark_id_end);
+void LocalMapper::continue_map(const Map& map) {
+  landmark_ids_.continue_after(map.landmark_id_end());
+  thinning_.continue_map(map);
   options_.calibration.enabled = false;
   calibration_ = StereoCalibration(options_.calibration);
 }
@@ -39,6 +43,7 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   report.bundle = watch.lap_ms();
 
   report.keyframes_culled = cull_keyframes(map, id, options_.keyframe_culling);
+  report.keyframes_thinned = thinning_.update(map, id);
   report.cull = watch.lap_ms();
   calibration_.update(map, stop);
   report.calibrate = watch.lap_ms();
@@ -65,9 +70,12 @@ void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   for (std::size_t i = 0; i < message.tracked.size(); ++i) {
     if (!message.tracked[i].valid()) continue;
     const LandmarkId id = map.resolve(message.tracked[i]);
-    if (!id.valid() || !map.add_observation(id, message.id, static_cast<std::uint32_t>(i)))
-      continue;
-    map.refresh_landmark(id);
+    if (!id.valid()) continue;
+    if (map.add_observation(id, message.id, static_cast<std::uint32_t>(i))) {
+      map.refresh_landmark(id);
+    } else {
+      map.publish(id);
+    }
   }
   for (const NewLandmark& made : message.new_landmarks) {
     Landmark landmark;

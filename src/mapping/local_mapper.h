@@ -11,6 +11,7 @@
 #include "mapping/fusion.h"
 #include "mapping/local_bundle.h"
 #include "mapping/stereo_calibration.h"
+#include "mapping/thinning.h"
 #include "mapping/triangulation.h"
 
 namespace kys_slam {
@@ -22,6 +23,7 @@ struct LocalMapperOptions {
   LocalBundleOptions bundle;
   KeyFrameCullingOptions keyframe_culling;
   StereoCalibrationOptions calibration;
+  ThinningOptions thinning;
   double mover_patience = 1;  ///< s after which landmarks on what moves leave the map
 };
 
@@ -37,6 +39,7 @@ struct LocalMapperReport {
   int fused = 0;
   int landmarks_culled = 0;
   int keyframes_culled = 0;
+  int keyframes_thinned = 0;
   LocalBundleReport bundle_report;
   kys::Statistics statistics;
   [[nodiscard]] double total() const {
@@ -53,7 +56,7 @@ class LocalMapper {
 
   /// Before the first keyframe of a map that has been worked on before: landmarks made here get ids
   /// from there on, and the disparity offset is left as it was found then.
-  void continue_map(std::uint32_t landmark_id_end);
+  void continue_map(const Map& map);
 
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
                             const std::atomic<bool>* stop = nullptr);
@@ -63,6 +66,7 @@ class LocalMapper {
   const kys::DistanceModel* model_;
   RecentLandmarks recent_;
   StereoCalibration calibration_;
+  Thinning thinning_;
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kBackEnd};
 };
 

@@ -18,7 +18,7 @@ BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
 ChangeSet BackEnd::continue_map(Map map) {
   map_ = std::move(map);
   if (model_->wants_belief()) map_.keep_beliefs();
-  mapper_.continue_map(map_.landmark_id_end());
+  mapper_.continue_map(map_);
   return publish();
 }
 

@@ -173,6 +173,9 @@ void visit_settings(Data& s, Visitor&& visit) {
         "share of redundant landmarks above which a keyframe goes");
   visit("mapping.redundant_observers", m.keyframe_culling.min_observers, {1, 1000}, "",
         "other keyframes that make a landmark redundant");
+  visit("mapping.thin_after", m.thinning.patience, {0, 1e9}, "keyframes",
+        "since one last shared landmarks with the newest, after which it keeps no features without "
+        "landmark; 0: never");
 
   visit("calibration.enabled", m.calibration.enabled, "",
         "estimate a constant offset of all disparities from the map");

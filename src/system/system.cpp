@@ -5,6 +5,7 @@
 #include <kys_slam/logic_error.h>
 #include <kys_slam/system.h>
 #include <kys_slam/util/interrupt.h>
+#include <kys_slam/util/memory.h>
 #include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/process_figures.h>
 #include <kys_slam/util/stopwatch.h>
@@ -127,6 +128,8 @@ const char* to_string(LoopEvent event) {
 }
 
 namespace {
+constexpr std::size_t kManyLandmarks = 20000;  // changed at once: by a loop, not by one keyframe
+
 constexpr std::array<std::pair<const char*, Schedule>, 3> kSchedules{
     {{"sequential", Schedule::kSequential},
      {"pipelined", Schedule::kPipelined},
@@ -168,7 +171,7 @@ struct System::Impl {
                std::span<const InstanceState> instances);
   /// The map while no frame is fed and the back end rests; `lock` holds it there.
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
-  void apply(const std::vector<BackEndStep>& steps);
+  void apply(std::vector<BackEndStep> steps);
   [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
     return {count, frame.timestamp, seen.features, seen.left};
   }
@@ -252,9 +255,9 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
     s.front_end.raise_instances(map.instance_end(is_thing), is_thing);
   }
   s.tracker.continue_map(map.keyframe_id_end(), map.landmark_id_end(), localize_only);
-  const ChangeSet changes = s.runner.continue_map(std::move(map));
-  s.tracker.apply(changes);
+  ChangeSet changes = s.runner.continue_map(std::move(map));
   s.front_end.set_disparity_offset(changes.disparity_offset);
+  s.tracker.apply(std::move(changes));
 }
 
 void System::save_map(const std::filesystem::path& file) const {
@@ -288,10 +291,12 @@ void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& mask
 }
 
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
-void System::Impl::apply(const std::vector<BackEndStep>& steps) {
-  for (const BackEndStep& step : steps) {
-    tracker.apply(step.changes);
+void System::Impl::apply(std::vector<BackEndStep> steps) {
+  for (BackEndStep& step : steps) {
     front_end.set_disparity_offset(step.changes.disparity_offset);
+    const bool whole_map = step.changes.moved_landmarks.size() > kManyLandmarks;
+    tracker.apply(std::move(step.changes));
+    if (whole_map) return_freed_memory();
     FrameReport& report = reports.at(static_cast<std::size_t>(step.frame_index));
     report.times.local_mapping = step.report.total();
     report.times.local_bundle = step.report.bundle;

@@ -10,6 +10,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "map/keyframe_message.h"
@@ -121,9 +122,9 @@ class Tracker {
   void continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end, bool frozen);
 
   /// Brings the replica up to date; between two frames.
-  void apply(const ChangeSet& changes) {
-    replica_.apply(changes);
+  void apply(ChangeSet changes) {
     patches_.apply(changes);
+    replica_.apply(std::move(changes));
   }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }

@@ -29,7 +29,7 @@ class RandomEditor {
   [[nodiscard]] std::uint32_t landmarks_made() const { return next_landmark_; }
 
   void edit() {
-    switch (random_() % 16) {
+    switch (random_() % 17) {
       case 0:
         if (map_.keyframes().size() < 25) add_keyframe();
         break;
@@ -76,6 +76,9 @@ class RandomEditor {
           map_.refresh_geometry(any_landmark());
         }
         break;
+      case 16:
+        if (random_() % 10 == 0) map_.thin_keyframe(any_keyframe());
+        break;
     }
     while (map_.landmarks().size() < 10) add_landmark();
   }
@@ -100,7 +103,7 @@ class RandomEditor {
     if (all.empty()) return;
     const auto landmarks = map_.landmarks().ids();
     for (int i = 0; i < 15 && !landmarks.empty(); ++i) {
-      map_.add_observation(any_of(landmarks), {id}, static_cast<std::uint32_t>(random_() % 40));
+      see(any_of(landmarks), {id}, static_cast<std::uint32_t>(random_() % 40));
     }
     map_.connect_to_spanning_tree({id}, any_of(all));
   }
@@ -109,7 +112,7 @@ class RandomEditor {
     map_.add_landmark(make_landmark(id.value, random_point()));
     // A landmark always has an observation; its features may be taken, so every one is tried.
     for (std::uint32_t feature = 0; feature < 40; ++feature) {
-      if (map_.add_observation(id, any_keyframe(), feature)) break;
+      if (see(id, any_keyframe(), feature)) break;
     }
     if (map_.landmark(id).observations.empty()) {
       map_.erase_landmark(id);
@@ -120,7 +123,12 @@ class RandomEditor {
     map_.refresh_landmark(id);
   }
   void observe(LandmarkId id) {
-    map_.add_observation(id, any_keyframe(), static_cast<std::uint32_t>(random_() % 40));
+    see(id, any_keyframe(), static_cast<std::uint32_t>(random_() % 40));
+  }
+  /// Thin keyframes have fewer features.
+  bool see(LandmarkId id, KeyFrameId keyframe, std::uint32_t feature) {
+    return feature < map_.keyframe(keyframe).landmarks.size() &&
+           map_.add_observation(id, keyframe, feature);
   }
   void unobserve() {
     const Landmark& landmark = map_.landmark(any_landmark());
@@ -258,10 +266,30 @@ TEST(ChangeSet, NothingChangedMeansAnEmptyOne) {
   (void)editor.map().take_changes();
   const ChangeSet changes = editor.map().take_changes();
   EXPECT_TRUE(changes.landmarks.empty());
+  EXPECT_TRUE(changes.moved_landmarks.empty());
   EXPECT_TRUE(changes.erased_landmarks.empty());
   EXPECT_TRUE(changes.replaced.empty());
   EXPECT_TRUE(changes.keyframes.empty());
   EXPECT_TRUE(changes.culled_keyframes.empty());
+}
+
+TEST(ChangeSet, OfLandmarksThatOnlyMovedItHasTheGeometryAlone) {
+  RandomEditor editor(4);
+  Map& map = editor.map();
+  Replica replica;
+  replica.apply(map.take_changes());
+  const std::vector<LandmarkId> ids = map.landmarks().ids();
+  map.set_position(ids[3], {1, 2, 30});
+  map.refresh_geometry(ids[3]);
+  map.set_position(ids[5], {1, 3, 20});
+  map.refresh_landmark(ids[5]);
+  const ChangeSet changes = map.take_changes();
+  ASSERT_EQ(changes.moved_landmarks.size(), 1u);
+  EXPECT_EQ(changes.moved_landmarks[0].first, ids[3]);
+  ASSERT_EQ(changes.landmarks.size(), 1u);
+  EXPECT_EQ(changes.landmarks[0].first, ids[5]);
+  replica.apply(changes);
+  expect_equal(replica, map, editor);
 }
 
 TEST(Map, CovisibilityEqualsARecountAfterALongRandomLife) {

@@ -7,6 +7,7 @@
 
 #include "map/id_table.h"
 #include "map/ids.h"
+#include "map/sort_ids.h"
 #include "support/map_builder.h"
 
 namespace kys_slam {
@@ -183,6 +184,27 @@ TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
   // What is aligned stays so.
   EXPECT_TRUE(aligned.with_aligned({}).is_aligned(0));
   EXPECT_TRUE(aligned.with_priors(std::vector<kys::Prior>(2)).is_aligned(0));
+}
+
+TEST(SortUnique, GivesWhatASetGives) {
+  std::mt19937 random(3);
+  for (const std::uint32_t range : {1u, 64u, 1000u, 4000000000u}) {  // dense: by bits; else sorted
+    for (const std::size_t count : {std::size_t{0}, std::size_t{1}, std::size_t{500}}) {
+      std::vector<LandmarkId> ids;
+      while (ids.size() < count) {
+        ids.push_back({100 + static_cast<std::uint32_t>(random()) % range});
+      }
+      const std::set<LandmarkId> expected(ids.begin(), ids.end());
+      sort_unique(ids);
+      EXPECT_EQ(ids, std::vector<LandmarkId>(expected.begin(), expected.end())) << range;
+    }
+  }
+}
+
+TEST(FrameFeatures, RefusesAChoiceOfAnotherLength) {
+  const auto features = testing::random_features(testing::kitti_camera(), 5, 1);
+  EXPECT_THROW((void)features->subset(std::vector<std::uint8_t>(4, 1)), std::logic_error);
+  EXPECT_EQ(features->subset(std::vector<std::uint8_t>(5, 0)).size(), 0u);
 }
 
 TEST(FrameFeatures, RefusesArraysOfUnequalLength) {

@@ -246,6 +246,45 @@ TEST(Map, DisparityOffsetReachesPresentAndFutureKeyframes) {
   EXPECT_FLOAT_EQ(map.keyframe(kf(2)).features->disparity_offset(), 0.5f);
 }
 
+TEST(Map, AThinKeyframeKeepsTheFeaturesOfItsLandmarks) {
+  Map map = chain(3);
+  for (std::uint32_t i = 0; i < 20; ++i) see(map, i, 3 * i + 1, {0, 1, 2});
+  map.connect_to_spanning_tree(kf(1), kf(0));
+  map.connect_to_spanning_tree(kf(2), kf(1));
+  static_cast<void>(map.take_changes());
+  const KeyFrame whole = map.keyframe(kf(1));
+  const Landmark before = map.landmark(lm(7));
+
+  EXPECT_EQ(map.thin_keyframe(kf(1)), 40u);
+  EXPECT_EQ(map.thin_keyframe(kf(1)), 0u) << "nothing is left to drop";
+  map.check_consistency();
+  const KeyFrame& thin = map.keyframe(kf(1));
+  ASSERT_EQ(thin.features->size(), 20u);
+  EXPECT_EQ(whole.features->size(), 60u) << "who has the features keeps them";
+  EXPECT_EQ(thin.covisible, whole.covisible);
+  for (std::uint32_t i = 0; i < 20; ++i) {
+    const std::size_t was = 3 * i + 1;
+    EXPECT_EQ(thin.landmarks[i], lm(i));
+    EXPECT_EQ(thin.features->keypoint(i), whole.features->keypoint(was));
+    EXPECT_EQ(thin.features->descriptor(i), whole.features->descriptor(was));
+    EXPECT_EQ(thin.features->u_right(i), whole.features->u_right(was));
+    EXPECT_EQ(thin.features->depth(i), whole.features->depth(was));
+    int found = 0;
+    const Keypoint& k = thin.features->keypoint(i);
+    thin.features->for_each_near(k.x, k.y, 0.5f, 0, 7, [&](std::size_t f) { found += f == i; });
+    EXPECT_EQ(found, 1) << "feature " << i << " in the grid";
+  }
+  EXPECT_EQ(map.landmark(lm(7)).observations,
+            (std::vector<Observation>{{kf(0), 22}, {kf(1), 7}, {kf(2), 22}}));
+  map.refresh_landmark(lm(7));
+  EXPECT_EQ(map.landmark(lm(7)).descriptor, before.descriptor);
+
+  const ChangeSet changes = map.take_changes();
+  ASSERT_EQ(changes.keyframes.size(), 1u) << "the tracker learns of it";
+  EXPECT_EQ(changes.keyframes[0].second.features, thin.features);
+  EXPECT_EQ(changes.keyframes[0].second.landmarks, thin.landmarks);
+}
+
 TEST(Map, ConsistencyCheckNoticesALandmarkNobodySees) {
   Map map = chain(1);
   map.check_consistency();
