@@ -21,8 +21,9 @@ namespace kys_slam {
 inline constexpr float kPixelSigma = 0.35f;
 
 /// The same of keypoints that are aligned with their landmark's patch (LandmarkPatches). Measured
-/// against exact poses and depths: 0.08-0.12 px along the column, 0.12-0.23 px along the row, where
-/// corners as they are found have 0.27-0.31 and 0.29-0.36 px.
+/// against exact poses and depths, as the distance of a later keypoint of a landmark from its first
+/// one: 0.08-0.12 px along the column, 0.12-0.23 px along the row, where two corners as they are
+/// found differ by 0.27-0.31 and 0.29-0.36 px.
 inline constexpr float kAlignedSigma = 0.175f;
 
 /// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.
