@@ -3,10 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
+
+#include "support/draw_image.h"
 
 namespace kys_slam {
 namespace {
@@ -21,14 +22,8 @@ double texture(double x, double y) {
 
 template <typename Grey>
 ImagePyramid draw(Grey&& grey) {
-  GrayImage image(kWidth, kHeight);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      image.at(x, y) = static_cast<std::uint8_t>(std::clamp(std::lround(grey(x, y)), 0L, 255L));
-    }
-  }
   ImagePyramid pyramid;
-  PyramidBuilder().build(image, 1.2, 3, pyramid);
+  PyramidBuilder().build(testing::draw_image(kWidth, kHeight, grey), 1.2, 3, pyramid);
   return pyramid;
 }
 

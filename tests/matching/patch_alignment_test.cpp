@@ -2,9 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include "support/draw_image.h"
 
 namespace kys_slam {
 namespace {
@@ -25,13 +26,7 @@ double lower_half(double x, double y) {
 
 template <typename Grey>
 GrayImage draw(Grey&& grey) {
-  GrayImage image(kSize, kSize);
-  for (int y = 0; y < kSize; ++y) {
-    for (int x = 0; x < kSize; ++x) {
-      image.at(x, y) = static_cast<std::uint8_t>(std::clamp(std::lround(grey(x, y)), 0L, 255L));
-    }
-  }
-  return image;
+  return testing::draw_image(kSize, kSize, grey);
 }
 
 /// Where the plane is seen in the right image: `at` in column `column`.

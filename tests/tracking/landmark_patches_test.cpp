@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "support/draw_image.h"
 #include "support/map_builder.h"
 
 namespace kys_slam {
@@ -23,14 +23,12 @@ double wall(double x, double y) {
 
 /// The wall as a camera sees it.
 ImagePyramid look(const Rigid3& T_w_c) {
-  GrayImage image(kCamera.width, kCamera.height);
-  for (int v = 0; v < image.height(); ++v) {
-    for (int u = 0; u < image.width(); ++u) {
-      const Eigen::Vector3d ray = T_w_c.rotation * kCamera.back_project(u, v, 1);
-      const Eigen::Vector3d at = T_w_c.t() + ray * ((kDepth - T_w_c.t().z()) / ray.z());
-      image.at(u, v) = static_cast<std::uint8_t>(std::lround(wall(at.x(), at.y())));
-    }
-  }
+  const GrayImage image =
+      testing::draw_image(kCamera.width, kCamera.height, [&](double u, double v) {
+        const Eigen::Vector3d ray = T_w_c.rotation * kCamera.back_project(u, v, 1);
+        const Eigen::Vector3d at = T_w_c.t() + ray * ((kDepth - T_w_c.t().z()) / ray.z());
+        return wall(at.x(), at.y());
+      });
   ImagePyramid pyramid;
   PyramidBuilder().build(image, 1.2, 4, pyramid);
   return pyramid;
