@@ -26,7 +26,8 @@ struct FrameObservation {
   std::span<const float> depths;            ///< m along the optical axis; negative: no stereo match
   std::span<const kys::Prior> priors;       ///< empty: no priors for this frame
   std::span<const std::int64_t> landmarks;  ///< id of the landmark seen, -1: none
-  std::span<const kys::Tier> tiers;  ///< how the keypoint compares with its landmark; kSkipped: none
+  /// How each keypoint compares with its landmark; kSkipped: none.
+  std::span<const kys::Tier> tiers;
   std::span<const ObservedInstance> instances;
 };
 

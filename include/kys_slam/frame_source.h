@@ -23,8 +23,8 @@ struct StereoFrame {
   GrayImage right;
   std::optional<FeatureSet> left_features;  ///< set together with right_features
   std::optional<FeatureSet> right_features;
-  bool has_priors = false;               ///< the features come with priors of their own
-  std::vector<kys::Prior> left_priors;   ///< then: one per feature
+  bool has_priors = false;              ///< the features come with priors of their own
+  std::vector<kys::Prior> left_priors;  ///< then: one per feature
   std::vector<kys::Prior> right_priors;
 };
 

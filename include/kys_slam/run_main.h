@@ -37,8 +37,8 @@ void print_text(std::string_view text) noexcept;
 
 /// What every main() calls: runs `body` and returns its status. Whatever it throws becomes one line
 /// on stderr and a status. From here on a pipe that nobody reads and a file beyond the size limit
-/// are errors of writing and no longer end the process. What stdout did not take is reported, unless it
-/// was a pipe whose reader left.
+/// are errors of writing and no longer end the process. What stdout did not take is reported,
+/// unless it was a pipe whose reader left.
 int run_main(std::string_view program, const std::function<int()>& body) noexcept;
 
 }  // namespace kys_slam

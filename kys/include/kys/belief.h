@@ -22,10 +22,10 @@ Mobility mobility(const LabelClass& label_class);
 /// Log-odds ln(p / (1 - p)) of standing still that a prior file gives a thing. The numbers of a
 /// class are those of a file without motion; a flag adds its own.
 struct BeliefOptions {
-  double carried = 3;     ///< class that is carried
-  double mobile = 0.5;    ///< class that can move by itself
+  double carried = 3;      ///< class that is carried
+  double mobile = 0.5;     ///< class that can move by itself
   double flagged = -1.5;   ///< added: the file calls it moving
-  double unflagged = 0.5; ///< added: it does not
+  double unflagged = 0.5;  ///< added: it does not
 
   /// Throws Error, naming the key, when a value makes no sense.
   void check() const;

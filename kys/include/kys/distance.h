@@ -28,8 +28,8 @@ struct Prior {
   friend bool operator==(const Prior&, const Prior&) = default;
 };
 
-/// Where a comparison happens: they differ in the motion gate (Sec. 3.4). `kInstance`, between frames
-/// to follow a thing whether it moves or not, has none in any mode.
+/// Where a comparison happens: they differ in the motion gate (Sec. 3.4). `kInstance`, between
+/// frames to follow a thing whether it moves or not, has none in any mode.
 enum class Context : std::uint8_t { kStereo, kTemporal, kInstance };
 inline constexpr std::size_t kContextCount = 3;
 

@@ -87,8 +87,8 @@ class DistanceModel {
 
   /// Best and second best of `candidates` (indices into `descriptors` and `priors`), as if each had
   /// been given to evaluate() without a bound; pairs that can be neither are counted as skipped.
-  /// `priors` is either as long as `descriptors` or empty (no keypoint has a valid label). Indices are
-  /// not checked: a caller's index outside of `descriptors` is undefined behaviour.
+  /// `priors` is either as long as `descriptors` or empty (no keypoint has a valid label). Indices
+  /// are not checked: a caller's index outside of `descriptors` is undefined behaviour.
   [[nodiscard]] BestTwo best_two(const Descriptor& query, const Prior& query_prior,
                                  std::span<const Descriptor> descriptors,
                                  std::span<const Prior> priors,
@@ -144,17 +144,17 @@ class DistanceModel {
   [[nodiscard]] int first_hopeless(float value) const;
 
   ModeOptions options_;
-  std::array<Factors, 3> factors_;                    ///< by Tier
+  std::array<Factors, 3> factors_;                                           ///< by Tier
   std::array<float, kContextCount> gates_{kRejected, kRejected, kRejected};  ///< mu, by Context
-  float filter_from_ = kRejected;                     ///< S from which differing labels reject
-  float unlabelled_ = 1;  ///< factor of pairs with an end that has no valid label
+  float filter_from_ = kRejected;  ///< S from which differing labels reject
+  float unlabelled_ = 1;           ///< factor of pairs with an end that has no valid label
   float floor_ = 1;
   std::uint32_t label_limit_ = kVoidLabel;  ///< labels from here on are not valid
   std::uint32_t table_mask_ = 0;            ///< 0: S does not matter, the table is one zero
   bool native_ = true;                      ///< every value is d
   bool drops_dynamic_ = false;
   bool uses_priors_ = false;
-  std::vector<std::uint8_t> things_;        ///< by label, mode verified only
+  std::vector<std::uint8_t> things_;                        ///< by label, mode verified only
   std::vector<float> table_ = std::vector<float>(1, 0.0f);  ///< S, label_limit_ squared
 };
 
