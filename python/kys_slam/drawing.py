@@ -7,9 +7,8 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ._core import StereoCamera, encode_jpeg
-from .kysp import DYNAMIC, NOT_JUDGED, THING
-from .priors import PriorCamera
+from ._core import StereoCamera, _left_segments
+from .kysp import DYNAMIC, NOT_JUDGED, SEGMENT, THING
 from .system import MapSnapshot, Objects, Trajectory
 
 #: RGB of keypoints by their tier (kys_slam.TIERS): how they compare with their landmark
@@ -67,14 +66,13 @@ class FrameDrawing:
     pose: Optional[np.ndarray]  #: (4, 4) left camera to world; None: lost
     jpeg: Optional[bytes]
     segments: Optional[bytes]  #: PNG, prior segments: things by the belief in their moving
-    keypoints: np.ndarray  #: (N, 2) px
-    colours: np.ndarray  #: (N, 3)
-    stereo: np.ndarray  #: (M, 2, 2) px, from a keypoint to its pixel in the right image
-    points: np.ndarray  #: (M, 3) m, stereo points in the camera's frame
-    point_colours: np.ndarray  #: (M, 3), by class
+    keypoints: np.ndarray  #: (N, 2) float32, px
+    tiers: np.ndarray  #: (N,) uint8, index of TIER_COLOURS
+    stereo: np.ndarray  #: (M, 2, 2) float32, px, from a keypoint to its pixel in the right image
+    points: Optional[np.ndarray]  #: (M, 3) m, stereo points in the camera's frame; of keyframes
+    point_colours: Optional[np.ndarray]  #: (M, 3), by class
     boxes: List[Box]
     numbers: Dict[str, float]  #: counts and ms, for plots
-    keyframe: bool
 
 
 @dataclass
@@ -117,7 +115,21 @@ class Seen(NamedTuple):
     instances: Optional[np.ndarray]  #: (N,) int32
     motions: Optional[np.ndarray]  #: (N,) float32, 0..100
     p_moving: Dict[int, float]  #: of instances, 0..1; in mode `verified`
-    left: Optional[np.ndarray]  #: (H, W) uint8
+    jpeg: Optional[bytes]  #: of the left image
+
+
+class Segments(NamedTuple):
+    """The priors of the left image, as far as they are drawn."""
+
+    segments: np.ndarray  #: (K,) of dtype kysp.SEGMENT
+    segment_map: np.ndarray  #: (H, W) uint16: 0 void, k the segment segments[k - 1]
+    boxes: np.ndarray  #: (K, 4) int, px: x0, y0, x1, y1, ends exclusive; all 0: no pixel
+
+    @classmethod
+    def decode(cls, data: bytes) -> "Segments":
+        """Of the bytes of a prior file. Raises InputError for whatever is wrong with it."""
+        d = _left_segments(data, "priors")
+        return cls(np.array(d["segments"], SEGMENT), d["segment_map"], d["boxes"])
 
 
 class LoopSeen(NamedTuple):
@@ -144,36 +156,39 @@ class End(NamedTuple):
 class Artist:
     """Draws frames and the end of one run."""
 
-    def __init__(self, camera: StereoCamera, classes: List[str], images: bool) -> None:
-        self._camera, self._classes, self._images = camera, classes, images
+    def __init__(self, camera: StereoCamera, classes: List[str]) -> None:
+        self._camera, self._classes = camera, classes
         self._tracked: List[np.ndarray] = []
 
-    def draw(self, seen: Seen, prior: Optional[PriorCamera]) -> FrameDrawing:
-        """prior: of the left image; None: there is none."""
+    def draw(self, seen: Seen, prior: Optional[Segments]) -> FrameDrawing:
+        """prior: None: there is none."""
         r, c = seen.report, self._camera
         pose = None
         if not r["lost"]:
             pose = np.vstack([np.reshape(r["pose"], (3, 4)), (0, 0, 0, 1)])
             self._tracked.append(pose[:3, 3])
-        deep = seen.depths > 0
+        deep = np.flatnonzero(seen.depths > 0)
         uv, z = seen.keypoints[deep], seen.depths[deep]
-        disparity = c.fx * c.baseline / z
-        right = uv - np.stack([disparity, np.zeros_like(disparity)], axis=-1)
-        points = np.stack([(uv[:, 0] - c.cx) / c.fx * z, (uv[:, 1] - c.cy) / c.fy * z, z], axis=-1)
-        labels = np.full(len(deep), _VOID, np.uint16) if seen.labels is None else seen.labels
+        stereo = np.empty((len(deep), 2, 2), np.float32)
+        stereo[:] = uv[:, None]
+        stereo[:, 1, 0] -= c.fx * c.baseline / z
+        points = colours = None
+        if r["keyframe"]:
+            points = np.column_stack([(uv - (c.cx, c.cy)) / (c.fx, c.fy) * z[:, None], z])
+            colours = class_colours(np.full(len(deep), _VOID, np.uint16) if seen.labels is None
+                                    else seen.labels[deep])
         numbers = {**r["counts"], **{f"ms_{stage}": ms for stage, ms in r["ms"].items()}}
-        segments, boxes = None, self._boxes_of_keypoints(seen)
-        if prior is not None:
+        if prior is None:
+            segments, boxes = None, self._boxes_of_keypoints(seen)
+        else:
             moving = self._segments_moving(seen, prior)
             segments = segment_picture(prior, moving)
             boxes = self._boxes_of_segments(prior, moving)
-        return FrameDrawing(
-            r["index"], r["name"], r["timestamp"], r["status"], pose,
-            encode_jpeg(seen.left, 80) if self._images and seen.left is not None else None,
-            segments, seen.keypoints, TIER_COLOURS[seen.tiers], np.stack([uv, right], axis=1),
-            points, class_colours(labels[deep]), boxes, numbers, r["keyframe"])
+        return FrameDrawing(r["index"], r["name"], r["timestamp"], r["status"], pose, seen.jpeg,
+                            segments, seen.keypoints, seen.tiers, stereo, points, colours, boxes,
+                            numbers)
 
-    def _segments_moving(self, seen: Seen, prior: PriorCamera) -> np.ndarray:
+    def _segments_moving(self, seen: Seen, prior: Segments) -> np.ndarray:
         """(K,) belief in the moving of each segment, 0..1; nan: not a thing, or not judged."""
         table = prior.segments
         moving = np.where(table["flags"] & DYNAMIC, np.maximum(table["score"] / 100, 0.5), 0.0)
@@ -194,18 +209,14 @@ class Artist:
     def _name(self, label: int) -> str:
         return self._classes[label] if label < len(self._classes) else "thing"
 
-    def _boxes_of_segments(self, prior: PriorCamera, moving: np.ndarray) -> List[Box]:
+    def _boxes_of_segments(self, prior: Segments, moving: np.ndarray) -> List[Box]:
         boxes = []
-        for k, (segment, p) in enumerate(zip(prior.segments, moving)):
+        for segment, box, p in zip(prior.segments, prior.boxes, moving):
             if not segment["flags"] & THING or segment["area"] < 100:
-                continue
-            here = prior.segment_map == k + 1
-            columns, rows = np.flatnonzero(here.any(0)), np.flatnonzero(here.any(1))
-            if not len(columns):
                 continue
             what = f"{self._name(segment['label'])} {segment['instance']}"
             boxes.append(Box(
-                np.array([columns[0], rows[0]]), np.array([columns[-1] + 1, rows[-1] + 1]),
+                box[:2], box[2:],
                 f"{what}, not judged" if np.isnan(p) else f"{what}, moving {p:.2f}",
                 belief_colour(p)))
         return boxes
@@ -259,7 +270,7 @@ def belief_colour(p_moving: float) -> Tuple[int, int, int]:
     return tuple(int(v) for v in np.rint(still + p_moving * (moves - still)))
 
 
-def segment_picture(prior: PriorCamera, moving: np.ndarray) -> bytes:
+def segment_picture(prior: Segments, moving: np.ndarray) -> bytes:
     """PNG of the segments: things by belief_colour, the rest by class, void transparent.
 
     moving: (K,) 0..1, nan: not judged.
@@ -270,6 +281,8 @@ def segment_picture(prior: PriorCamera, moving: np.ndarray) -> bytes:
         colours[k], opacity[k] = belief_colour(moving[k]), 150
     rgba = np.zeros((len(colours) + 1, 4), np.uint8)
     rgba[1:, :3], rgba[1:, 3] = colours, opacity
+    if len(rgba) <= 256:
+        return encode_png(prior.segment_map.astype(np.uint8), rgba)
     palette, index = np.unique(rgba, axis=0, return_inverse=True)
     index = np.minimum(index.ravel(), 255).astype(np.uint8)  # more are not distinguished
     return encode_png(index[prior.segment_map], palette[:256])
@@ -278,15 +291,19 @@ def segment_picture(prior: PriorCamera, moving: np.ndarray) -> bytes:
 def encode_png(pixels: np.ndarray, palette: np.ndarray) -> bytes:
     """PNG of (H, W) uint8 indices of an (N, 4) uint8 RGBA palette."""
     height, width = pixels.shape
+    bits = 4 if len(palette) <= 16 else 8
+    if bits == 4:  # two pixels in a byte: half of the time
+        even = np.pad(pixels, ((0, 0), (0, width % 2)))
+        pixels = even[:, ::2] << 4 | even[:, 1::2]
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return (struct.pack(">I", len(data)) + kind + data +
                 struct.pack(">I", zlib.crc32(kind + data)))
 
-    rows = np.zeros((height, width + 1), np.uint8)  # each begins with filter 0
+    rows = np.zeros((height, pixels.shape[1] + 1), np.uint8)  # each begins with filter 0
     rows[:, 1:] = pixels
     return (b"\x89PNG\r\n\x1a\n" +
-            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)) +
+            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, 3, 0, 0, 0)) +
             chunk(b"PLTE", palette[:, :3].tobytes()) + chunk(b"tRNS", palette[:, 3].tobytes()) +
             chunk(b"IDAT", zlib.compress(rows.tobytes(), 1)) + chunk(b"IEND", b""))
 

@@ -43,6 +43,8 @@ class PriorFrame:
     calibration_hash: int = 0  # StereoCamera.calibration_hash(); 0 fits any camera
     content_key: int = 0
     has_motion: bool = False
+    #: one object has one instance; in the right camera it is that plus RIGHT_INSTANCES
+    shares_instances: bool = False
 
 
 def encode_prior(frame: PriorFrame) -> bytes:
@@ -56,7 +58,7 @@ def encode_prior(frame: PriorFrame) -> bytes:
             "motion": None if motion is None else np.ascontiguousarray(motion, np.float32),
         })
     return _core._encode_priors(frame.label_space, cameras, frame.calibration_hash,
-                                frame.content_key, frame.has_motion)
+                                frame.content_key, frame.has_motion, frame.shares_instances)
 
 
 def decode_prior(data: bytes, name: str = "prior file") -> PriorFrame:
@@ -65,7 +67,7 @@ def decode_prior(data: bytes, name: str = "prior file") -> PriorFrame:
     cameras = [PriorCamera(np.array(c["segments"], SEGMENT), c["segment_map"], c["motion"])
                for c in d["cameras"]]
     return PriorFrame(d["label_space"], cameras, d["calibration_hash"], d["content_key"],
-                      d["has_motion"])
+                      d["has_motion"], d["shares_instances"])
 
 
 def read_prior(path: Union[str, os.PathLike]) -> PriorFrame:

@@ -5,9 +5,9 @@
     recorder.close()
 
 .rrd files and the live view are Rerun's (rerun-sdk), .mcap files hold Foxglove's schemas
-(mcap-protobuf-support, foxglove-schemas-protobuf). Drawing happens in a process of its own
-(kys_slam.record_process): the thread that feeds copies keypoints and shares the image, nothing else.
-Recording changes no result.
+(mcap-protobuf-support, foxglove-schemas-protobuf). The thread that feeds copies keypoints and shares
+the image, nothing else: a thread of the pipe makes it a JPEG, drawing happens in a process of its own
+(kys_slam.record_process). Recording changes no result.
 """
 
 import fcntl
@@ -25,6 +25,7 @@ from .system import System
 
 VIEWER = "viewer"  #: the target of open_recorder that shows instead of writing
 _PIPE_BYTES = 1 << 20
+_JPEG_QUALITY = 80
 _CHILD = ("import sys, json; sys.path[:] = json.loads(sys.argv[1]); "
           "from kys_slam.record_process import main; sys.exit(main())")
 
@@ -39,7 +40,7 @@ class Recorder:
             stdout=subprocess.PIPE, start_new_session=True)  # Ctrl-C is for this process
         camera = {key: getattr(slam.camera, key) for key in
                   ("width", "height", "fx", "fy", "cx", "cy", "baseline")}
-        self._send({"target": target, "camera": camera, "images": images,
+        self._send({"target": target, "camera": camera,
                     "label_space": slam.settings.get("control.label_space"),
                     "priors": None if slam.priors is None else os.fspath(slam.priors)})
         try:
@@ -54,7 +55,8 @@ class Recorder:
                 fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
             except OSError:
                 pass  # a smaller one does as well
-        self._pipe = _ObservationPipe(descriptor, wait=target != VIEWER)
+        self._pipe = _ObservationPipe(descriptor, wait=target != VIEWER,
+                                      jpeg_quality=_JPEG_QUALITY if images else 0)
         slam._add_pipe(self._pipe)
 
     @property

@@ -6,7 +6,8 @@ from typing import List
 import numpy as np
 
 from ._core import InputError, StereoCamera
-from .drawing import FINAL, GRAPH, LOOP, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion
+from .drawing import (
+    FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion)
 
 _WORLD, _CAMERA = "world", "camera"
 _NUMBER = {"type": "number"}
@@ -30,7 +31,7 @@ class McapSink(Sink):
             from foxglove_schemas_protobuf import (
                 CameraCalibration_pb2, CompressedImage_pb2, FrameTransform_pb2,
                 ImageAnnotations_pb2, Log_pb2, PointCloud_pb2, PoseInFrame_pb2, SceneUpdate_pb2)
-            from mcap_protobuf.writer import Writer
+            from mcap_protobuf.writer import CompressionType, Writer
         except ImportError:
             raise InputError(".mcap files need pip install mcap-protobuf-support "
                              "foxglove-schemas-protobuf") from None
@@ -43,7 +44,7 @@ class McapSink(Sink):
             self.stream = open(file, "wb")
         except OSError as error:
             raise InputError(f"cannot write {file}: {error.strerror}") from None
-        self.writer = Writer(self.stream)
+        self.writer = Writer(self.stream, compression=CompressionType.LZ4)
         self.json_channels = {}
         self.camera = None
 
@@ -115,24 +116,21 @@ class McapSink(Sink):
         v.x, v.y, v.z = d.pose[:3, 3].tolist()
         q.x, q.y, q.z, q.w = quaternion(d.pose[:3, :3]).tolist()
         self._write("/tf", t, transform)
-        if d.keyframe:
+        if d.points is not None:
             self._cloud("/points", t, _CAMERA, _table(d.points, d.point_colours))
 
     def _annotate(self, d: FrameDrawing) -> None:
         message = self.pb["ImageAnnotations"]()
-        for colour in np.unique(d.colours, axis=0):
-            chosen = (d.colours == colour).all(axis=1)
+        for tier in np.flatnonzero(np.bincount(d.tiers)):
             points = message.points.add(type=1, thickness=3)  # POINTS
             points.timestamp.FromNanoseconds(_nanoseconds(d.timestamp))
-            _set_colour(points.outline_color, colour)
-            for x, y in d.keypoints[chosen].tolist():
-                points.points.add(x=x, y=y)
+            _set_colour(points.outline_color, TIER_COLOURS[tier])
+            _add_points(points, d.keypoints[d.tiers == tier])
         if len(d.stereo):
             lines = message.points.add(type=4, thickness=0.5)  # LINE_LIST
             lines.timestamp.FromNanoseconds(_nanoseconds(d.timestamp))
             _set_colour(lines.outline_color, (120, 190, 255), 0.35)
-            for x, y in d.stereo.reshape(-1, 2).tolist():
-                lines.points.add(x=x, y=y)
+            _add_points(lines, d.stereo.reshape(-1, 2))
         for box in d.boxes:
             (x0, y0), (x1, y1) = box.low.tolist(), box.high.tolist()
             outline = message.points.add(type=2, thickness=2)  # LINE_LOOP
@@ -143,8 +141,7 @@ class McapSink(Sink):
             _set_colour(text.text_color, (255, 255, 255))
             _set_colour(text.background_color, box.colour, 0.6)
             text.position.x, text.position.y = x0, y0
-            for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1)):
-                outline.points.add(x=x, y=y)
+            _add_points(outline, np.array(((x0, y0), (x1, y0), (x1, y1), (x0, y1))))
         self._write("/camera/annotations", d.timestamp, message)
 
     def _log(self, timestamp: float, text: str) -> None:
@@ -161,8 +158,7 @@ class McapSink(Sink):
         line = entity.lines.add(type=0 if strip else 2, thickness=2, scale_invariant=True)
         line.pose.orientation.w = 1
         _set_colour(line.color, colour)
-        for x, y, z in points.reshape(-1, 3).tolist():
-            line.points.add(x=x, y=y, z=z)
+        _add_points(line, points.reshape(-1, 3))
         self._write(f"/scene/{name}", timestamp, message)
 
     def end(self, d: EndDrawing, classes: List[str]) -> None:
@@ -210,6 +206,19 @@ def _table(points: np.ndarray, colours: np.ndarray, more=None) -> np.ndarray:
     for name, (_, values) in columns.items():
         table[name] = values
     return table
+
+
+def _add_points(message, points: np.ndarray) -> None:
+    """Adds (N, 2) or (N, 3) coordinates to the field `points` of a message, as add() one by one would:
+    thousands per frame are too many for that. A point is a message of doubles x, y (, z)."""
+    number = message.DESCRIPTOR.fields_by_name["points"].number
+    axes = "xyz"[:points.shape[1]]
+    rows = np.empty(len(points), [("tag", "u1"), ("size", "u1")] +
+                    [item for a in axes for item in ((f"tag_{a}", "u1"), (a, "<f8"))])
+    rows["tag"], rows["size"] = number << 3 | 2, rows.dtype.itemsize - 2  # 2: a message of `size` bytes
+    for i, a in enumerate(axes):
+        rows[f"tag_{a}"], rows[a] = (i + 1) << 3 | 1, points[:, i]  # 1: 8 bytes
+    message.MergeFromString(rows.tobytes())
 
 
 def _set_colour(message, rgb, alpha: float = 1.0) -> None:

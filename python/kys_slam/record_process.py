@@ -12,8 +12,7 @@ from typing import BinaryIO, Optional, Tuple
 import numpy as np
 
 from ._core import InputError, LabelSpace, StereoCamera
-from .drawing import Artist, End, Seen, Sink
-from .priors import PriorCamera, decode_prior, read_prior
+from .drawing import Artist, End, Seen, Segments, Sink
 from .record import VIEWER
 
 
@@ -44,13 +43,12 @@ def decode_frame(content: bytes) -> Tuple[Seen, bytes]:
     keypoints, depths = take("<f4", 2 * n).reshape(n, 2), take("<f4", n)
     instances, motions, labels = take("<i4", priors), take("<f4", priors), take("<u2", priors)
     tiers = take("u1", n)
-    pixels = take("u1", report["width"] * report["height"])
-    left = pixels.reshape(report["height"], report["width"]) if pixels.size else None
+    jpeg = take("u1", report["jpeg"]).tobytes() or None
     segments = take("u1", report["segments"]).tobytes()
     p_moving = {i[0]: i[2] for i in report["instances"]}
     if not priors:
         labels = instances = motions = None
-    return Seen(report, keypoints, depths, tiers, labels, instances, motions, p_moving, left), segments
+    return Seen(report, keypoints, depths, tiers, labels, instances, motions, p_moving, jpeg), segments
 
 
 def _open_sink(target: str) -> Sink:
@@ -61,13 +59,13 @@ def _open_sink(target: str) -> Sink:
     return RerunSink(None if target == VIEWER else target)
 
 
-def _prior_of(name: str, given: bytes, folder: Optional[str]) -> Optional[PriorCamera]:
-    """The left camera's; the system has read the file already and said what is wrong with it."""
+def _prior_of(name: str, given: bytes, folder: Optional[str]) -> Optional[Segments]:
+    """The system has read the file already and said what is wrong with it."""
     try:
         if given:
-            return decode_prior(given).cameras[0]
-        return read_prior(Path(folder) / f"{name}.kysp").cameras[0] if folder else None
-    except (InputError, IndexError):
+            return Segments.decode(given)
+        return Segments.decode((Path(folder) / f"{name}.kysp").read_bytes()) if folder else None
+    except (InputError, OSError):
         return None
 
 
@@ -78,7 +76,7 @@ def _record(stream: BinaryIO, say) -> None:
     sink = _open_sink(config["target"])
     camera = StereoCamera(**config["camera"])
     classes = LabelSpace(config["label_space"]).names
-    artist = Artist(camera, classes, config["images"])
+    artist = Artist(camera, classes)
     try:
         sink.start(camera)
         say({"state": "ready"})

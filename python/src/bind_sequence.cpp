@@ -9,9 +9,11 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstring>
 #include <fstream>
 #include <memory>
+#include <span>
 
 #include "arrays.h"
 #include "bind.h"
@@ -84,12 +86,14 @@ CameraPriors camera_priors(const nb::dict& camera) {
 }
 
 nb::bytes encode(const std::string& label_space, const std::vector<nb::dict>& cameras,
-                 std::uint64_t calibration_hash, std::uint64_t content_key, bool has_motion) {
+                 std::uint64_t calibration_hash, std::uint64_t content_key, bool has_motion,
+                 bool shares_instances) {
   FramePriors frame;
   frame.label_space = label_space;
   frame.calibration_hash = calibration_hash;
   frame.content_key = content_key;
   frame.has_motion = has_motion;
+  frame.shares_instances = shares_instances;
   for (const nb::dict& camera : cameras) frame.cameras.push_back(camera_priors(camera));
   std::vector<std::uint8_t> bytes;
   {
@@ -99,21 +103,65 @@ nb::bytes encode(const std::string& label_space, const std::vector<nb::dict>& ca
   return nb::bytes(bytes.data(), bytes.size());
 }
 
-nb::dict decode(const nb::bytes& data, const std::string& name) {
+nb::list rows_of(const std::vector<PriorSegment>& segments) {
+  nb::list rows;
+  for (const PriorSegment& s : segments) {
+    rows.append(nb::make_tuple(s.label, s.flags, s.instance, s.scale, s.score, s.area));
+  }
+  return rows;
+}
+
+PriorFile parse(const nb::bytes& data, const std::string& name) {
   const auto* begin = static_cast<const std::uint8_t*>(data.data());
-  const PriorFile file = PriorFile::parse({begin, begin + data.size()}, name);
+  return PriorFile::parse({begin, begin + data.size()}, name);
+}
+
+/// Widens boxes (x0, y0, x1, y1 per segment, ends exclusive) by the segments of row `y`.
+void widen_boxes(std::span<const std::uint16_t> row, int y, std::vector<int>& boxes) {
+  const int width = static_cast<int>(row.size());
+  for (int x = 0, end = 0; x < width; x = end) {
+    for (end = x + 1; end < width && row[end] == row[x];) ++end;
+    if (row[x] == 0) continue;
+    int* box = boxes.data() + 4 * (row[x] - 1);
+    const bool first = box[3] == 0;
+    box[0] = first ? x : std::min(box[0], x);
+    if (first) box[1] = y;
+    box[2] = std::max(box[2], end);
+    box[3] = y + 1;
+  }
+}
+
+/// What is drawn of the left camera: segments, which of them each pixel is, and their boxes.
+nb::dict left_segments(const nb::bytes& data, const std::string& name) {
+  const PriorFile file = parse(data, name);
+  const std::vector<PriorSegment>& segments = file.segments(CameraSide::kLeft);
+  const auto w = static_cast<std::size_t>(file.width()),
+             h = static_cast<std::size_t>(file.height());
+  std::vector<std::uint16_t> map(w * h);
+  std::vector<float> motion(w);  // not used
+  std::vector<int> boxes(4 * segments.size(), 0);
+  for (std::size_t y = 0; y < h; ++y) {
+    const std::span row(map.data() + y * w, w);
+    file.expand_row(CameraSide::kLeft, static_cast<int>(y), row, motion);
+    widen_boxes(row, static_cast<int>(y), boxes);
+  }
+  nb::dict d;
+  d["segments"] = rows_of(segments);
+  d["segment_map"] = to_numpy(std::move(map), {h, w});
+  d["boxes"] = to_numpy(std::move(boxes), {segments.size(), 4});
+  return d;
+}
+
+nb::dict decode(const nb::bytes& data, const std::string& name) {
+  const PriorFile file = parse(data, name);
   FramePriors frame = decode_priors(file);
   nb::list cameras;
   const auto w = static_cast<std::size_t>(file.width()),
              h = static_cast<std::size_t>(file.height());
   for (CameraPriors& camera : frame.cameras) {
-    nb::list rows;
-    for (const PriorSegment& s : camera.segments) {
-      rows.append(nb::make_tuple(s.label, s.flags, s.instance, s.scale, s.score, s.area));
-    }
     const auto* map = camera.segment_map.data();
     nb::dict d;
-    d["segments"] = rows;
+    d["segments"] = rows_of(camera.segments);
     d["segment_map"] = to_numpy(std::vector<std::uint16_t>(map, map + w * h), {h, w});
     std::vector<float> motion(w * h, 0.0F);
     if (!camera.motion.empty()) motion.assign(camera.motion.data(), camera.motion.data() + w * h);
@@ -125,6 +173,7 @@ nb::dict decode(const nb::bytes& data, const std::string& name) {
   result["calibration_hash"] = frame.calibration_hash;
   result["content_key"] = frame.content_key;
   result["has_motion"] = frame.has_motion;
+  result["shares_instances"] = frame.shares_instances;
   result["cameras"] = cameras;
   return result;
 }
@@ -249,23 +298,12 @@ void bind_sequence(nb::module_& m) {
       },
       "data"_a, "name"_a, "PNG or JPEG bytes as (H, W) uint8 grey. `name` starts messages.");
   m.def(
-      "encode_jpeg",
-      [](const AnyArray& image, int quality) {
-        const ImageView view = view_of(image, "image", false);
-        std::vector<std::uint8_t> file;
-        {
-          const nb::gil_scoped_release released;
-          file = encode_jpeg(to_gray(view), quality);
-        }
-        return nb::bytes(file.data(), file.size());
-      },
-      "image"_a, "quality"_a = 80, "(H, W) or (H, W, 3) as the bytes of a grey JPEG.");
-  m.def(
       "read_indexed",
       [](const std::filesystem::path& path) { return image_to_numpy(read_indexed(path)); },
       "path"_a, "The values of an indexed or 8-bit grey PNG, (H, W) uint8.");
   m.def("_encode_priors", &encode, "label_space"_a, "cameras"_a, "calibration_hash"_a,
-        "content_key"_a, "has_motion"_a);
+        "content_key"_a, "has_motion"_a, "shares_instances"_a);
+  m.def("_left_segments", &left_segments, "data"_a, "name"_a);
   m.def("_decode_priors", &decode, "data"_a, "name"_a);
 }
 

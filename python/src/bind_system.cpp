@@ -408,7 +408,7 @@ void bind_report(nb::module_& m) {
 void bind_pipe(nb::module_& m) {
   const auto released = nb::call_guard<nb::gil_scoped_release>();
   nb::class_<PythonPipe>(m, "_ObservationPipe", "See python/src/observation_pipe.h.")
-      .def(nb::init<int, bool>(), "descriptor"_a, "wait"_a)
+      .def(nb::init<int, bool, int>(), "descriptor"_a, "wait"_a, "jpeg_quality"_a)
       .def("finish", &PythonPipe::finish, released)
       .def_prop_ro("broken", &PythonPipe::broken)
       .def_prop_ro("skipped", &PythonPipe::skipped);

@@ -1,8 +1,13 @@
 #include "observation_pipe.h"
 
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <kys_slam/report.h>
+#include <sys/resource.h>
 #include <unistd.h>
+#ifdef __linux__
+#include <sys/syscall.h>
+#endif
 
 #include <cerrno>
 #include <cstring>
@@ -64,6 +69,14 @@ nlohmann::json to_json(std::span<const ObservedInstance> instances) {
   return list;
 }
 
+/// Of the calling thread, where threads have one of their own.
+void lower_priority() {
+#ifdef __linux__
+  constexpr int kNice = 10;  // as the process that draws (record_process.py)
+  ::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
+#endif
+}
+
 }  // namespace
 
 void ObservationPipe::copy(const FrameObservation& seen, std::span<const std::uint8_t> segments,
@@ -89,27 +102,26 @@ void ObservationPipe::copy(const FrameObservation& seen, std::span<const std::ui
 }
 
 /// What stands before the arrays.
-std::string ObservationPipe::head_of(const Item& item) {
+std::string ObservationPipe::head_of(const Item& item, std::size_t jpeg_size) {
   nlohmann::json header = to_json(item.report);
   header["instances"] = to_json(item.instances);
   header["n"] = item.keypoints;
   header["priors"] = item.priors;
-  header["width"] = item.left->width();
-  header["height"] = item.left->height();
+  header["jpeg"] = jpeg_size;
   header["segments"] = item.segments.size();
   std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   text.resize((text.size() + 3) / 4 * 4, ' ');  // so that the arrays are aligned
   const auto size = static_cast<std::uint32_t>(text.size());
   const std::uint64_t length =
-      sizeof size + text.size() + item.arrays.size() + item.left->size() + item.segments.size();
+      sizeof size + text.size() + item.arrays.size() + jpeg_size + item.segments.size();
   std::string head(1 + sizeof length + sizeof size, 'F');
   std::memcpy(head.data() + 1, &length, sizeof length);
   std::memcpy(head.data() + 1 + sizeof length, &size, sizeof size);
   return head + text;
 }
 
-ObservationPipe::ObservationPipe(int descriptor, bool wait)
-    : descriptor_(::dup(descriptor)), wait_(wait) {
+ObservationPipe::ObservationPipe(int descriptor, bool wait, int jpeg_quality)
+    : descriptor_(::dup(descriptor)), wait_(wait), jpeg_quality_(jpeg_quality) {
   if (descriptor_ < 0) throw InputError("no file descriptor is left for a recording");
   thread_ = std::thread([this] { run(); });
 }
@@ -170,6 +182,7 @@ std::int64_t ObservationPipe::skipped() const {
 }
 
 void ObservationPipe::run() {
+  if (wait_) lower_priority();
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [&] { return stop_ || !queue_.empty(); });
@@ -193,9 +206,11 @@ void ObservationPipe::run() {
 }
 
 bool ObservationPipe::write_item(const Item& item) const {
-  const std::string head = head_of(item);
+  std::vector<std::uint8_t> jpeg;
+  if (jpeg_quality_ > 0 && !item.left->empty()) jpeg = encode_jpeg(*item.left, jpeg_quality_);
+  const std::string head = head_of(item, jpeg.size());
   return write_all(head.data(), head.size()) && write_all(item.arrays.data(), item.arrays.size()) &&
-         write_all(item.left->data(), item.left->size()) &&
+         write_all(jpeg.data(), jpeg.size()) &&
          write_all(item.segments.data(), item.segments.size());
 }
 

@@ -17,8 +17,8 @@
 namespace kys_slam {
 
 /// What the system sees, frame by frame, written to a file descriptor for another process: the
-/// thread that feeds copies numbers into a buffer and shares the image, a thread of its own writes
-/// both. Python takes no part in either.
+/// thread that feeds copies numbers into a buffer and shares the image, a thread of its own makes
+/// the image a JPEG and writes both. Python takes no part in either.
 ///
 /// A frame is the byte 'F', the length of the rest (u64), the length of a header (u32), the header
 /// (JSON), then the arrays whose sizes the header tells (kys_slam/record_process.py reads them).
@@ -26,8 +26,9 @@ class ObservationPipe {
  public:
   /// \param descriptor  duplicated; the caller keeps its own
   /// \param wait  whether feeding waits when the reader is kCapacity frames behind; false: frames
-  ///   are skipped then
-  ObservationPipe(int descriptor, bool wait);
+  ///   are skipped then. Who is waited for works at a low priority: tracking goes first.
+  /// \param jpeg_quality  of the images, 1 to 100; 0: no images
+  ObservationPipe(int descriptor, bool wait, int jpeg_quality);
   ObservationPipe(const ObservationPipe&) = delete;
   ObservationPipe& operator=(const ObservationPipe&) = delete;
   virtual ~ObservationPipe();
@@ -61,13 +62,14 @@ class ObservationPipe {
   };
   static void copy(const FrameObservation& seen, std::span<const std::uint8_t> segments,
                    Item& item);
-  static std::string head_of(const Item& item);
+  static std::string head_of(const Item& item, std::size_t jpeg_size);
   void run();
   bool write_item(const Item& item) const;
   bool write_all(const void* data, std::size_t size) const;
 
   int descriptor_;
   bool wait_;
+  int jpeg_quality_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Item> queue_;

@@ -45,6 +45,20 @@ def test_files_are_those_of_the_numpy_module(tmp_path):
         kys_slam.read_prior(tmp_path / "none.kysp")
 
 
+@pytest.mark.parametrize("shares", [False, True])
+def test_instances_of_both_cameras_stay_one(tmp_path, shares):
+    path = tmp_path / "000001.kysp"
+    frame = example()
+    frame.shares_instances = shares
+    kys_slam.write_prior(path, frame)
+    assert kysp.read(path).shares_instances is shares
+    again = kys_slam.read_prior(path)
+    assert again.shares_instances is shares
+    before = path.read_bytes()
+    kys_slam.write_prior(path, again)
+    assert path.read_bytes() == before
+
+
 def test_priors_from_memory_equal_those_from_files(corridor, corridor_camera, tmp_path):
     frame = example(corridor_camera)
     for i in range(len(corridor)):

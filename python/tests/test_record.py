@@ -11,8 +11,9 @@ import pytest
 import kys_slam
 from conftest import ROOT, run_program
 from kys_slam import cli
-from kys_slam.drawing import belief_colour, class_colours, quaternion, segment_picture
-from kys_slam.priors import RIGHT_INSTANCES, SEGMENT, THING, PriorCamera
+from kys_slam.drawing import (
+    Segments, belief_colour, class_colours, encode_png, quaternion, segment_picture)
+from kys_slam.priors import RIGHT_INSTANCES, SEGMENT, THING, PriorCamera, encode_prior
 from kys_slam.record import open_recorder
 
 WORLDS = Path(os.environ.get("KYS_WORLDS", ROOT / "build/release/regression/data"))
@@ -236,9 +237,49 @@ def test_pictures_of_many_segments():
     table["label"] = np.arange(400)
     where = np.arange(401, dtype=np.uint16).repeat(5).reshape(5, 401)
     picture = cv2.imdecode(np.frombuffer(segment_picture(
-        PriorCamera(table, where), np.full(400, np.nan)), np.uint8), cv2.IMREAD_UNCHANGED)
+        Segments(table, where, np.zeros((400, 4))), np.full(400, np.nan)), np.uint8),
+        cv2.IMREAD_UNCHANGED)
     assert picture.shape == (5, 401, 4)
     assert belief_colour(1.0) == (230, 50, 50) and belief_colour(0.0) == (70, 220, 90)
+
+
+@pytest.mark.parametrize("colours, width", [(3, 7), (16, 8), (17, 7)])
+def test_pictures_have_the_pixels_they_are_made_of(colours, width):
+    cv2 = pytest.importorskip("cv2")
+    rng = np.random.default_rng(5)
+    palette = rng.integers(0, 256, (colours, 4), np.uint8)
+    pixels = rng.integers(0, colours, (6, width), np.uint8)
+    picture = cv2.imdecode(np.frombuffer(encode_png(pixels, palette), np.uint8),
+                           cv2.IMREAD_UNCHANGED)  # BGRA
+    assert np.array_equal(picture[..., [2, 1, 0, 3]], palette[pixels])
+
+
+def test_segments_are_those_of_the_prior_file():
+    table = np.zeros(3, SEGMENT)
+    table["label"], table["flags"] = [2, 3, 4], [THING, THING, 0]
+    table["instance"] = [7, 8, 9]
+    where = np.zeros((9, 12), np.uint16)
+    where[2:5, 3:8], where[4, 6:11], where[8, 0] = 1, 2, 1
+    frame = kys_slam.PriorFrame("coco_panoptic_133", [PriorCamera(table, where)])
+    drawn = Segments.decode(encode_prior(frame))
+    assert np.array_equal(drawn.segment_map, where)
+    assert drawn.segments["area"].tolist() == [14, 5, 0]
+    assert drawn.boxes.tolist() == [[0, 2, 8, 9], [6, 4, 11, 5], [0, 0, 0, 0]]
+
+
+def test_points_of_messages_are_those_added_one_by_one():
+    module = pytest.importorskip("foxglove_schemas_protobuf.PointsAnnotation_pb2")
+    from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+    from kys_slam.record_mcap import _add_points
+    rng = np.random.default_rng(6)
+    for kind, values in ((module.PointsAnnotation, rng.normal(size=(50, 2))),
+                         (LinePrimitive, rng.normal(size=(50, 3)))):
+        ours, theirs = kind(), kind()
+        _add_points(ours, values)
+        for row in values.tolist():
+            theirs.points.add(**dict(zip("xyz", row)))
+        assert ours == theirs
+        assert ours.SerializeToString() == theirs.SerializeToString()
 
 
 def test_observers_and_recorders_go_together(tmp_path, corridor, corridor_camera):

@@ -74,15 +74,15 @@ std::vector<std::uint8_t> encode_jpeg(const GrayImage& image, int quality) {
   if (image.empty()) throw InputError("an empty image cannot be written as JPEG");
   thread_local const std::unique_ptr<void, HandleDelete> compressor(tjInitCompress());
   if (!compressor) throw std::bad_alloc();
-  std::vector<std::uint8_t> file(tjBufSize(image.width(), image.height(), TJSAMP_GRAY));
-  std::uint8_t* out = file.data();
-  unsigned long size = file.size();
+  thread_local std::vector<std::uint8_t> buffer;  // of the largest size: memory that stays mapped
+  buffer.resize(tjBufSize(image.width(), image.height(), TJSAMP_GRAY));
+  std::uint8_t* out = buffer.data();
+  unsigned long size = buffer.size();
   if (tjCompress2(compressor.get(), image.data(), image.width(), 0, image.height(), TJPF_GRAY, &out,
                   &size, TJSAMP_GRAY, quality, TJFLAG_NOREALLOC) != 0) {
     throw InputError(std::string("JPEG: ") + tjGetErrorStr2(compressor.get()));
   }
-  file.resize(size);
-  return file;
+  return {out, out + size};
 }
 
 RgbImage decode_jpeg_rgb(std::span<const std::uint8_t> file, const std::string& name) {
