@@ -1,21 +1,28 @@
 #include "optimization/block_cholesky.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCore>
 #include <algorithm>
-#include <numeric>
+#include <array>
+#include <cstring>
 
 namespace kys_slam {
 
 namespace {
 
-constexpr Eigen::Index kPanel = 96;  // columns eliminated in one go
+using front::kBlock;
+using front::kTile;
+using front::TileColumn;
+constexpr int kPanel = 96;  // columns eliminated in one go
 
 /// Columns with their parent's are one front as long as this share of it is zeros, at most; small
 /// fronts in any case, as they cost more to handle than to compute.
 constexpr double kMaxZeros = 0.15;
 constexpr std::int32_t kSmall = 8;  // blocks
+
+std::int32_t tiles_of(std::int32_t rows) {
+  return (rows + kTile - 1) / kTile;
+}
 
 std::int32_t parent_of(const std::vector<std::int32_t>& structure) {
   return structure.empty() ? -1 : structure.front();
@@ -23,12 +30,14 @@ std::int32_t parent_of(const std::vector<std::int32_t>& structure) {
 
 }  // namespace
 
-BlockCholesky::BlockCholesky(const BlockPattern& pattern) {
+BlockCholesky::BlockCholesky(const BlockPattern& pattern, const front::Kernels& kernels)
+    : kernels_(kernels) {
   order(pattern);
   sort_by_tree(eliminate(pattern));
   make_fronts(eliminate(pattern));
   connect_fronts();
   place_entries(pattern);
+  make_room();
 }
 
 void BlockCholesky::order(const BlockPattern& pattern) {
@@ -166,68 +175,86 @@ void BlockCholesky::place_entries(const BlockPattern& pattern) {
   }
 }
 
-/// The front in work_: blocks of the matrix and what its children pass on.
-void BlockCholesky::assemble(const Front& front, const Blocks& blocks) {
-  auto F = work_.topLeftCorner(6 * front.rows(), 6 * front.rows());
-  F.setZero();
-  for (const Entry& e : front.entries) {
-    auto at = F.block<6, 6>(6 * e.row, 6 * e.col);
-    if (e.transposed) {
-      at = blocks[e.block].transpose();
-    } else {
-      at = blocks[e.block];
-    }
+void BlockCholesky::make_room() {
+  std::int64_t largest = 0;
+  std::size_t updates = 0;
+  std::size_t most = 0;
+  for (const Front& front : fronts_) {
+    const std::int32_t rows = kBlock * front.rows();
+    largest = std::max(largest, front::tile_begin(tiles_of(rows), rows));
+    for (const std::int32_t c : front.children) updates -= fronts_[c].update_size();
+    updates += front.update_size();
+    most = std::max(most, updates);
   }
-  for (const std::int32_t c : front.children) {
-    Front& child = fronts_[c];
-    const auto count = static_cast<std::int32_t>(child.place.size());
-    for (std::int32_t col = 0; col < count; ++col) {
-      for (std::int32_t row = col; row < count; ++row) {
-        F.block<6, 6>(6 * child.place[row], 6 * child.place[col]) +=
-            child.update.block<6, 6>(6 * row, 6 * col);
+  work_.resize(static_cast<std::size_t>(largest));
+  updates_.resize(most);
+}
+
+/// The front in work_: blocks of the matrix and what its children pass on, which are the last ones
+/// on the stack.
+void BlockCholesky::assemble(const Front& front, const Blocks& blocks) {
+  const std::int32_t rows = kBlock * front.rows();
+  const std::int64_t size = front::tile_begin(tiles_of(rows), rows);
+  std::memset(work_.data(), 0, static_cast<std::size_t>(size) * sizeof(TileColumn));
+  for (const Entry& e : front.entries) {
+    TileColumn* to =
+        work_.data() + front::tile_begin(kBlock * e.row / kTile, rows) + kBlock * e.col;
+    const std::int32_t row = kBlock * e.row % kTile;
+    const Block& block = blocks[e.block];
+    for (int c = 0; c < kBlock; ++c) {
+      for (int r = 0; r < kBlock; ++r) {
+        to[c].row[row + r] = e.transposed ? block(c, r) : block(r, c);
       }
     }
-    child.update.resize(0, 0);
+  }
+  std::size_t size_of_updates = 0;
+  for (const std::int32_t c : front.children) size_of_updates += fronts_[c].update_size();
+  updates_end_ -= size_of_updates;
+  const double* update = updates_.data() + updates_end_;
+  for (const std::int32_t c : front.children) {
+    const Front& child = fronts_[c];
+    kernels_.add_update(update, child.place.data(), static_cast<std::int32_t>(child.place.size()),
+                        work_.data());
+    update += child.update_size();
   }
 }
 
 /// Eliminates the front's own columns, a panel at a time; what is left is the update of its parent.
 BlockCholesky::Result BlockCholesky::eliminate_columns(const Front& front,
                                                        const std::atomic<bool>* stop) {
-  const Eigen::Index cols = 6 * front.cols;
-  const Eigen::Index rows = 6 * front.rows();
-  for (Eigen::Index at = 0; at < cols; at += kPanel) {
+  const std::int32_t cols = kBlock * front.cols;
+  const std::int32_t rows = kBlock * front.rows();
+  for (std::int32_t at = 0; at < cols; at += kPanel) {
     if (stop != nullptr && stop->load(std::memory_order_relaxed)) return Result::kStopped;
-    const Eigen::Index width = std::min(kPanel, cols - at);
-    const Eigen::Index left = rows - at - width;
-    Eigen::Ref<Eigen::MatrixXd> corner = work_.block(at, at, width, width);
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(corner);
-    if (factor.info() != Eigen::Success || !corner.diagonal().allFinite()) {
+    if (!kernels_.eliminate(work_.data(), rows, at, std::min(kPanel, cols - at))) {
       return Result::kNotPositive;
     }
-    if (left == 0) continue;
-    auto under = work_.block(at + width, at, left, width);
-    corner.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(under);
-    work_.block(at + width, at + width, left, left)
-        .selfadjointView<Eigen::Lower>()
-        .rankUpdate(under, -1.0);
   }
   return Result::kDone;
 }
 
+/// The factor's part of the front in work_, and its update on the stack.
+void BlockCholesky::keep(Front& front) {
+  const std::int32_t cols = kBlock * front.cols;
+  const std::int32_t rows = kBlock * front.rows();
+  const std::int32_t tiles = tiles_of(rows);
+  front.L.resize(static_cast<std::size_t>(front::tile_begin(tiles, cols)));
+  for (std::int32_t t = 0; t < tiles; ++t) {
+    const TileColumn* from = work_.data() + front::tile_begin(t, rows);
+    std::copy_n(from, std::min(kTile * (t + 1), cols), front.L.data() + front::tile_begin(t, cols));
+  }
+  kernels_.take_update(work_.data(), rows, cols, updates_.data() + updates_end_);
+  updates_end_ += front.update_size();
+}
+
 BlockCholesky::Result BlockCholesky::factorise(const Blocks& blocks,
                                                const std::atomic<bool>* stop) {
-  Eigen::Index largest = 0;
-  for (const Front& front : fronts_) largest = std::max<Eigen::Index>(largest, 6 * front.rows());
-  work_.resize(largest, largest);
+  updates_end_ = 0;
   for (Front& front : fronts_) {
     assemble(front, blocks);
     const Result result = eliminate_columns(front, stop);
     if (result != Result::kDone) return result;
-    const Eigen::Index cols = 6 * front.cols;
-    const Eigen::Index rows = 6 * front.rows();
-    front.L = work_.topLeftCorner(rows, cols);
-    front.update = work_.block(cols, cols, rows - cols, rows - cols);
+    keep(front);
   }
   return Result::kDone;
 }
@@ -237,26 +264,28 @@ void BlockCholesky::solve(Eigen::VectorXd& x) const {
   for (std::size_t r = 0; r < position_.size(); ++r) {
     y.segment<6>(6 * position_[r]) = x.segment<6>(static_cast<Eigen::Index>(6 * r));
   }
-  Eigen::VectorXd part;
+  std::vector<double> part;  // of one front, whole tiles
+  const auto own = [&](const Front& front) {
+    part.assign(static_cast<std::size_t>(kTile * tiles_of(kBlock * front.rows())), 0.0);
+    std::copy_n(y.data() + kBlock * front.first, kBlock * front.cols, part.data());
+    return part.data() + kBlock * front.cols;  // the rows below
+  };
   for (const Front& front : fronts_) {
-    const Eigen::Index cols = 6 * front.cols;
-    auto own = y.segment(6 * front.first, cols);
-    front.L.topRows(cols).triangularView<Eigen::Lower>().solveInPlace(own);
-    if (front.below.empty()) continue;
-    part.noalias() = front.L.bottomRows(front.L.rows() - cols) * own;
-    for (std::size_t k = 0; k < front.below.size(); ++k) {
-      y.segment<6>(6 * front.below[k]) -= part.segment<6>(static_cast<Eigen::Index>(6 * k));
+    const double* below = own(front);
+    kernels_.solve_lower(front.L.data(), kBlock * front.rows(), kBlock * front.cols, part.data());
+    std::copy_n(part.data(), kBlock * front.cols, y.data() + kBlock * front.first);
+    for (const std::int32_t row : front.below) {
+      for (int k = 0; k < kBlock; ++k) y[kBlock * row + k] += *below++;
     }
   }
   for (auto front = fronts_.rbegin(); front != fronts_.rend(); ++front) {
-    const Eigen::Index cols = 6 * front->cols;
-    auto own = y.segment(6 * front->first, cols);
-    part.resize(front->L.rows() - cols);
-    for (std::size_t k = 0; k < front->below.size(); ++k) {
-      part.segment<6>(static_cast<Eigen::Index>(6 * k)) = y.segment<6>(6 * front->below[k]);
+    double* below = own(*front);
+    for (const std::int32_t row : front->below) {
+      for (int k = 0; k < kBlock; ++k) *below++ = y[kBlock * row + k];
     }
-    own.noalias() -= front->L.bottomRows(part.size()).transpose() * part;
-    front->L.topRows(cols).triangularView<Eigen::Lower>().transpose().solveInPlace(own);
+    kernels_.solve_upper(front->L.data(), kBlock * front->rows(), kBlock * front->cols,
+                         part.data());
+    std::copy_n(part.data(), kBlock * front->cols, y.data() + kBlock * front->first);
   }
   for (std::size_t r = 0; r < position_.size(); ++r) {
     x.segment<6>(static_cast<Eigen::Index>(6 * r)) = y.segment<6>(6 * position_[r]);

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "optimization/front_kernels.h"
+
 namespace kys_slam {
 
 /// Lower triangle of a sparse symmetric matrix of 6x6 blocks: row r holds the blocks
@@ -19,15 +21,16 @@ struct BlockPattern {
 
 /// Multifrontal Cholesky factorisation (Duff and Reid 1983; Liu 1992) of such a matrix: rows in an
 /// approximate minimum degree order, columns of (nearly) equal structure worked on together as a
-/// dense front. Everything that depends on the pattern alone is done once. One thread; the same
-/// numbers give the same factor.
+/// dense front (front_kernels.h). Everything that depends on the pattern alone is done once. One
+/// thread; the same numbers give the same factor on every machine.
 class BlockCholesky {
  public:
   using Block = Eigen::Matrix<double, 6, 6>;
   using Blocks = std::vector<Block, Eigen::aligned_allocator<Block>>;
   enum class Result : std::uint8_t { kDone, kNotPositive, kStopped };
 
-  explicit BlockCholesky(const BlockPattern& pattern);
+  explicit BlockCholesky(const BlockPattern& pattern,
+                         const front::Kernels& kernels = front::kernels());
 
   /// Factorises. Of diagonal blocks only the lower triangle is read.
   /// \param blocks in the order of the pattern
@@ -54,11 +57,14 @@ class BlockCholesky {
     std::vector<std::int32_t> below;
     std::vector<Entry> entries;
     std::vector<std::int32_t> children;
-    std::vector<std::int32_t> place;  // of the rows below in the parent's front
-    Eigen::MatrixXd L;                // 6 (cols + below) x 6 cols, lower trapezoid
-    Eigen::MatrixXd update;           // lower triangle, until the parent takes it
+    std::vector<std::int32_t> place;   // of the rows below in the parent's front
+    std::vector<front::TileColumn> L;  // lower trapezoid
     [[nodiscard]] std::int32_t rows() const {
       return cols + static_cast<std::int32_t>(below.size());
+    }
+    /// Numbers that the parent takes: the lower triangle of the rows below, by blocks.
+    [[nodiscard]] std::size_t update_size() const {
+      return below.size() * (below.size() + 1) / 2 * (front::kBlock * front::kBlock);
     }
   };
 
@@ -69,12 +75,17 @@ class BlockCholesky {
   void make_fronts(const Structure& structure);
   void connect_fronts();
   void place_entries(const BlockPattern& pattern);
+  void make_room();
   void assemble(const Front& front, const Blocks& blocks);
   Result eliminate_columns(const Front& front, const std::atomic<bool>* stop);
+  void keep(Front& front);
 
-  std::vector<std::int32_t> position_;  // of a row of the matrix in the order of elimination
-  std::vector<Front> fronts_;           // children before parents
-  Eigen::MatrixXd work_;                // the front worked on
+  const front::Kernels& kernels_;
+  std::vector<std::int32_t> position_;   // of a row of the matrix in the order of elimination
+  std::vector<Front> fronts_;            // children before parents
+  std::vector<front::TileColumn> work_;  // the front worked on
+  std::vector<double> updates_;          // of fronts that wait for their parent, a stack
+  std::size_t updates_end_ = 0;
 };
 
 }  // namespace kys_slam

@@ -287,8 +287,8 @@ Outcome solve_by_eigen(const ReducedSystem& system) {
   return {residual.norm() / system.right_side.norm(), kSolutions};
 }
 
-Outcome solve_by_ours(const ReducedSystem& system) {
-  BlockCholesky solver(system.pattern);
+Outcome solve_by_ours(const ReducedSystem& system, const front::Kernels& kernels) {
+  BlockCholesky solver(system.pattern, kernels);
   Eigen::VectorXd x;
   for (int k = 0; k < kSolutions; ++k) {
     if (solver.factorise(system.blocks) != BlockCholesky::Result::kDone) return {1, k + 1.0};
@@ -342,13 +342,18 @@ int run(int argc, char** argv) {
   const ReducedSystem system = reduce(problem);
   using Matrix = Eigen::SparseMatrix<double>;
   std::vector<Contender> contenders = {
-      {"block Cholesky (ours)", [&] { return solve_by_ours(system); }},
+      {"block Cholesky (ours)", [&] { return solve_by_ours(system, front::kernels()); }},
       {"(blocks to a sparse matrix, once)",
        [&] {
          return Outcome{0, static_cast<double>(system.lower().nonZeros())};
        }},
       {"CHOLMOD, supernodal",
        [&] { return solve_by_eigen<Eigen::CholmodSupernodalLLT<Matrix, Eigen::Lower>>(system); }}};
+  for (const front::Kernels* kernels : front::available_kernels()) {
+    if (kernels == &front::kernels()) continue;
+    contenders.push_back({std::string("ours, kernels ") + kernels->name,
+                          [&system, kernels] { return solve_by_ours(system, *kernels); }});
+  }
   if (part != "supernodal") {
     contenders.push_back(
         {"CHOLMOD, simplicial", [&] {

@@ -88,7 +88,7 @@ TEST(OneDistance, TheSearchFindsWhatItLooksFor) {
 
 TEST(OneDistance, DescriptorWordsAreTakenApartNowhereElse) {
   // Without looking at the words of a descriptor no distance can be had. Extraction writes them and
-  // place recognition and input read them as keys; the rooms that match must not touch them.
+  // place recognition and input read them as keys; the folders that match must not touch them.
   const fs::path root = KYS_SOURCE_DIR;
   for (const char* room :
        {"src/matching", "src/tracking", "src/mapping", "src/map", "src/system"}) {

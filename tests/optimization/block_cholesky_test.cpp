@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <cmath>
 #include <set>
 
 #include "synthetic_scene.h"
@@ -120,6 +121,70 @@ TEST(BlockCholesky, SameNumbersSameFactor) {
   a.solve(x);
   b.solve(y);
   EXPECT_EQ(x, y);
+}
+
+/// The first columns of a matrix eliminated one by one, and what is left of the others.
+Eigen::MatrixXd eliminate_as_in_the_textbook(Eigen::MatrixXd A, int cols) {
+  for (int k = 0; k < cols; ++k) {
+    A(k, k) = std::sqrt(A(k, k));
+    const double inverse = 1.0 / A(k, k);
+    for (int r = k + 1; r < A.rows(); ++r) A(r, k) *= inverse;
+    for (int c = k + 1; c < A.cols(); ++c) {
+      for (int r = c; r < A.rows(); ++r) A(r, c) -= A(r, k) * A(c, k);
+    }
+  }
+  return A;
+}
+
+TEST(FrontKernels, EveryVariantIsTheTextbookToTheLastBit) {
+  // One column block to several panels; rows that fill their tiles, and rows that do not.
+  const std::vector<std::pair<int, int>> sizes = {
+      {6, 6}, {24, 24}, {30, 6}, {54, 30}, {96, 96}, {150, 102}, {132, 24}, {234, 216}, {300, 198}};
+  for (const auto& [rows, cols] : sizes) {
+    Random random(static_cast<std::uint64_t>(rows));
+    Eigen::MatrixXd A(rows, rows);
+    for (double& x : A.reshaped()) x = random.uniform(-1, 1);
+    A = (A * A.transpose() + 0.1 * Eigen::MatrixXd::Identity(rows, rows)).eval();
+    const Eigen::MatrixXd expected = eliminate_as_in_the_textbook(A, cols);
+    for (const front::Kernels* kernels : front::available_kernels()) {
+      const int tiles = (rows + front::kTile - 1) / front::kTile;
+      std::vector<front::TileColumn> work(static_cast<std::size_t>(front::tile_begin(tiles, rows)));
+      const auto element = [&](int r, int c) -> double& {
+        const int t = r / front::kTile;
+        return work[static_cast<std::size_t>(front::tile_begin(t, rows) + c)].row[r % front::kTile];
+      };
+      for (int c = 0; c < rows; ++c) {
+        for (int r = c; r < rows; ++r) element(r, c) = A(r, c);
+      }
+      for (int at = 0; at < cols; at += 96) {
+        ASSERT_TRUE(kernels->eliminate(work.data(), rows, at, std::min(96, cols - at)));
+      }
+      for (int c = 0; c < rows; ++c) {
+        for (int r = c; r < rows; ++r) {
+          ASSERT_EQ(element(r, c), expected(r, c)) << kernels->name << ' ' << rows << ' ' << cols;
+        }
+      }
+    }
+  }
+}
+
+TEST(BlockCholesky, EveryVariantGivesTheSameBits) {
+  std::set<std::pair<int, int>> pairs;
+  for (int r = 1; r < 150; ++r) {
+    for (int c = std::max(0, r - 9); c < r; ++c) pairs.insert({r, c});
+    if (r % 7 == 0) pairs.insert({r, r / 7});
+  }
+  const System system = make_system(150, pairs, 6);
+  Eigen::VectorXd plain;
+  for (const front::Kernels* kernels : front::available_kernels()) {
+    BlockCholesky cholesky(system.pattern, *kernels);
+    ASSERT_EQ(cholesky.factorise(system.blocks), BlockCholesky::Result::kDone);
+    Eigen::VectorXd x = Eigen::VectorXd::Ones(900);
+    cholesky.solve(x);
+    EXPECT_LT((system.dense * x - Eigen::VectorXd::Ones(900)).norm(), 1e-10) << kernels->name;
+    if (plain.size() == 0) plain = x;
+    EXPECT_EQ(x, plain) << kernels->name;
+  }
 }
 
 }  // namespace

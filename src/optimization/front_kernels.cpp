@@ -1,0 +1,9 @@
+#include "optimization/front_kernels.h"
+
+#include "util/kernel_variants.h"
+
+namespace kys_slam::front {
+
+#include "util/kernel_list.inc"
+
+}  // namespace kys_slam::front

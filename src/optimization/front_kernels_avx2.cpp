@@ -1,0 +1,3 @@
+#define KYS_KERNELS_NAME kAvx2
+#define KYS_KERNELS_LABEL "avx2"
+#include "optimization/front_kernels.inc"

@@ -1,0 +1,3 @@
+#define KYS_KERNELS_NAME kPlain
+#define KYS_KERNELS_LABEL "plain"
+#include "optimization/front_kernels.inc"
