@@ -15,9 +15,14 @@ namespace kys_slam {
 
 namespace {
 
-// A pose that no camera can have come to is doubted when it fits less than this share of the
-// matches that led to it.
+// A predicted pose is doubted when it fits less than this share of the matches that led to it, and
+// either no camera can have come to it or the share has fallen below this part of the last frame's.
 constexpr double kDoubtfulShare = 0.4;
+constexpr double kFallen = 0.5;
+
+// It gives way to one that fits this share of the keyframe's matches: with what moves in front of
+// the camera a pose fits many, but not all.
+constexpr double kExplained = 0.8;
 
 // The expected pose joins the observations where they leave the camera's place this much of the
 // uncertainty that it has without them.
@@ -323,14 +328,17 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   }
   if (!doubtful_) return true;
   // A camera that turns back at once is far from where it was expected: what is found there fits by
-  // chance. Without a prediction more of the keyframe fits.
+  // chance. Without a prediction nearly all of the keyframe fits.
   Frame unexpected = frame;
   TrackResult alternative;
   alternative.reason = "doubtful motion model";
   const bool found = predict_by_reference(unexpected, alternative);
   result.statistics += alternative.statistics;
-  if (found && count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks)) {
+  const int fits = count_landmarks(unexpected.landmarks);
+  if (found && fits > count_landmarks(frame.landmarks) &&
+      fits >= kExplained * alternative.matches) {
     frame = std::move(unexpected);
+    share_ = fits / static_cast<double>(alternative.matches);
     result.reason = alternative.reason;
     result.overruled = alternative.overruled;
   }
@@ -370,8 +378,10 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
   }
   const int inliers = refine_pose(frame, result);
   const double away = (frame.T_c_w.inverse_t() - expected.T_c_w.inverse_t()).norm();
-  doubtful_ = inliers < kDoubtfulShare * matches &&
-              away > options_.consensus.max_acceleration * expected.reach;
+  const double before = std::exchange(share_, inliers / static_cast<double>(matches));
+  doubtful_ =
+      share_ < kDoubtfulShare &&
+      (away > options_.consensus.max_acceleration * expected.reach || share_ < kFallen * before);
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -451,6 +461,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
     result.reason = before + "reference keyframe: " + std::to_string(count) + " matches";
     return false;
   }
+  result.matches = count;
   frame.T_c_w = last_->T_c_w;
   result.overruled = false;
   const int inliers = refine_pose(frame, result);

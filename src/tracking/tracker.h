@@ -193,6 +193,7 @@ class Tracker {
   LandmarkPatches patches_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion
+  double share_ = 0;           // of the matches that led to the last prediction, those that fit
   std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
     Rigid3 T_c_last;

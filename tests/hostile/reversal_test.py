@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Cameras against the motion model: one that goes forward and at once backward (the first 51 frames of
-KITTI 06 at half size, there and back), and one that gives every picture twice. Passed over without the
-images or without Pillow.
+"""Cameras against the motion model: one that goes forward, at once backward and at once forward again
+(the first 51 frames of KITTI 06 at half size), and one that gives every picture twice. Passed over without
+the images or without Pillow.
 
     reversal_test.py BIN_DIR SHARED_DATA_DIR [CYCLES]
 
@@ -22,15 +22,15 @@ except ImportError:
     sys.exit(SKIPPED)
 
 
-def there_and_back(count):
-    return list(range(count)) + list(range(count - 1))[::-1]
+def there_back_and_there(count):
+    return [*range(count), *range(count - 2, 0, -1), *range(count)]
 
 
 def every_picture_twice(count):
     return [k // 2 for k in range(2 * count)]
 
 
-def halve(clip, folder, choose=there_and_back):
+def halve(clip, folder, choose=there_back_and_there):
     """The clip at half size, its frames in the order chosen; how many."""
     order = None
     for camera in (0, 1):
@@ -95,7 +95,7 @@ def main():
     if count:
         return cycles(int(count[0]), programs, clip)
     failed = 0
-    for choose in (there_and_back, every_picture_twice):
+    for choose in (there_back_and_there, every_picture_twice):
         with tempfile.TemporaryDirectory(prefix="kys_reversal_") as folder:
             frames = halve(clip, folder, choose)
             for schedule in ("pipelined", "sequential"):
