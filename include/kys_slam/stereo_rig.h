@@ -53,4 +53,8 @@ StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
 /// \throws InputError naming the file and what is missing or wrong, or that it is none of these.
 StereoRig read_stereo_rig(std::span<const std::filesystem::path> files, double unit = 1);
 
+/// Our own YAML of a rig, lengths in m; read_stereo_rig reads it back.
+/// \throws InputError when the size of the images is not known
+std::string to_yaml(const StereoRig& rig);
+
 }  // namespace kys_slam

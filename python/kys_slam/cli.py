@@ -127,10 +127,12 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
     p.set_defaults(command=_view)
 
-    p = commands.add_parser("calibrate", help="what a calibration file says, rectified")
+    p = commands.add_parser("calibrate", help="what a calibration file says, rectified; import it")
     p.add_argument("files", nargs="+", metavar="FILE")
     p.add_argument("--calibration-unit", type=float, default=1, metavar="M")
     p.add_argument("--size", metavar="WxH", help="of the images, for files that do not say")
+    p.add_argument("--output", metavar="FILE", help="write it as own YAML, lengths in m")
+    p.add_argument("--overwrite", action="store_true", help="also where FILE is there")
     p.set_defaults(command=_calibrate)
 
     p = commands.add_parser("priors", help="what prior files hold")
@@ -510,6 +512,11 @@ def _calibrate(args) -> int:
     camera = camera or kys_slam.StereoRectifier(rig).camera
     print(f"  rectified    fx {camera.fx:.3f} px, cx {camera.cx:.3f} px, cy {camera.cy:.3f} px, "
           f"baseline {camera.baseline:.5f} m")
+    if args.output:
+        if Path(args.output).exists() and not args.overwrite:
+            raise InputError(f"{args.output}: is there already; --overwrite, or another --output")
+        Path(args.output).write_text(rig.to_yaml())
+        print(f"wrote {args.output}")
     return 0
 
 
@@ -555,11 +562,13 @@ def main(argv: Optional[List[str]] = None) -> int:
     except InputError as error:
         print(f"kys-slam: {error}", file=sys.stderr)
         return BAD_INPUT
-    except OSError as error:
-        print(f"kys-slam: {error.filename or ''}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    except BrokenPipeError:
+    except BrokenPipeError:  # the reader of the output has seen enough, e.g. head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"kys-slam: {where}{error.strerror}", file=sys.stderr)
+        return BAD_INPUT
 
 
 if __name__ == "__main__":

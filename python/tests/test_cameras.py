@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kys_slam
+from kys_slam import cli
 
 # A rig as no tool would give it: two different cameras, turned by some degrees.
 K = {"left": (458.654, 457.296, 367.215, 248.375), "right": (457.587, 456.134, 379.999, 255.238)}
@@ -120,6 +121,39 @@ def test_every_format_gives_the_same_camera(tmp_path):
     assert close(rectified(tmp_path, *map(camera_info_yaml, infos)), reference)
     rig = kys_slam.rig_from_camera_info(infos, "bag")
     assert close(kys_slam.StereoRectifier(rig).camera, reference)
+
+
+@pytest.mark.parametrize("text", [kalibr(), kalibr("equidistant", FISHEYE), opencv(), own()])
+def test_calibrations_are_imported(tmp_path, capsys, text):
+    given, imported = tmp_path / "given.yaml", tmp_path / "rig.yaml"
+    given.write_text(text)
+    size = ["--size", "x".join(map(str, SIZE))]
+    call = ["calibrate", str(given), *size, "--output", str(imported)]
+    assert cli.main(call) == 0
+    figures = capsys.readouterr().out.splitlines()
+    assert cli.main(["calibrate", str(imported)]) == 0
+    assert capsys.readouterr().out.splitlines() == figures[:-1]
+    assert rectified(tmp_path, imported.read_text()).baseline == pytest.approx(
+        rectified(tmp_path, text).baseline, rel=1e-14)
+    assert cli.main(call) == 2 and "--overwrite" in capsys.readouterr().err
+    assert cli.main([*call, "--overwrite"]) == 0
+
+
+def test_imported_calibrations_keep_every_digit(tmp_path):
+    rigs = []
+    for text in (own(), ""):
+        file = tmp_path / "rig.yaml"
+        file.write_text(text or rigs[0].to_yaml())
+        rigs.append(kys_slam.read_stereo_rig([file]))
+    (*cameras, pose), (*cameras_again, pose_again) = (rig.to_yaml().splitlines() for rig in rigs)
+    assert cameras == cameras_again and len(cameras) == 5
+    pose, pose_again = (np.array(eval(line.split(":")[1])) for line in (pose, pose_again))
+    assert np.abs(pose - np.linalg.inv(T_RIGHT_LEFT).ravel()).max() < 1e-14
+    assert np.abs(pose - pose_again).max() < 1e-14
+    assert rigs[0].size == rigs[1].size == SIZE
+    file.write_text(opencv())
+    with pytest.raises(kys_slam.InputError, match="size"):
+        kys_slam.read_stereo_rig([file]).to_yaml()
 
 
 def fisheye_pixel(side, ray):

@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rig.h>
@@ -331,6 +333,24 @@ StereoRig read_stereo_rig(std::span<const fs::path> paths, double unit) {
         "M2, D2, R, T), nor left: and right: cameras, nor one of two camera_info files");
   }
   return rig;
+}
+
+std::string to_yaml(const StereoRig& rig) {
+  std::string text = "# Raw cameras in px; T_left_right: x_left = T x_right, m.\n";
+  for (const auto& [key, c] : {std::pair("left", &rig.left), std::pair("right", &rig.right)}) {
+    if (c->width == 0 || c->height == 0) {
+      throw InputError(rig.name + ": does not say the size of the images");
+    }
+    const char* lens = c->lens == LensModel::kEquidistant ? "equidistant" : "radtan";
+    text += fmt::format(
+        "{}: {{width: {}, height: {}, fx: {}, fy: {}, cx: {}, cy: {},\n"
+        "  model: {}, distortion: [{}]}}\n",
+        key, c->width, c->height, c->fx, c->fy, c->cx, c->cy, lens, fmt::join(c->distortion, ", "));
+  }
+  Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = Eigen::Matrix4d::Identity();
+  rows.topRows<3>() = (rig.left.T_b_s.inverse() * rig.right.T_b_s).matrix();
+  return text + fmt::format("T_left_right: [{}]\n",
+                            fmt::join(rows.data(), rows.data() + rows.size(), ", "));
 }
 
 double StereoRig::baseline() const {
