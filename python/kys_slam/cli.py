@@ -318,9 +318,6 @@ def _open_recorders(args, slam) -> list:
         return []
     from kys_slam.record import VIEWER, open_recorder
     targets = args.record + ([VIEWER] if args.view else [])
-    for target in args.record:
-        if Path(target).exists() and not args.overwrite:
-            raise InputError(f"{target}: is there already; --overwrite, or another --record")
     return [open_recorder(target, slam) for target in targets]
 
 
@@ -335,6 +332,9 @@ def _run(args) -> int:
                          "fast as they are tracked")
     if not 0 < args.speed < 1e6 or args.queue < 1:
         raise InputError("--speed must be above 0, --queue at least 1")
+    for target in args.record:
+        if Path(target).exists() and not args.overwrite:
+            raise InputError(f"{target}: is there already; --overwrite, or another --record")
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")
