@@ -36,6 +36,8 @@ class Recorder:
 
     def __init__(self, target: str, slam: System, images: bool) -> None:
         self.target, self._slam, self._open = target, slam, True
+        #: processor time that drawing took in its process, start-up apart, s; known after close()
+        self.drawing_s = 0.0
         self._child = subprocess.Popen(
             [sys.executable, "-c", _CHILD, json.dumps(sys.path)], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, start_new_session=True)  # Ctrl-C is for this process
@@ -83,7 +85,7 @@ class Recorder:
                 slam = self._slam
                 self._send(End(slam.trajectory(), slam.snapshot(), slam.objects(),
                                _loops(slam.reports())))
-            self._wait_for("done")
+            self.drawing_s = self._wait_for("done")["drawing_s"]
         finally:
             try:
                 self._child.stdin.close()
@@ -100,7 +102,7 @@ class Recorder:
         except BrokenPipeError:
             pass  # the child says why
 
-    def _wait_for(self, state: str) -> None:
+    def _wait_for(self, state: str) -> dict:
         line = self._child.stdout.readline()
         try:
             answer = json.loads(line)
@@ -109,6 +111,7 @@ class Recorder:
                              f"with status {self._child.wait()}") from None
         if answer.get("state") != state:
             raise InputError(answer.get("error", f"{self.target}: cannot be recorded"))
+        return answer
 
 
 def _loops(reports: List[FrameReport]) -> List[LoopSeen]:

@@ -5,7 +5,7 @@ from typing import List
 
 import numpy as np
 
-from ._core import InputError, StereoCamera
+from ._core import InputError, StereoCamera, __version__
 from .drawing import (
     FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion)
 
@@ -31,7 +31,8 @@ class McapSink(Sink):
             from foxglove_schemas_protobuf import (
                 CameraCalibration_pb2, CompressedImage_pb2, FrameTransform_pb2,
                 ImageAnnotations_pb2, Log_pb2, PointCloud_pb2, PoseInFrame_pb2, SceneUpdate_pb2)
-            from mcap_protobuf.writer import CompressionType, Writer
+            from mcap.writer import CompressionType, Writer
+            from mcap_protobuf.schema import register_schema
         except ImportError:
             raise InputError(".mcap files need pip install mcap-protobuf-support "
                              "foxglove-schemas-protobuf") from None
@@ -45,7 +46,12 @@ class McapSink(Sink):
         except OSError as error:
             raise InputError(f"cannot write {file}: {error.strerror}") from None
         self.writer = Writer(self.stream, compression=CompressionType.LZ4)
-        self.json_channels = {}
+        self.writer.start(library=f"kys-slam {__version__}")
+        self.schemas = {kind: register_schema(self.writer, kind) for kind in self.pb.values()}
+        for schema in (_REPORT, _LOOP):
+            self.schemas[schema["title"]] = self.writer.register_schema(
+                schema["title"], "jsonschema", json.dumps(schema).encode())
+        self.channels = {}
         self.camera = None
 
     def start(self, camera: StereoCamera) -> None:
@@ -58,17 +64,18 @@ class McapSink(Sink):
             message.frame_id = frame
         return message
 
-    def _write(self, topic: str, timestamp: float, message) -> None:
+    def _add(self, topic: str, timestamp: float, encoding: str, schema, data: bytes) -> None:
+        if topic not in self.channels:
+            self.channels[topic] = self.writer.register_channel(topic, encoding,
+                                                                self.schemas[schema])
         at = _nanoseconds(timestamp)
-        self.writer.write_message(topic, message, at, at)
+        self.writer.add_message(self.channels[topic], at, data, at)
+
+    def _write(self, topic: str, timestamp: float, message) -> None:
+        self._add(topic, timestamp, "protobuf", type(message), message.SerializeToString())
 
     def _write_json(self, topic: str, schema: dict, timestamp: float, value: dict) -> None:
-        raw = self.writer._writer  # the plain writer below the one for protobuf
-        if topic not in self.json_channels:
-            number = raw.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
-            self.json_channels[topic] = raw.register_channel(topic, "json", number)
-        at = _nanoseconds(timestamp)
-        raw.add_message(self.json_channels[topic], at, json.dumps(value).encode(), at)
+        self._add(topic, timestamp, "json", schema["title"], json.dumps(value).encode())
 
     def _pose(self, topic: str, timestamp: float, pose: np.ndarray) -> None:
         message = self._new("PoseInFrame", timestamp, _WORLD)

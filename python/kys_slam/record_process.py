@@ -6,6 +6,7 @@ import os
 import pickle
 import struct
 import sys
+import time
 from pathlib import Path
 from typing import BinaryIO, Optional, Tuple
 
@@ -69,7 +70,8 @@ def _prior_of(name: str, given: bytes, folder: Optional[str]) -> Optional[Segmen
         return None
 
 
-def _record(stream: BinaryIO, say) -> None:
+def _record(stream: BinaryIO, say) -> float:
+    """Returns the processor time of drawing, s."""
     config = pickle.loads(read_message(stream)[1])
     if config["target"] != VIEWER:
         os.nice(10)  # tracking goes first
@@ -80,6 +82,7 @@ def _record(stream: BinaryIO, say) -> None:
     try:
         sink.start(camera)
         say({"state": "ready"})
+        began = time.process_time()
         while message := read_message(stream):
             kind, content = message
             if kind == b"F":
@@ -93,6 +96,7 @@ def _record(stream: BinaryIO, say) -> None:
                 break
     finally:
         sink.close()
+    return time.process_time() - began
 
 
 def main() -> int:
@@ -106,7 +110,7 @@ def main() -> int:
             pass
 
     try:
-        _record(sys.stdin.buffer, say)
+        drawing_s = _record(sys.stdin.buffer, say)
     except InputError as error:
         say({"error": str(error)})
         return 2
@@ -116,5 +120,5 @@ def main() -> int:
     except Exception as error:
         say({"error": f"the recording failed: {type(error).__name__}: {error}"})
         return 70
-    say({"state": "done"})
+    say({"state": "done", "drawing_s": drawing_s})
     return 0
