@@ -82,9 +82,10 @@ void bind_camera(nb::module_& m) {
            "baseline is not between 5 mm and 5 m.")
       .def("rectified", &StereoRig::rectified,
            "The StereoCamera when the images need no rectification, else None.")
-      .def("to_yaml", [](const StereoRig& r) { return to_yaml(r); },
-           "The rig as own YAML, lengths in m, which read_stereo_rig reads. Raises InputError when "
-           "the size of the images is not known.");
+      .def(
+          "to_yaml", [](const StereoRig& r) { return to_yaml(r); },
+          "The rig as own YAML, lengths in m, which read_stereo_rig reads. Raises InputError when "
+          "the size of the images is not known.");
 
   m.def(
       "read_stereo_rig",

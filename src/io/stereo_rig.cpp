@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rig.h>
@@ -8,6 +6,8 @@
 #include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <initializer_list>
 #include <string_view>
@@ -283,6 +283,18 @@ RawCamera raw_camera(const CameraInfo& info, const std::string& name) {
   return camera;
 }
 
+/// As few digits as give the same number back.
+std::string digits(double value) {
+  std::array<char, 32> text;
+  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
+}
+
+std::string list(std::span<const double> values) {
+  std::string text;
+  for (const double value : values) text += (text.empty() ? "[" : ", ") + digits(value);
+  return text.empty() ? "[]" : text + "]";
+}
+
 }  // namespace
 
 StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
@@ -342,15 +354,14 @@ std::string to_yaml(const StereoRig& rig) {
       throw InputError(rig.name + ": does not say the size of the images");
     }
     const char* lens = c->lens == LensModel::kEquidistant ? "equidistant" : "radtan";
-    text += fmt::format(
-        "{}: {{width: {}, height: {}, fx: {}, fy: {}, cx: {}, cy: {},\n"
-        "  model: {}, distortion: [{}]}}\n",
-        key, c->width, c->height, c->fx, c->fy, c->cx, c->cy, lens, fmt::join(c->distortion, ", "));
+    text += std::string(key) + ": {width: " + std::to_string(c->width) +
+            ", height: " + std::to_string(c->height) + ", fx: " + digits(c->fx) +
+            ", fy: " + digits(c->fy) + ", cx: " + digits(c->cx) + ", cy: " + digits(c->cy) +
+            ",\n  model: " + lens + ", distortion: " + list(c->distortion) + "}\n";
   }
-  Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = Eigen::Matrix4d::Identity();
-  rows.topRows<3>() = (rig.left.T_b_s.inverse() * rig.right.T_b_s).matrix();
-  return text + fmt::format("T_left_right: [{}]\n",
-                            fmt::join(rows.data(), rows.data() + rows.size(), ", "));
+  Eigen::Matrix<double, 4, 4, Eigen::RowMajor> T = Eigen::Matrix4d::Identity();
+  T.topRows<3>() = (rig.left.T_b_s.inverse() * rig.right.T_b_s).matrix();
+  return text + "T_left_right: " + list({T.data(), 16}) + "\n";
 }
 
 double StereoRig::baseline() const {
