@@ -3,8 +3,21 @@
 #include <functional>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 namespace kys_slam {
+
+namespace {
+
+/// A list that several owners keep, as its first element; null when it is empty.
+template <typename T>
+std::shared_ptr<const T> shared(std::vector<T> list) {
+  if (list.empty()) return nullptr;
+  const auto owner = std::make_shared<const std::vector<T>>(std::move(list));
+  return {owner, owner->data()};
+}
+
+}  // namespace
 
 ScaleLevels::ScaleLevels(double scale_factor, int levels)
     : log_factor(static_cast<float>(std::log(scale_factor))) {
@@ -22,16 +35,17 @@ int ScaleLevels::predict_octave(float max_distance, float distance) const {
 FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
                              std::vector<float> u_right, std::vector<kys::Prior> priors,
                              float disparity_offset)
-    : set_(std::move(left)),
+    : keypoints_(std::move(left.keypoints)),
       u_right_(std::move(u_right)),
-      priors_(std::move(priors)),
       bf_(camera.bf()),
       disparity_offset_(disparity_offset) {
-  const std::size_t n = set_.size();
-  if (set_.descriptors.size() != n || u_right_.size() != n ||
-      (!priors_.empty() && priors_.size() != n)) {
+  const std::size_t n = size();
+  if (left.descriptors.size() != n || u_right_.size() != n ||
+      (!priors.empty() && priors.size() != n)) {
     throw std::logic_error("features of a frame differ in number");
   }
+  descriptors_ = shared(std::move(left.descriptors));
+  priors_ = shared(std::move(priors));
   if (n > std::numeric_limits<std::uint16_t>::max()) {
     throw std::logic_error("more than 65535 features in a frame");
   }
@@ -47,7 +61,7 @@ void FrameFeatures::fill_cells() {
   std::vector<std::uint16_t> cell(n);
   cell_start_.assign(kRows * kColumns + 1, 0);
   for (std::size_t i = 0; i < n; ++i) {
-    const Keypoint& k = set_.keypoints[i];
+    const Keypoint& k = keypoints_[i];
     const int c = std::clamp(static_cast<int>(k.x * cell_width_inv_), 0, kColumns - 1);
     const int r = std::clamp(static_cast<int>(k.y * cell_height_inv_), 0, kRows - 1);
     cell[i] = static_cast<std::uint16_t>(r * kColumns + c);
@@ -78,7 +92,7 @@ FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) cons
   FrameFeatures changed = *this;
   changed.aligned_.resize(size(), 0);
   for (const Aligned& a : aligned) {
-    Keypoint& k = changed.set_.keypoints.at(a.feature);
+    Keypoint& k = changed.keypoints_.at(a.feature);
     changed.u_right_[a.feature] += a.u - k.x;
     k.x = a.u;
     k.y = a.v;
@@ -95,18 +109,22 @@ FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
   chosen.disparity_offset_ = disparity_offset_;
   chosen.cell_width_inv_ = cell_width_inv_;
   chosen.cell_height_inv_ = cell_height_inv_;
-  const auto pick = [&](auto& to, const auto& from) {
-    if (from.empty()) return;  // no priors, none aligned
-    to.reserve(static_cast<std::size_t>(std::count_if(keep.begin(), keep.end(), std::identity{})));
+  const auto count =
+      static_cast<std::size_t>(std::count_if(keep.begin(), keep.end(), std::identity{}));
+  const auto pick = [&]<typename T>(std::span<const T> from) {
+    std::vector<T> to;
+    if (from.empty()) return to;  // no priors, none aligned
+    to.reserve(count);
     for (std::size_t i = 0; i < keep.size(); ++i) {
       if (keep[i] != 0) to.push_back(from[i]);
     }
+    return to;
   };
-  pick(chosen.set_.keypoints, set_.keypoints);
-  pick(chosen.set_.descriptors, set_.descriptors);
-  pick(chosen.u_right_, u_right_);
-  pick(chosen.aligned_, aligned_);
-  pick(chosen.priors_, priors_);
+  chosen.keypoints_ = pick(keypoints());
+  chosen.descriptors_ = shared(pick(descriptors()));
+  chosen.priors_ = shared(pick(priors()));
+  chosen.u_right_ = pick(std::span<const float>(u_right_));
+  chosen.aligned_ = pick(aligned());
   chosen.fill_cells();
   return chosen;
 }
@@ -116,7 +134,7 @@ FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {
     throw std::logic_error("features of a frame differ in number");
   }
   FrameFeatures changed = *this;
-  changed.priors_ = std::move(priors);
+  changed.priors_ = shared(std::move(priors));
   return changed;
 }
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -90,17 +91,21 @@ class FrameFeatures {
   [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
 
-  [[nodiscard]] std::size_t size() const { return set_.size(); }
-  [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return set_.keypoints[i]; }
+  [[nodiscard]] std::size_t size() const { return keypoints_.size(); }
+  [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return keypoints_[i]; }
   [[nodiscard]] const kys::Descriptor& descriptor(std::size_t i) const {
-    return set_.descriptors[i];
+    return descriptors_.get()[i];
   }
   [[nodiscard]] const kys::Prior& prior(std::size_t i) const {
-    return priors_.empty() ? kNoPrior : priors_[i];
+    return priors_ == nullptr ? kNoPrior : priors_.get()[i];
   }
-  [[nodiscard]] std::span<const Keypoint> keypoints() const { return set_.keypoints; }
-  [[nodiscard]] std::span<const kys::Descriptor> descriptors() const { return set_.descriptors; }
-  [[nodiscard]] std::span<const kys::Prior> priors() const { return priors_; }
+  [[nodiscard]] std::span<const Keypoint> keypoints() const { return keypoints_; }
+  [[nodiscard]] std::span<const kys::Descriptor> descriptors() const {
+    return {descriptors_.get(), size()};
+  }
+  [[nodiscard]] std::span<const kys::Prior> priors() const {
+    return {priors_.get(), priors_ == nullptr ? 0 : size()};
+  }
   [[nodiscard]] float u_right(std::size_t i) const { return u_right_[i]; }
   /// The feature as an observation for the optimisers.
   [[nodiscard]] StereoPixel stereo_pixel(std::size_t i, const ScaleLevels& scales) const {
@@ -126,10 +131,12 @@ class FrameFeatures {
 
   void fill_cells();
 
-  FeatureSet set_;
+  std::vector<Keypoint> keypoints_;
+  // What the variants of one frame have in common they share; first elements of lists.
+  std::shared_ptr<const kys::Descriptor> descriptors_;
+  std::shared_ptr<const kys::Prior> priors_;  // null: no priors for this frame
   std::vector<float> u_right_;
   std::vector<std::uint8_t> aligned_;  // flags, or empty: none is
-  std::vector<kys::Prior> priors_;
   double bf_ = 0;               // px m, of the camera
   float disparity_offset_ = 0;  // px, contained in u_right_
   float cell_width_inv_ = 0;    // 1/px
@@ -160,7 +167,7 @@ void FrameFeatures::for_each_near(float u, float v, float radius, int min_octave
     const std::size_t last = cell_start_[static_cast<std::size_t>(r * kColumns + c1 + 1)];
     for (std::size_t k = first; k < last; ++k) {
       const std::size_t i = cell_feature_[k];
-      const Keypoint& keypoint = set_.keypoints[i];
+      const Keypoint& keypoint = keypoints_[i];
       if (keypoint.octave < min_octave || keypoint.octave > max_octave) continue;
       if (std::abs(keypoint.x - u) > radius || std::abs(keypoint.y - v) > radius) continue;
       f(i);

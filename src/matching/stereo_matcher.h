@@ -14,11 +14,13 @@
 namespace kys_slam {
 
 struct StereoOptions {
-  float max_distance = 75;    ///< bits, largest modulated distance accepted
-  float row_tolerance = 2;    ///< px at the octave of the right keypoint
-  bool refine = true;         ///< sub-pixel disparity by correlation of image patches
-  float median_cut = 2.1f;    ///< matches of a patch residual over this times the median go
-  float added_disparity = 0;  ///< px, a deliberate fault for testing the regression suite
+  float max_distance = 75;     ///< bits, largest modulated distance accepted
+  float row_tolerance = 2;     ///< px at the octave of the right keypoint
+  bool refine = true;          ///< sub-pixel disparity by correlation of image patches
+  float median_cut = 2.1f;     ///< matches of a patch residual over this times the median go
+  int moving_keypoints = 100;  ///< with disparity, per thing that its prior file calls moving; mode
+                               ///< verified only
+  float added_disparity = 0;   ///< px, a deliberate fault for testing the regression suite
 
   /// \throws InputError naming the setting that makes no sense.
   void check() const;

@@ -5,12 +5,14 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <vector>
 
 #include "geometry/reprojection.h"
 #include "map/frame_features.h"
+#include "motion/match_lanes.h"
 
 namespace kys_slam {
 
@@ -19,6 +21,7 @@ namespace {
 constexpr double kMinDisparity = 1;        // px, below this depth means nothing
 constexpr double kTurnTolerance = 1e-5;    // rad: far below what the matches can tell
 constexpr double kShiftTolerance = 1e-4;   // m
+constexpr double kRough = 10;              // times these: where the last steps start from
 constexpr double kObservedRotation = 0.5;  // of the range: the matches have halved what was unknown
 
 /// A match as the fits need it: where a still point would be now, and its error there.
@@ -67,20 +70,61 @@ Eigen::Vector3d back_project(const StereoCamera& camera, const Eigen::Vector3d& 
 /// Sums over the points at one motion: curvature A and gradient b of half the chi-squares that are
 /// not cut off, the cut-off cost, how many are not.
 struct Sums {
-  Matrix6d A = Matrix6d::Zero();
-  Vector6d b = Vector6d::Zero();
+  Matrix6d A;
+  Vector6d b;
   double cost = 0;
   int inliers = 0;
 };
+
+KYS_VECTOR_CLONES void weigh_all(MatchLanes* lanes, std::size_t count, const MotionLanes& motion,
+                                 const CameraNumbers& camera) {
+  for (std::size_t k = 0; k < count; ++k) weigh(lanes[k], motion, camera);
+}
+
+KYS_VECTOR_CLONES void add_all(const MatchLanes* lanes, std::size_t count,
+                               const MotionLanes& motion, const CameraNumbers& camera,
+                               double max_chi2, bool soft, MatchSums& sums) {
+  for (std::size_t k = 0; k < count; ++k) {
+    add(lanes[k], motion, camera, max_chi2, soft, sums);
+  }
+}
+
+std::vector<MatchLanes> in_lanes(std::span<const Point> points) {
+  std::vector<MatchLanes> lanes((points.size() + kLanes - 1) / kLanes);
+  for (std::size_t i = 0; i < kLanes * lanes.size(); ++i) {
+    MatchLanes& to = lanes[i / kLanes];
+    const std::size_t l = i % kLanes;
+    const Point& from = points[std::min(i, points.size() - 1)];
+    to.active[l] = i < points.size() ? 1 : 0;
+    to.qx[l] = from.q.x();
+    to.qy[l] = from.q.y();
+    to.qz[l] = from.q.z();
+    to.u[l] = from.observed.x();
+    to.v[l] = from.observed.y();
+    to.disparity[l] = from.observed.z();
+    for (int row = 0, k = 0; row < 3; ++row) {
+      for (int column = row; column < 3; ++column) {
+        to.sigma_q[k++][l] = from.sigma_q(row, column);
+      }
+    }
+    to.sigma_u[l] = from.sigma_z.x();
+    to.sigma_v[l] = from.sigma_z.y();
+    to.sigma_d[l] = from.sigma_z.z();
+  }
+  return lanes;
+}
 
 /// The points of one instance under rigid motions about a centre.
 class Fit {
  public:
   Fit(const StereoCamera& camera, std::span<const Point> points, const Eigen::Vector3d& centre,
       const InstanceMotionOptions& options)
-      : camera_(camera), points_(points), centre_(centre), options_(options) {
-    information_.resize(points.size());
-  }
+      : stereo_(camera),
+        camera_(camera),
+        points_(points),
+        lanes_(in_lanes(points)),
+        centre_(centre),
+        options_(options) {}
 
   /// Motion of largest posterior, its prior being N(0, P): soft weights first, then the cut.
   [[nodiscard]] Vector6d minimise(Vector6d xi, const Matrix6d& information) {
@@ -97,40 +141,30 @@ class Fit {
 
   /// \param soft Cauchy weights instead of a sharp cut, for the way to the minimum
   [[nodiscard]] Sums sum(const Vector6d& xi, bool soft) const {
+    MatchSums lanes;
+    add_all(lanes_.data(), lanes_.size(), motion(xi), camera_, options_.max_chi2, soft, lanes);
     Sums sums;
-    const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      const Point& point = points_[i];
-      const Eigen::Vector3d arm = R * (point.q - centre_);
-      const Eigen::Vector3d x = arm + centre_ + xi.tail<3>();
-      if (x.z() < kMinDepth) {
-        sums.cost += options_.max_chi2;
-        continue;
+    const auto symmetric = [](const LaneList<6>& from, auto&& to) {
+      for (int row = 0, k = 0; row < 3; ++row) {
+        for (int column = row; column < 3; ++column) {
+          const double total = lane_sum(from[k++]);
+          to(row, column) = total;
+          to(column, row) = total;
+        }
       }
-      const Eigen::Vector3d e =
-          reprojection_error(camera_, x, point.observed.x(), point.observed.y(),
-                             point.observed.x() - point.observed.z());
-      const Eigen::Matrix3d& W = information_[i];
-      const double chi2 = e.dot(W * e);
-      sums.cost += std::min(chi2, options_.max_chi2);
-      const bool inlier = chi2 <= options_.max_chi2;
-      sums.inliers += inlier ? 1 : 0;
-      if (!soft && !inlier) continue;
-      const double weight = soft ? 1.0 / (1.0 + chi2 / options_.max_chi2) : 1.0;
-      // M = J^T W J by the point itself; the rest follows from dx/dxi = [-hat(arm) I].
-      const Eigen::Matrix3d J = reprojection_jacobian(camera_, x);
-      const Eigen::Matrix3d JW = weight * J.transpose() * W;
-      const Eigen::Matrix3d M = JW * J;
-      const Eigen::Vector3d g = JW * e;
-      const Eigen::Matrix3d H = hat(arm);
-      const Eigen::Matrix3d HM = H * M;
-      sums.A.topLeftCorner<3, 3>() -= HM * H;
-      sums.A.topRightCorner<3, 3>() += HM;
-      sums.A.bottomRightCorner<3, 3>() += M;
-      sums.b.head<3>() += arm.cross(g);
-      sums.b.tail<3>() += g;
+    };
+    symmetric(lanes.ww, sums.A.topLeftCorner<3, 3>());
+    symmetric(lanes.vv, sums.A.bottomRightCorner<3, 3>());
+    for (int k = 0; k < 9; ++k) {
+      sums.A(k / 3, 3 + k % 3) = lane_sum(lanes.wv[k]);
     }
     sums.A.bottomLeftCorner<3, 3>() = sums.A.topRightCorner<3, 3>().transpose();
+    for (int k = 0; k < 3; ++k) {
+      sums.b[k] = lane_sum(lanes.gw[k]);
+      sums.b[3 + k] = lane_sum(lanes.gv[k]);
+    }
+    sums.cost = lane_sum(lanes.cost);
+    sums.inliers = static_cast<int>(std::lround(lane_sum(lanes.inliers)));
     return sums;
   }
 
@@ -144,9 +178,9 @@ class Fit {
       const Eigen::Vector3d x = R * (point.q - centre_) + centre_ + xi.tail<3>();
       if (x.z() < kMinDepth) continue;
       const Eigen::Vector3d e =
-          reprojection_error(camera_, x, point.observed.x(), point.observed.y(),
+          reprojection_error(stereo_, x, point.observed.x(), point.observed.y(),
                              point.observed.x() - point.observed.z());
-      if (e.dot(information_[i] * e) > options_.max_chi2) continue;
+      if (e.dot(information(i) * e) > options_.max_chi2) continue;
       total += point.q;
       ++count;
     }
@@ -154,17 +188,29 @@ class Fit {
   }
 
  private:
-  /// Inverse covariances of the errors, linearised at `xi`.
-  void weigh(const Vector6d& xi) {
+  [[nodiscard]] MotionLanes motion(const Vector6d& xi) const {
+    MotionLanes m;
     const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      const Eigen::Vector3d x = R * (points_[i].q - centre_) + centre_ + xi.tail<3>();
-      const Eigen::Matrix3d JR = reprojection_jacobian(camera_, x) * R;
-      Eigen::Matrix3d S = JR * points_[i].sigma_q * JR.transpose();
-      S.diagonal() += points_[i].sigma_z;
-      information_[i] = S.inverse();
+    for (int k = 0; k < 9; ++k) m.R[static_cast<std::size_t>(k)] = R(k / 3, k % 3);
+    for (int k = 0; k < 3; ++k) {
+      m.centre[static_cast<std::size_t>(k)] = centre_[k];
+      m.shift[static_cast<std::size_t>(k)] = xi[3 + k];
     }
+    return m;
   }
+
+  [[nodiscard]] Eigen::Matrix3d information(std::size_t i) const {
+    Eigen::Matrix3d W;
+    for (int row = 0, k = 0; row < 3; ++row) {
+      for (int column = row; column < 3; ++column) {
+        W(row, column) = W(column, row) = lanes_[i / kLanes].information[k++][i % kLanes];
+      }
+    }
+    return W;
+  }
+
+  /// Inverse covariances of the errors, linearised at `xi`.
+  void weigh(const Vector6d& xi) { weigh_all(lanes_.data(), lanes_.size(), motion(xi), camera_); }
 
   /// One step; false at the minimum.
   [[nodiscard]] bool advance(Vector6d& xi, const Matrix6d& information, bool soft) const {
@@ -173,14 +219,17 @@ class Fit {
     if (!step.allFinite()) return false;
     // The rotation moves on the left; the prior is flat enough for the difference.
     xi << so3_log(so3_exp(step.head<3>()) * so3_exp(xi.head<3>())), xi.tail<3>() + step.tail<3>();
-    return step.head<3>().norm() > kTurnTolerance || step.tail<3>().norm() > kShiftTolerance;
+    const double size =
+        std::max(step.head<3>().norm() / kTurnTolerance, step.tail<3>().norm() / kShiftTolerance);
+    return size > (soft ? kRough : 1.0);
   }
 
-  const StereoCamera& camera_;
+  const StereoCamera& stereo_;
+  CameraNumbers camera_;
   std::span<const Point> points_;
+  std::vector<MatchLanes> lanes_;
   Eigen::Vector3d centre_;
   const InstanceMotionOptions& options_;
-  std::vector<Eigen::Matrix3d> information_;  // per point
 };
 
 /// A hypothesis fitted to the points: -2 ln of its marginal likelihood by Laplace's method, but for

@@ -20,6 +20,7 @@ using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by insta
 constexpr double kFarDepth = 1000;            // m, of keypoints without disparity
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
+constexpr double kSurelyStanding = 3;         // log-odds
 constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
 constexpr double kFullWeight = 0.7;           // p_static above which it does in full
 constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
@@ -64,6 +65,7 @@ void InstanceTrackerOptions::check() const {
   require(max_matches >= motion.min_matches, "motion.max_matches");
   require(max_speed > 0, "motion.max_speed");
   require(max_turn > 0, "motion.max_turn");
+  require(max_acceleration >= 0, "motion.max_acceleration");
   require(search_radius > 0, "motion.search_radius");
   require(max_search > 0, "motion.max_search");
   require(descriptor_distance > 0, "motion.descriptor_distance");
@@ -81,29 +83,40 @@ InstanceTracker::InstanceTracker(const StereoCamera& camera, const ScaleLevels& 
 
 const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) const {
   if (!follows(prior)) return nullptr;
-  const auto at = things_.find(prior.instance);
-  return at != things_.end() ? &at->second : nullptr;
+  const auto at = by_instance_.find(prior.instance);
+  return at != by_instance_.end() ? at->second : nullptr;
+}
+
+void InstanceTracker::believe_in(Thing& thing, double log_odds) {
+  thing.log_odds = log_odds;
+  thing.p_static = probability(log_odds);
+  thing.belief = kys::believed({}, thing.p_static);
 }
 
 double InstanceTracker::p_static(std::int32_t instance) const {
-  const auto at = things_.find(instance);
-  return at != things_.end() ? probability(at->second.log_odds) : 1.0;
+  const auto at = by_instance_.find(instance);
+  return at != by_instance_.end() ? at->second->p_static : 1.0;
 }
 
 double InstanceTracker::log_odds(std::int32_t instance) const {
-  const auto at = things_.find(instance);
-  return at != things_.end() ? at->second.log_odds : 0.0;
+  const auto at = by_instance_.find(instance);
+  return at != by_instance_.end() ? at->second->log_odds : 0.0;
 }
 
 kys::Prior InstanceTracker::believed(const kys::Prior& prior) const {
   const Thing* thing = find(prior);
-  return thing != nullptr ? kys::believed(prior, probability(thing->log_odds)) : prior;
+  if (thing == nullptr) return prior;
+  kys::Prior result = thing->belief;
+  result.label = prior.label;
+  result.instance = prior.instance;
+  result.scale = prior.scale;
+  return result;
 }
 
 float InstanceTracker::weight(const kys::Prior& prior) const {
   if (!follows(prior)) return 1.0f;
   const Thing* thing = find(prior);
-  const double p = thing != nullptr ? probability(thing->log_odds) : kys::p_static(prior);
+  const double p = thing != nullptr ? thing->p_static : kys::p_static(prior);
   return static_cast<float>(std::clamp((p - kNoWeight) / (kFullWeight - kNoWeight), 0.0, 1.0));
 }
 
@@ -111,9 +124,10 @@ std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
   std::vector<InstanceBelief> changed;
   for (auto& [instance, thing] : things_) {
     if (!std::exchange(thing.changed, false)) continue;
-    const double p = probability(thing.log_odds);
-    const double moving_for = p < kSurelyMoving ? thing.timestamp - thing.moving_since : 0;
-    changed.push_back({instance, static_cast<float>(p), static_cast<float>(moving_for)});
+    const double moving_for =
+        thing.p_static < kSurelyMoving ? thing.timestamp - thing.moving_since : 0;
+    changed.push_back(
+        {instance, static_cast<float>(thing.p_static), static_cast<float>(moving_for)});
   }
   return changed;
 }
@@ -177,18 +191,20 @@ void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors)
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
     if (!follows(prior)) continue;
-    const auto [at, is_new] = things_.try_emplace(prior.instance);
-    Thing& thing = at->second;
+    Thing*& known = by_instance_[prior.instance];
+    const bool is_new = known == nullptr;
+    if (is_new) known = &things_[prior.instance];
+    Thing& thing = *known;
     if (!is_new && thing.timestamp == timestamp) continue;
     if (from_file || is_new) thing.settled = start_.log_odds(prior);
     if (is_new) {
-      thing.log_odds = thing.settled;
+      believe_in(thing, thing.settled);
       thing.first_seen = timestamp;
     } else {
-      thing.log_odds =
-          after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp, options_.belief);
+      believe_in(thing, after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp,
+                                   options_.belief));
     }
-    if (probability(thing.log_odds) >= kSurelyMoving) thing.moving_since = timestamp;
+    if (thing.p_static >= kSurelyMoving) thing.moving_since = timestamp;
     thing.label = prior.label;
     thing.timestamp = timestamp;
     thing.changed = true;
@@ -244,6 +260,10 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
     const Eigen::Vector3d shift = thing.velocity
                                       ? Eigen::Vector3d(T_now_w.rotation * (*thing.velocity * dt))
                                       : Eigen::Vector3d(Eigen::Vector3d::Zero());
+    const bool stands = thing.stood_still == last.timestamp && thing.log_odds > kSurelyStanding;
+    const double farthest =  // m, from where it is expected
+        thing.velocity || stands ? 0.5 * options_.max_acceleration * dt * dt
+                                 : options_.max_speed * dt;
     for (const std::size_t i :
          choose(members, last.back, static_cast<std::size_t>(options_.max_matches))) {
       const Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i) + shift;
@@ -252,7 +272,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
       const Keypoint& seen = last.features->keypoint(i);
       SearchQuery query = query_for_feature(*last.features, i, pixel, scales_);
       double radius = options_.search_radius * scales_.scale[seen.octave];
-      if (!thing.velocity) radius += camera_.fx * options_.max_speed * dt / p.z();
+      radius += camera_.fx * farthest / p.z();
       query.radius = static_cast<float>(std::min(radius, options_.max_search));
       queries.push_back(query);
       sources.push_back(i);
@@ -280,8 +300,9 @@ void InstanceTracker::rename(const Frame& now) {
   std::map<std::int32_t, std::map<std::int32_t, int>> votes;  // of each new name for old ones
   const Frame& last = frames_.front();
   for (std::size_t i = 0; i < now.back.size(); ++i) {
+    if (now.back[i] < 0) continue;
     const Thing* thing = find(now.features->prior(i));
-    if (thing == nullptr || now.back[i] < 0 || thing->first_seen != now.timestamp) continue;
+    if (thing == nullptr || thing->first_seen != now.timestamp) continue;
     const kys::Prior& before = last.features->prior(static_cast<std::size_t>(now.back[i]));
     if (find(before) != nullptr) ++votes[now.features->prior(i).instance][before.instance];
   }
@@ -302,7 +323,7 @@ void InstanceTracker::rename(const Frame& now) {
         old.label != thing.label) {
       continue;
     }
-    thing.log_odds = old.log_odds;
+    believe_in(thing, old.log_odds);
     thing.velocity = old.velocity;
   }
 }
@@ -342,11 +363,12 @@ InstanceState InstanceTracker::judge_one(std::int32_t instance,
 void InstanceTracker::learn(const InstanceState& state, const Rigid3& T_c_w) {
   if (state.span <= 0) return;
   Thing& thing = things_.at(state.instance);
-  thing.log_odds = after_evidence(thing.log_odds, state.log_ratio, options_.belief);
-  if (probability(thing.log_odds) < kMoving && 2 * state.motion.inliers > state.matches) {
+  believe_in(thing, after_evidence(thing.log_odds, state.log_ratio, options_.belief));
+  if (thing.p_static < kMoving && 2 * state.motion.inliers > state.matches) {
     thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
-  } else if (probability(thing.log_odds) >= kMoving) {
+  } else if (thing.p_static >= kMoving) {
     thing.velocity.reset();
+    if (state.log_ratio > 0) thing.stood_still = thing.timestamp;
   }
 }
 

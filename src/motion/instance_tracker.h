@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -30,7 +31,8 @@ struct InstanceTrackerOptions {
   int max_matches = 60;             ///< keypoints of one instance followed from frame to frame
   double max_speed = 15;            ///< m/s, of things not seen to move before
   double max_turn = 0.5;            ///< rad/s
-  double search_radius = 5;         ///< px at octave 0, around a predicted keypoint
+  double max_acceleration = 3;      ///< m/s^2, of things seen to move or to stand still
+  double search_radius = 3.5;       ///< px at octave 0, around a predicted keypoint
   double max_search = 60;           ///< px, largest radius for things of unknown motion
   double descriptor_distance = 80;  ///< bits
   double descriptor_ratio = 0.85;   ///< best / second best
@@ -106,13 +108,16 @@ class InstanceTracker {
  private:
   struct Thing {
     std::uint16_t label = kys::kVoidLabel;
-    double log_odds = 0;      // of standing still
+    double log_odds = 0;      // of standing still; set by believe_in()
+    double p_static = 0.5;    // the same as probability
+    kys::Prior belief;        // its motion, as kys::believed() gives it
     double settled = 0;       // where the file puts it
     double timestamp = 0;     // of log_odds
     double first_seen = 0;    // s
     double moving_since = 0;  // s, when p_static fell below kSurelyMoving; meaningful below it
     bool changed = true;      // since take_changed_beliefs
     std::optional<Eigen::Vector3d> velocity;  // m/s in the world; of what moves
+    double stood_still = -1e300;              // s, when a comparison said so last
   };
   struct Frame {
     double timestamp = 0;
@@ -131,6 +136,7 @@ class InstanceTracker {
                                         const std::vector<std::size_t>& keypoints, const Frame& now,
                                         const Rigid3& T_c_w, std::span<const Rigid3> past) const;
   [[nodiscard]] const Thing* find(const kys::Prior& prior) const;
+  static void believe_in(Thing& thing, double log_odds);
   void learn(const InstanceState& state, const Rigid3& T_c_w);
 
   StereoCamera camera_;
@@ -139,8 +145,9 @@ class InstanceTracker {
   kys::BeliefStart start_;
   const kys::DistanceModel* model_;
   std::map<std::int32_t, Thing> things_;
-  std::deque<Frame> frames_;   // latest first
-  double last_file_ = -1e300;  // s
+  std::unordered_map<std::int32_t, Thing*> by_instance_;  // of things_, found fast
+  std::deque<Frame> frames_;                              // latest first
+  double last_file_ = -1e300;                             // s
   std::vector<InstanceState> states_;
 };
 

@@ -67,6 +67,8 @@ void visit_settings(Data& s, Visitor&& visit) {
   visit("stereo.refine", s.stereo.refine, "", "sub-pixel disparity by correlation");
   visit("stereo.median_cut", s.stereo.median_cut, {0.1, 1000}, "",
         "matches whose patches differ by more than this times the median go");
+  visit("stereo.moving_keypoints", s.stereo.moving_keypoints, {0, 60000}, "",
+        "with disparity, per thing that its prior file calls moving (mode verified)");
   visit("stereo.added_disparity", s.stereo.added_disparity, {-100, 100}, "px",
         "a deliberate fault, to see that tests notice");
 
@@ -260,6 +262,8 @@ void visit_settings(Data& s, Visitor&& visit) {
         "keypoints of a thing followed at most");
   visit("motion.max_speed", i.max_speed, {0.01, 1000}, "m/s", "of things not seen to move before");
   visit("motion.max_turn", i.max_turn, {0.001, 100}, "rad/s", "of things");
+  visit("motion.max_acceleration", i.max_acceleration, {0, 1000}, "m/s^2",
+        "of things seen to move or to stand still");
   visit("motion.search_radius", i.search_radius, {0.5, 1000}, "px",
         "around a predicted keypoint at octave 0");
   visit("motion.max_search", i.max_search, {0.5, 10000}, "px",
