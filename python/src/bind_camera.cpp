@@ -68,7 +68,7 @@ void bind_camera(nb::module_& m) {
            "Identifies the calibration in prior files; never 0.")
       .def(
           "__eq__", [](const StereoCamera& a, const StereoCamera& b) { return a == b; },
-          nb::is_operator())
+          nb::sig("def __eq__(self, other: object, /) -> bool"), nb::is_operator())
       .def("__repr__", &describe);
 
   nb::class_<StereoRig>(m, "StereoRig", "Two raw cameras and where they are to each other.")
@@ -76,6 +76,7 @@ void bind_camera(nb::module_& m) {
       .def_prop_ro("baseline", &StereoRig::baseline, "m")
       .def_prop_ro(
           "size", [](const StereoRig& r) { return nb::make_tuple(r.left.width, r.left.height); },
+          nb::for_getter(nb::sig("def size(self) -> tuple[int, int]")),
           "(width, height) of the raw images, px; (0, 0): the file does not say")
       .def("settle_size", &StereoRig::settle_size, "width"_a, "height"_a,
            "Raises InputError when the calibration was made for another image size, or when the "

@@ -68,7 +68,10 @@ void bind_evaluation(nb::module_& m) {
         return nb::make_tuple(column<double>(poses, [](const TimedPose& p) { return p.timestamp; }),
                               poses_to_numpy(poses, [](const TimedPose& p) { return p.T_w_c; }));
       },
-      "path"_a, "Times (N,) s and poses (N, 4, 4) of a TUM trajectory file.");
+      "path"_a,
+      nb::sig("def read_tum(path: str | os.PathLike) -> tuple[numpy.typing.NDArray[numpy.float64], "
+              "numpy.typing.NDArray[numpy.float64]]"),
+      "Times (N,) s and poses (N, 4, 4) of a TUM trajectory file.");
   m.def(
       "write_tum",
       [](const std::filesystem::path& path, const Times& times, const Poses& poses) {

@@ -88,7 +88,7 @@ void bind_matching(nb::module_& m) {
           "name_or_prefix"_a,
           "A built-in one (coco_panoptic_133, ade20k_150, vkitti2) or the common beginning of "
           "PREFIX.classes.csv and PREFIX.table.csv.")
-      .def_prop_ro("name", &kys::LabelSpace::name)
+      .def_prop_ro("name", &kys::LabelSpace::name, "e.g. coco_panoptic_133")
       .def("__len__", &kys::LabelSpace::size)
       .def_prop_ro(
           "names",
@@ -181,7 +181,7 @@ void bind_matching(nb::module_& m) {
           "All pairs: descriptors (N, 32) and (M, 32) uint8 to distances (N, M) float32 in bits "
           "(inf: rejected) and tiers (N, M) uint8 (0 same instance, 1 cross instance, 2 cross "
           "class, 3 bypassed, 4 gated, 5 filtered). `stereo`: the motion gate of left-right pairs.")
-      .def_prop_ro("uses_priors", &kys::DistanceModel::uses_priors);
+      .def_prop_ro("uses_priors", &kys::DistanceModel::uses_priors, "False in mode `stock`");
 }
 
 }  // namespace kys_slam

@@ -199,22 +199,28 @@ void bind_sequence(nb::module_& m) {
           [](nb::handle_t<StereoFrame> self) {
             return image_of(self, nb::cast<const StereoFrame&>(self).left);
           },
+          nb::for_getter(nb::sig("def left(self) -> numpy.typing.NDArray[numpy.uint8] | None")),
           "(H, W) uint8; None when the frame has features")
       .def_prop_ro(
           "right",
           [](nb::handle_t<StereoFrame> self) {
             return image_of(self, nb::cast<const StereoFrame&>(self).right);
           },
+          nb::for_getter(nb::sig("def right(self) -> numpy.typing.NDArray[numpy.uint8] | None")),
           "(H, W) uint8; None when the frame has features");
 
   nb::class_<Input>(m, "Sequence", "Recorded stereo frames, in order: iterate over it once.")
-      .def_prop_ro("name", [](const Input& s) { return s.input.name; })
+      .def_prop_ro(
+          "name", [](const Input& s) { return s.input.name; }, "of its folder or file")
       .def_prop_ro(
           "layout", [](const Input& s) { return s.input.layout; },
           "\"KITTI odometry\", \"KITTI Tracking\", \"Virtual KITTI 2\", \"EuRoC\", \"image pair\", "
           "\"features\"")
-      .def_prop_ro("camera", [](const Input& s) { return s.input.frames->camera(); })
-      .def_prop_ro("has_images", [](const Input& s) { return s.input.has_images; })
+      .def_prop_ro(
+          "camera", [](const Input& s) { return s.input.frames->camera(); }, "the rectified pair")
+      .def_prop_ro(
+          "has_images", [](const Input& s) { return s.input.has_images; },
+          "False: feature files, whose frames hold keypoints")
       .def_prop_ro(
           "ground_truth",
           [](const Input& s) -> nb::object {
@@ -224,6 +230,8 @@ void bind_sequence(nb::module_& m) {
                 column<double>(truth, [](const TimedPose& p) { return p.timestamp; }),
                 poses_to_numpy(truth, [](const TimedPose& p) { return p.T_w_c; }));
           },
+          nb::for_getter(nb::sig("def ground_truth(self) -> tuple[numpy.typing.NDArray["
+                                 "numpy.float64], numpy.typing.NDArray[numpy.float64]] | None")),
           "Times (N,) s and poses (N, 4, 4) of the left camera; None: the sequence has none.")
       .def_prop_ro(
           "dropped",
@@ -254,7 +262,9 @@ void bind_sequence(nb::module_& m) {
           "settings"_a,
           "Raises InputError when features have other octaves, or priors of another label space, "
           "than the settings say.")
-      .def("__iter__", [](nb::handle self) { return nb::borrow(self); })
+      .def(
+          "__iter__", [](nb::handle self) { return nb::borrow(self); },
+          nb::sig("def __iter__(self) -> collections.abc.Iterator[StereoFrame]"))
       .def("__next__", [](Input& s) {
         std::optional<StereoFrame> frame = s.next();
         if (!frame) throw nb::stop_iteration();

@@ -371,31 +371,39 @@ void bind_settings(nb::module_& m) {
             }
             return rows;
           },
+          nb::sig("def describe(self) -> list[tuple[str, str, str, str]]"),
           "List of (key, value, unit, meaning).");
 }
 
 void bind_report(nb::module_& m) {
   nb::class_<FrameReport>(m, "FrameReport", "What came of one frame.")
-      .def_ro("index", &FrameReport::index)
-      .def_ro("name", &FrameReport::name)
+      .def_ro("index", &FrameReport::index, "position among the frames fed, from 0")
+      .def_ro("name", &FrameReport::name, "as given with the frame")
       .def_ro("timestamp", &FrameReport::timestamp, "s")
       .def_prop_ro(
           "status", [](const FrameReport& r) { return std::string(to_string(r.status)); },
           "\"started\", \"tracked\" or \"lost\"")
-      .def_prop_ro("lost", [](const FrameReport& r) { return r.status == FrameStatus::kLost; })
+      .def_prop_ro(
+          "lost", [](const FrameReport& r) { return r.status == FrameStatus::kLost; },
+          "whether it has no pose")
       .def_ro("reason", &FrameReport::reason, "why it is lost, or how its pose was predicted")
-      .def_ro("relocalised", &FrameReport::relocalised)
+      .def_ro("relocalised", &FrameReport::relocalised,
+              "tracking had lost it, but it was recognised in the map")
       .def_prop_ro(
           "pose", [](const FrameReport& r) { return pose_to_numpy(r.T_w_c); }, nb::rv_policy::move,
           "(4, 4) left camera to world, m, as estimated at this frame; meaningless when lost")
-      .def_ro("keypoints", &FrameReport::keypoints)
-      .def_ro("stereo_matches", &FrameReport::stereo_matches)
-      .def_ro("matches", &FrameReport::matches)
-      .def_ro("inliers", &FrameReport::inliers)
-      .def_ro("keyframe", &FrameReport::keyframe)
-      .def_ro("masked", &FrameReport::masked)
-      .def_ro("prior_coverage", &FrameReport::prior_coverage)
-      .def_prop_ro("times_ms", [](const FrameReport& r) { return to_dict(r.times); })
+      .def_ro("keypoints", &FrameReport::keypoints, "of the left image")
+      .def_ro("stereo_matches", &FrameReport::stereo_matches,
+              "keypoints with a match in the right image")
+      .def_ro("matches", &FrameReport::matches, "landmarks matched")
+      .def_ro("inliers", &FrameReport::inliers, "matches that fit the pose")
+      .def_ro("keyframe", &FrameReport::keyframe, "whether it became a keyframe")
+      .def_ro("masked", &FrameReport::masked, "keypoints dropped by mode `mask` or by masks")
+      .def_ro("prior_coverage", &FrameReport::prior_coverage,
+              "0..1, share of keypoints with a valid label")
+      .def_prop_ro(
+          "times_ms", [](const FrameReport& r) { return to_dict(r.times); },
+          "ms per stage; those of the back end are 0 until it has done with the frame")
       .def_prop_ro(
           "loop", [](const FrameReport& r) { return std::string(to_string(r.loop)); },
           "\"\", \"closed\" or \"merged\"; known when the back end has done with the keyframe")

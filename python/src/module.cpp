@@ -49,6 +49,9 @@ NB_MODULE(_core, m) {
   m.attr("__version__") = KYS_SLAM_VERSION;
   static nb::exception<InputError> input_error(m, "InputError", PyExc_ValueError);
   static nb::exception<LogicError> logic_error(m, "LogicError", PyExc_RuntimeError);
+  input_error.attr("__doc__") =
+      "An input that is wrong: a file, an array, a setting; one line says what.";
+  logic_error.attr("__doc__") = "A call that makes no sense now, e.g. feed() after finish().";
   nb::register_exception_translator([](const std::exception_ptr& p, void*) {
     try {
       std::rethrow_exception(p);

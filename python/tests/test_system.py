@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -206,3 +207,11 @@ def test_observer_that_raises_is_told(corridor, corridor_camera):
         slam.feed(*corridor[0][:3])
     slam.set_observer(None)
     slam.feed(*corridor[1][:3])
+
+
+def test_stubs_say_types():
+    """What a type checker has to know to check a loop over frames."""
+    stub = Path(kys_slam._core.__file__).with_name("_core.pyi").read_text()
+    assert "-> object" not in stub
+    assert "def __iter__(self) -> Iterator[StereoFrame]" in stub
+    assert Path(kys_slam.__file__).with_name("py.typed").exists()

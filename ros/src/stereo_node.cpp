@@ -188,7 +188,13 @@ int main(int argc, char** argv) {
   rclcpp::init(argc, argv);
   const auto node = std::make_shared<StereoNode>();
   rclcpp::spin(node);
-  node->finish();
+  int status = 0;
+  try {
+    node->finish();
+  } catch (const kys_slam::InputError& error) {  // the folder cannot be written
+    RCLCPP_ERROR(node->get_logger(), "%s", error.what());
+    status = 2;
+  }
   rclcpp::shutdown();
-  return 0;
+  return status;
 }
