@@ -70,8 +70,7 @@ class RerunSink(Sink):
             static=True)
         # What is the same for all frames.
         for entity, what in (
-                (_IMAGE, rr.EncodedImage.from_fields(media_type="image/jpeg")),
-                (_SEGMENTS, rr.EncodedImage.from_fields(media_type="image/png", draw_order=1)),
+                (_SEGMENTS, rr.EncodedImage.from_fields(draw_order=1)),
                 (_IMAGE + "/keypoints", rr.Points2D.from_fields(radii=2)),
                 (_IMAGE + "/stereo", rr.LineStrips2D.from_fields(colors=(120, 190, 255, 90),
                                                                  radii=0.5)),
@@ -98,7 +97,7 @@ class RerunSink(Sink):
             return
         pictures = [d for d in frames if d.jpeg is not None]
         if pictures:
-            self._send(_IMAGE, pictures, rr.EncodedImage.columns(blob=[d.jpeg for d in pictures]))
+            self._send(_IMAGE, pictures, self._images([d.jpeg for d in pictures], "image/jpeg"))
         self._send(_IMAGE + "/keypoints", frames, rr.Points2D.columns(
             positions=np.concatenate([d.keypoints for d in frames]),
             colors=TIER_COLOURS[np.concatenate([d.tiers for d in frames])]),
@@ -126,6 +125,10 @@ class RerunSink(Sink):
             if d.pose is None:
                 self._log_event(d.index, d.timestamp, f"frame {d.index} {d.name} is lost")
 
+    def _images(self, files: List[bytes], kind: str):
+        # With each image: the viewer shows none while it streams where the kind stands apart.
+        return self.rr.EncodedImage.columns(blob=files, media_type=[kind] * len(files))
+
     def _pairs(self, lines: np.ndarray):
         """(N, 2, 2) as line strips of two points; Rerun would go through them one by one."""
         import pyarrow
@@ -147,8 +150,7 @@ class RerunSink(Sink):
                 self._send(entity, gone, rr.Clear.columns(is_recursive=[False] * len(gone)))
         pictures = [d for d in frames if d.segments is not None]
         if pictures:
-            self._send(_SEGMENTS, pictures,
-                       rr.EncodedImage.columns(blob=[d.segments for d in pictures]))
+            self._send(_SEGMENTS, pictures, self._images([d.segments for d in pictures], "image/png"))
         boxed = [d for d in frames if d.boxes]
         if boxed:
             boxes = [b for d in boxed for b in d.boxes]
