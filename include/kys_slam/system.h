@@ -66,14 +66,15 @@ class System {
   /// Asks optimisation under way to stop early; `finish` then returns soon. From any thread.
   void interrupt();
 
-  // The functions from here to `submaps` may be called at any time and from any thread: they wait
-  // for the frame being fed and for the keyframes in the back end's hands, and change nothing.
+  // The functions from here on may be called at any time and from any thread: they wait for the
+  // frame being fed and, but for `reports`, for the keyframes in the back end's hands, and change
+  // nothing.
 
   /// One entry per frame fed.
   [[nodiscard]] std::vector<FrameEstimate> trajectory() const;
-  /// Moving things in the frames fed, by frame, then instance, in the frame of the trajectory; told
-  /// of in mode `verified` only, which judges what moves. Frames that the trajectory does not
-  /// connect have none.
+  /// Moving things in the frames fed, by frame, then instance, in the frame of the trajectory; in
+  /// mode `verified` only, which judges what moves. Frames that the trajectory does not connect
+  /// have none.
   [[nodiscard]] std::vector<ObjectEstimate> objects() const;
   /// Keyframes made of the frames fed, by time, those of the sub-map the trajectory is expressed
   /// in.
@@ -84,10 +85,9 @@ class System {
   [[nodiscard]] MapSnapshot snapshot() const;
   /// Sub-maps that were never connected, each with a frame of its own.
   [[nodiscard]] std::size_t submaps() const;
-
-  /// Reports of all frames, those of the back end filled in. In the feeding thread only, until the
-  /// next frame.
-  [[nodiscard]] const std::vector<FrameReport>& reports() const;
+  /// Reports of all frames fed, those of the back end filled in as far as its steps have reached
+  /// the tracker; all of them after `finish`.
+  [[nodiscard]] std::vector<FrameReport> reports() const;
 
  private:
   friend struct PrivateAccess;

@@ -99,8 +99,9 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
+  const std::vector<FrameReport> reports = system.reports();
   for (std::size_t k = 0; k < estimates.size(); ++k) {
-    const FrameReport& r = system.reports()[k];
+    const FrameReport& r = reports[k];
     text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index,
                         csv_field(r.name), r.timestamp, to_string(r.status), estimates[k].submap,
                         r.reason, r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame,
@@ -136,8 +137,9 @@ std::string objects_csv(const System& system, const std::string& label_space) {
   const std::vector<ObjectEstimate> objects = system.objects();
   if (objects.empty()) return text;
   const kys::LabelSpace labels = kys::load_label_space(label_space);
+  const std::vector<FrameReport> reports = system.reports();
   for (const ObjectEstimate& o : objects) {
-    const FrameReport& report = system.reports().at(static_cast<std::size_t>(o.frame));
+    const FrameReport& report = reports.at(static_cast<std::size_t>(o.frame));
     text +=
         fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, csv_field(report.name),
                     report.timestamp, o.instance, labels.at(o.label).name, o.p_moving, o.keypoints);
@@ -236,10 +238,11 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
     json["rpe_rotation_rmse_deg"] = a->rpe_rotation.rmse;
   }
   kys::Statistics statistics;
-  for (const FrameReport& report : system.reports()) statistics += report.statistics;
+  const std::vector<FrameReport> reports = system.reports();
+  for (const FrameReport& report : reports) statistics += report.statistics;
   json["descriptor_pairs"] = statistics.total();
   for (const Stage& stage : kStages) {
-    const Spread s = spread(system.reports(), stage);
+    const Spread s = spread(reports, stage);
     json["timing_ms"][stage.name] = {{"median", s.median}, {"p95", s.p95}, {"mean", s.mean}};
   }
   const double frames = std::max<double>(1, static_cast<double>(outcome.trajectory.size()));
@@ -364,8 +367,9 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
   for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
+  const std::vector<FrameReport> reports = system.reports();
   for (const Stage& stage : kStages) {
-    const Spread s = spread(system.reports(), stage);
+    const Spread s = spread(reports, stage);
     if (s.mean <= 0) continue;
     row(fmt::format("{} [ms]", stage.name).c_str(),
         fmt::format("median {:6.2f}   p95 {:6.2f}   mean {:6.2f}", s.median, s.p95, s.mean));

@@ -589,7 +589,8 @@ MapSnapshot System::snapshot() const {
   return snapshot;
 }
 
-const std::vector<FrameReport>& System::reports() const {
+std::vector<FrameReport> System::reports() const {
+  const std::lock_guard lock(impl_->mutex);
   return impl_->reports;
 }
 

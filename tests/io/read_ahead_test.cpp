@@ -16,8 +16,8 @@ class Counter : public FrameSource {
   std::optional<StereoFrame> next() override {
     if (position_ == fail_at_) throw InputError("frame " + std::to_string(position_));
     if (position_ == count_) return std::nullopt;
-    StereoFrame frame;
-    frame.index = position_++;
+    std::optional<StereoFrame> frame(std::in_place);
+    frame->index = position_++;
     return frame;
   }
   [[nodiscard]] int position() const { return position_; }

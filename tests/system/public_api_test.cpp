@@ -64,6 +64,7 @@ class Watcher {
       for (const Eigen::Vector3d& p_w : system.landmarks()) EXPECT_TRUE(p_w.allFinite());
       EXPECT_LE(system.submaps(), 1u);
       EXPECT_TRUE(system.objects().empty());
+      EXPECT_GE(static_cast<std::int64_t>(system.reports().size()), snapshot.frames);
       ++looks_;
     }
   }

@@ -65,9 +65,9 @@ struct FrameScene {
   float mover_share = 0;  ///< of the left image's area that objects which can move cover
 };
 
-/// Landmarks strewn along a path, and the features that a stereo camera finds on it. Landmarks are
-/// made where a frame would see too few of them, in a first pass over the whole path, so that a
-/// place seen again shows the same landmarks.
+/// Landmarks at random places along a path, and the features that a stereo camera finds on it.
+/// Landmarks are made where a frame would see too few of them, in a first pass over the whole path,
+/// so that a place seen again shows the same landmarks.
 ///
 /// A landmark has a position, a cone of directions that it is seen from (12 to 45 degrees around
 /// its axis: further aside it looks different, or something stands before it), and a distance at
