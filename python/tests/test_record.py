@@ -282,6 +282,30 @@ def test_points_of_messages_are_those_added_one_by_one():
         assert ours.SerializeToString() == theirs.SerializeToString()
 
 
+@pytest.mark.parametrize("kind, package", [("mcap", "mcap_protobuf"), ("rrd", "rerun")])
+def test_frames_without_anything_to_see_are_recorded(tmp_path, corridor, corridor_camera, kind,
+                                                     package):
+    """Frames without keypoints, without a pose, without an image."""
+    pytest.importorskip(package)
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    recorders = [open_recorder(tmp_path / f"run.{kind}", slam),
+                 open_recorder(tmp_path / f"bare.{kind}", slam, images=False)]
+    black = np.zeros((corridor_camera.height, corridor_camera.width), np.uint8)
+    for i, (left, right, time, _) in enumerate(corridor):
+        slam.feed(*((left, right) if i < 6 else (black, black)), time)
+    assert sum(r.lost for r in slam.reports()) > 0
+    slam.finish()
+    for recorder in recorders:
+        recorder.close()
+        assert recorder.drawing_s > 0
+    assert (tmp_path / f"bare.{kind}").stat().st_size < (tmp_path / f"run.{kind}").stat().st_size
+    if kind == "mcap":
+        messages = read_mcap(tmp_path / "run.mcap")
+        assert len(messages["/frame"]) == len(messages["/camera/image"]) == len(corridor)
+        assert len(messages["/log"]) >= sum(r.lost for r in slam.reports())
+        assert "/camera/image" not in read_mcap(tmp_path / "bare.mcap")
+
+
 def test_observers_and_recorders_go_together(tmp_path, corridor, corridor_camera):
     """An observer that asks for reports, and puts itself out, beside a recording."""
     pytest.importorskip("mcap_protobuf")
