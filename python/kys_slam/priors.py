@@ -16,15 +16,16 @@ from typing import List, Optional, Tuple, Union
 import numpy as np
 
 from . import _core
-from .kysp import DYNAMIC, NOT_JUDGED, RADIAL_ONLY, RIGHT_INSTANCES, SEGMENT, THING, VOID_LABEL  # noqa: F401
+from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING
 
 
 @dataclass
 class PriorCamera:
     """Priors of one camera.
 
-    segments: (K,) of dtype kysp.SEGMENT: label (index in the label space), flags (THING, DYNAMIC, NOT_JUDGED,
-        RADIAL_ONLY), instance, scale (px^2 m^2), score (0..100), area (px, filled in when written).
+    segments: (K,) of dtype kysp.SEGMENT: label (index in the label space), flags (kysp.THING,
+        DYNAMIC, NOT_JUDGED, RADIAL_ONLY), instance, scale (px^2 m^2), score (0..100), area (px,
+        filled in when written).
     segment_map: (H, W) uint16: 0 void, k the segment segments[k - 1].
     motion: (H, W) float32, 0..100, read inside dynamic segments; None: none.
     """

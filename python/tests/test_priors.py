@@ -198,7 +198,6 @@ def test_priors_of_the_other_camera_pair_are_refused(tmp_path, corridor, corrido
 
 def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera, capsys):
     """A picture of instances with classes.txt does what the same class map does as prior files."""
-    from kys_slam import cli
     from kys_slam.masks import MaskFolder
     c = corridor_camera
     write_pair(tmp_path, corridor, "left_images", "right_images")
