@@ -9,13 +9,12 @@
 #include <utility>
 
 #include "matching/landmark_search.h"
+#include "motion/common_shift.h"
 #include "motion/follow_back.h"
 
 namespace kys_slam {
 
 namespace {
-
-using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by instance
 
 constexpr double kFarDepth = 1000;            // m, of keypoints without disparity
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
@@ -219,17 +218,16 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   now.features = std::move(features);
   now.back.assign(now.features->size(), -1);
   if (!terms.empty()) now.pose = PoseWithout(camera_, T_c_w, terms);
+  for (std::size_t i = 0; i < now.features->size(); ++i) {
+    const kys::Prior& prior = now.features->prior(i);
+    if (now.features->has_stereo(i) && follows(prior)) now.keypoints[prior.instance].push_back(i);
+  }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
     rename(now);
   }
-  Keypoints keypoints;
-  for (std::size_t i = 0; i < now.features->size(); ++i) {
-    const kys::Prior& prior = now.features->prior(i);
-    if (now.features->has_stereo(i) && follows(prior)) keypoints[prior.instance].push_back(i);
-  }
   states_.clear();
-  for (const auto& [instance, members] : keypoints) {
+  for (const auto& [instance, members] : now.keypoints) {
     states_.push_back(judge_one(instance, members, now, T_c_w, past));
     learn(states_.back(), T_c_w);
     states_.back().p_static = p_static(instance);
@@ -244,38 +242,46 @@ const std::vector<InstanceState>& InstanceTracker::judge(
 void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3& T_last_w,
                              kys::Statistics& statistics) const {
   const Frame& last = frames_.front();
-  Keypoints keypoints;
-  for (std::size_t i = 0; i < last.features->size(); ++i) {
-    const kys::Prior& prior = last.features->prior(i);
-    if (last.features->has_stereo(i) && find(prior) != nullptr) {
-      keypoints[prior.instance].push_back(i);
-    }
-  }
   const double dt = now.timestamp - last.timestamp;
   const Rigid3 T_now_w = T_now_last * T_last_w;
   std::vector<SearchQuery> queries;
   std::vector<std::size_t> sources;
-  for (const auto& [instance, members] : keypoints) {
+  for (const auto& [instance, members] : last.keypoints) {
     const Thing& thing = things_.at(instance);
-    const Eigen::Vector3d shift = thing.velocity
-                                      ? Eigen::Vector3d(T_now_w.rotation * (*thing.velocity * dt))
-                                      : Eigen::Vector3d(Eigen::Vector3d::Zero());
-    const bool stands = thing.stood_still == last.timestamp && thing.log_odds > kSurelyStanding;
-    const double farthest =  // m, from where it is expected
-        thing.velocity || stands ? 0.5 * options_.max_acceleration * dt * dt
-                                 : options_.max_speed * dt;
-    for (const std::size_t i :
-         choose(members, last.back, static_cast<std::size_t>(options_.max_matches))) {
-      const Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i) + shift;
-      if (p.z() <= 0.1) continue;
-      const Eigen::Vector3d pixel = camera_.project_stereo(p);
-      const Keypoint& seen = last.features->keypoint(i);
-      SearchQuery query = query_for_feature(*last.features, i, pixel, scales_);
-      double radius = options_.search_radius * scales_.scale[seen.octave];
-      radius += camera_.fx * farthest / p.z();
-      query.radius = static_cast<float>(std::min(radius, options_.max_search));
-      queries.push_back(query);
-      sources.push_back(i);
+    const bool known =
+        thing.compared == last.timestamp && (thing.velocity || thing.log_odds > kSurelyStanding);
+    Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+    if (thing.velocity) shift = T_now_w.rotation * (*thing.velocity * dt);
+    const std::vector<std::size_t> chosen =
+        choose(members, last.back, static_cast<std::size_t>(options_.max_matches));
+    const auto look = [&](double farthest, std::vector<UnknownPlace>& places) {
+      for (const std::size_t i : chosen) {
+        const Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i) + shift;
+        if (p.z() <= 0.1) continue;
+        SearchQuery query =
+            query_for_feature(*last.features, i, camera_.project_stereo(p), scales_);
+        const double radius =
+            options_.search_radius * scales_.scale[last.features->keypoint(i).octave] +
+            camera_.fx * farthest / p.z();
+        query.radius = static_cast<float>(std::min(radius, options_.max_search));
+        places.push_back({i, p, query});
+      }
+    };
+    const double step = 0.5 * options_.max_acceleration * dt * dt;
+    std::vector<UnknownPlace> places;
+    look(known ? step : options_.max_speed * dt, places);
+    if (!known) {
+      const auto common =
+          common_shift(camera_, scales_, *now.features, places, {}, *model_, statistics);
+      if (common) {
+        shift += *common;
+        places.clear();
+        look(step, places);
+      }
+    }
+    for (const UnknownPlace& place : places) {
+      queries.push_back(place.query);
+      sources.push_back(place.source);
     }
   }
   std::vector<std::uint8_t> flat(now.features->size());
@@ -353,7 +359,10 @@ InstanceState InstanceTracker::judge_one(std::int32_t instance,
   const CameraMotion ego = camera_motion(past[span - 1], without(before), T_c_w, without(now));
   state.motion = estimate_instance_motion(camera_, matches, ego, range, options_.motion);
   state.matches = state.motion.matches;
-  if (state.matches < options_.motion.min_matches) return state;
+  // Where most matches fit no motion, most are wrong, and the others may be as well.
+  if (state.matches < options_.motion.min_matches || 2 * state.motion.inliers < state.matches) {
+    return state;
+  }
   state.span = dt;
   // Frames that were compared before say part of it again.
   state.log_ratio = state.motion.log_ratio / static_cast<double>(span);
@@ -364,11 +373,11 @@ void InstanceTracker::learn(const InstanceState& state, const Rigid3& T_c_w) {
   if (state.span <= 0) return;
   Thing& thing = things_.at(state.instance);
   believe_in(thing, after_evidence(thing.log_odds, state.log_ratio, options_.belief));
-  if (thing.p_static < kMoving && 2 * state.motion.inliers > state.matches) {
+  thing.compared = thing.timestamp;
+  if (thing.p_static < kMoving) {
     thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
-  } else if (thing.p_static >= kMoving) {
+  } else {
     thing.velocity.reset();
-    if (state.log_ratio > 0) thing.stood_still = thing.timestamp;
   }
 }
 

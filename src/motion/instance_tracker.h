@@ -117,11 +117,13 @@ class InstanceTracker {
     double moving_since = 0;  // s, when p_static fell below kSurelyMoving; meaningful below it
     bool changed = true;      // since take_changed_beliefs
     std::optional<Eigen::Vector3d> velocity;  // m/s in the world; of what moves
-    double stood_still = -1e300;              // s, when a comparison said so last
+    double compared = -1e300;  // s, of the last frame whose matches said how it moves
   };
+  using Keypoints = std::map<std::int32_t, std::vector<std::size_t>>;  // by instance
   struct Frame {
     double timestamp = 0;
     std::shared_ptr<const FrameFeatures> features;
+    Keypoints keypoints;              // of things, with disparity
     std::vector<std::int32_t> back;   // per feature: its match in the frame before; -1: none
     std::optional<PoseWithout> pose;  // none: exact, it defines the world
   };

@@ -13,7 +13,7 @@ namespace kys_slam {
 
 struct ObjectOptions {
   double min_probability = 0.5;  ///< of moving; things below are not logged
-  int min_keypoints = 8;         ///< stereo keypoints; things with fewer are not logged
+  int min_keypoints = 1;         ///< stereo keypoints; things with fewer are not logged
   ObjectTrackOptions tracks;
 
   /// \throws InputError naming the setting that makes no sense.
