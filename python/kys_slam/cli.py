@@ -15,7 +15,7 @@ import kys_slam
 from kys_slam import InputError
 from kys_slam.live import POLICIES, Playback
 
-BAD_INPUT, TRACKING_FAILED = 2, 3
+BAD_INPUT, TRACKING_FAILED, INTERRUPTED = 2, 3, 130
 INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
 RUN_FILES = ("summary.json", "trajectory.tum", "frames.csv")
 
@@ -554,7 +554,8 @@ def _demo(args) -> int:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed."""
+    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed, 130
+    when interrupted before tracking."""
     parser = _parser()
     args = parser.parse_args(argv)
     try:
@@ -562,6 +563,9 @@ def main(argv: Optional[List[str]] = None) -> int:
     except InputError as error:
         print(f"kys-slam: {error}", file=sys.stderr)
         return BAD_INPUT
+    except KeyboardInterrupt:  # before anything is tracked; later the run ends in order
+        print("kys-slam: interrupted", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:  # the reader of the output has seen enough, e.g. head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

@@ -73,14 +73,14 @@ def _prior_of(name: str, given: bytes, folder: Optional[str]) -> Optional[Segmen
 def _record(stream: BinaryIO, say) -> float:
     """Returns the processor time of drawing, s."""
     config = pickle.loads(read_message(stream)[1])
-    if config["target"] != VIEWER:
-        os.nice(10)  # tracking goes first
     sink = _open_sink(config["target"])
     camera = StereoCamera(**config["camera"])
     classes = LabelSpace(config["label_space"]).names
     artist = Artist(camera, classes)
     try:
         sink.start(camera)
+        if config["target"] != VIEWER:
+            os.nice(10)  # from now on tracking goes first
         say({"state": "ready"})
         began = time.process_time()
         while message := read_message(stream):
