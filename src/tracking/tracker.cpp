@@ -18,11 +18,15 @@ namespace {
 // A predicted pose is doubted when it fits less than this share of the matches that led to it, and
 // either no camera can have come to it or the share has fallen below this part of the last frame's.
 constexpr double kDoubtfulShare = 0.4;
-constexpr double kFallen = 0.5;
+constexpr double kFallen = 0.4;
 
 // It gives way to one that fits this share of the keyframe's matches: with what moves in front of
 // the camera a pose fits many, but not all.
 constexpr double kExplained = 0.8;
+
+// Where the share alone raises doubt, which traffic does often, the keyframe is asked by every n-th
+// of its landmarks first.
+constexpr std::size_t kSampled = 4;
 
 // The expected pose joins the observations where they leave the camera's place this much of the
 // uncertainty that it has without them.
@@ -331,14 +335,17 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   // chance. Without a prediction nearly all of the keyframe fits.
   Frame unexpected = frame;
   TrackResult alternative;
-  alternative.reason = "doubtful motion model";
-  const bool found = predict_by_reference(unexpected, alternative);
+  const auto explains = [&](std::size_t every) {
+    alternative.reason = "doubtful motion model";
+    const bool found = predict_by_reference(unexpected, alternative, every);
+    return found && count_landmarks(unexpected.landmarks) >= kExplained * alternative.matches;
+  };
+  const bool better = (impossible_ || explains(kSampled)) && explains(1) &&
+                      count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks);
   result.statistics += alternative.statistics;
-  const int fits = count_landmarks(unexpected.landmarks);
-  if (found && fits > count_landmarks(frame.landmarks) &&
-      fits >= kExplained * alternative.matches) {
+  if (better) {
+    share_ = count_landmarks(unexpected.landmarks) / static_cast<double>(alternative.matches);
     frame = std::move(unexpected);
-    share_ = fits / static_cast<double>(alternative.matches);
     result.reason = alternative.reason;
     result.overruled = alternative.overruled;
   }
@@ -430,17 +437,18 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
 }
 
 /// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
-/// from the last pose.
-bool Tracker::predict_by_reference(Frame& frame, TrackResult& result) {
+/// from the last pose. With `every` n, every n-th of the landmarks.
+bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_t every) {
   std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
   const KeyFrameView& reference = replica_.keyframes().at(reference_);
   std::vector<DescriptorQuery> queries;
   std::vector<LandmarkId> landmarks;
   // What the keyframe's feature lies on, as its descriptor; how it moves, as last seen.
   std::vector<kys::Prior> priors(reference.landmarks.size());
+  std::size_t known = 0;
   for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
     const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
-    if (landmark == nullptr) continue;
+    if (landmark == nullptr || known++ % every != 0) continue;
     priors[i] = kys::landmark_prior(reference.features->prior(i), landmark->prior);
     if (instances_) priors[i] = instances_->believed(priors[i]);
     queries.push_back(

@@ -154,7 +154,7 @@ class Tracker {
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
-  bool predict_by_reference(Frame& frame, TrackResult& result);
+  bool predict_by_reference(Frame& frame, TrackResult& result, std::size_t every = 1);
   bool track_local_map(Frame& frame, TrackResult& result);
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
@@ -193,6 +193,7 @@ class Tracker {
   LandmarkPatches patches_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion
+  bool impossible_ = false;    // no camera can have come to it
   double share_ = 0;           // of the matches that led to the last prediction, those that fit
   std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
