@@ -18,7 +18,7 @@ struct StereoOptions {
   float row_tolerance = 2;     ///< px at the octave of the right keypoint
   bool refine = true;          ///< sub-pixel disparity by correlation of image patches
   float median_cut = 2.1f;     ///< matches of a patch residual over this times the median go
-  int moving_keypoints = 100;  ///< with disparity, per thing that its prior file calls moving; mode
+  int moving_keypoints = 300;  ///< with disparity, per thing that its prior file calls moving; mode
                                ///< verified only
   float added_disparity = 0;   ///< px, a deliberate fault for testing the regression suite
 
