@@ -9,6 +9,9 @@ run falls out. Prints how much a recorded frame adds to the processor time of th
 to the time by the clock: mean over rounds and its standard error. The process that draws works on
 half of the frames then: by the clock a whole recording costs more where it shares the processor.
 
+With --whole --apart: the system on one core and what records on another: what recording costs where
+a core is free.
+
 With --whole: whole runs in turn with and without, from the first frame to the end of close(); the
 recorder's start is told apart. Prints the median over rounds of the ratio by the clock with its 95 %
 interval (bootstrap), and processor time per frame: of this process (JPEGs) beyond that without, and
@@ -78,14 +81,27 @@ def compare_frames(sequence: kys_slam.Sequence, frames: list, args) -> None:
               f"{mean[1]:+.1f} +- {error[1]:.1f} % by the clock")
 
 
+def pin(process: int, core: int) -> None:
+    """All threads of a process, and those they will start."""
+    for thread in os.listdir(f"/proc/{process}/task"):
+        os.sched_setaffinity(int(thread), {core})
+
+
 def whole_run(sequence: kys_slam.Sequence, frames: list, args, schedule: str,
               kind: str) -> Dict[str, float]:
     """s: by the clock from the first frame to the end of close(), of which feeding and close();
     start of the recorder; processor time of this process and of drawing."""
     with tempfile.TemporaryDirectory() as folder:
+        if args.apart:
+            pin(os.getpid(), 0)
         slam = new_system(sequence, args, schedule)
+        threads = set(os.listdir("/proc/self/task"))
         own, began = time.process_time(), time.perf_counter()
         recorder = open_recorder(f"{folder}/run.{kind}", slam) if kind else None
+        if args.apart and recorder:
+            pin(recorder._child.pid, 1)
+            for thread in set(os.listdir("/proc/self/task")) - threads:  # that of the pipe
+                os.sched_setaffinity(int(thread), {1})
         first = time.perf_counter()
         for frame in frames:
             slam.feed_frame(frame)
@@ -145,6 +161,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--kinds", nargs="+", default=["rrd", "mcap"])
     parser.add_argument("--whole", action="store_true", help="compare whole runs")
+    parser.add_argument("--apart", action="store_true",
+                        help="with --whole: the system on one core, recording on another")
     args = parser.parse_args()
     sequence = kys_slam.open_sequence(args.sequence, frames=args.frames)
     (compare_runs if args.whole else compare_frames)(sequence, list(sequence), args)
