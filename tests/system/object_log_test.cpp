@@ -54,7 +54,9 @@ TEST(ObjectLog, TellsOfThingsInTheFrameOfTheTrajectory) {
 }
 
 TEST(ObjectLog, LeavesOutWhatStandsIsSmallOrHasNoPose) {
-  ObjectLog log({});
+  ObjectOptions options;
+  options.min_keypoints = 8;
+  ObjectLog log(options);
   for (int k = 0; k < 10; ++k) {
     InstanceState still = car(k), small = car(k), vague = car(k);
     still.instance = 1;
