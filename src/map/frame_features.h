@@ -137,9 +137,9 @@ class FrameFeatures {
   std::shared_ptr<const kys::Prior> priors_;  // null: no priors for this frame
   std::vector<float> u_right_;
   std::vector<std::uint8_t> aligned_;  // flags, or empty: none is
-  double bf_ = 0;               // px m, of the camera
-  float disparity_offset_ = 0;  // px, contained in u_right_
-  float cell_width_inv_ = 0;    // 1/px
+  double bf_ = 0;                      // px m, of the camera
+  float disparity_offset_ = 0;         // px, contained in u_right_
+  float cell_width_inv_ = 0;           // 1/px
   float cell_height_inv_ = 0;
   std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major
   std::vector<std::uint16_t> cell_feature_;  // feature indices grouped by cell
