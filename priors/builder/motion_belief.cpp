@@ -27,7 +27,7 @@ constexpr int kFewPatches = 8, kManyPatches = 30;
 constexpr double kAppearanceSlope = 8;  // nats per share of patches
 constexpr double kStillShare = 0.4;     // of patches that look the same: says nothing
 constexpr double kAlone = 0.3;          // nats, of appearance that nothing else supports
-constexpr double kSameShift = 2.2,
+constexpr double kAlikeShift = 2.2,
                  kOtherShift = 3.7;     // px: shifts that patches cannot and can tell
 constexpr double kContradicted = -0.3;  // nats of appearance that void the flow's
 
@@ -64,7 +64,7 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
     e.keypoints = std::clamp(-k.log_ratio, -kMaxStillKeypoints, kMaxKeypoints);
   }
   if (e.appearance < 0 && e.flow > 0) {
-    e.appearance *= std::clamp((m.length - kSameShift) / (kOtherShift - kSameShift), 0.0, 1.0);
+    e.appearance *= std::clamp((m.length - kAlikeShift) / (kOtherShift - kAlikeShift), 0.0, 1.0);
     if (e.appearance < kContradicted) e.flow = 0;
   }
   if (e.appearance > 0 && e.flow <= 0) e.appearance = std::min(e.appearance, kAlone);

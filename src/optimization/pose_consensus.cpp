@@ -306,6 +306,7 @@ class Consensus {
   [[nodiscard]] static std::vector<PoseObservation> chosen(
       std::span<const PoseObservation> observations, const std::vector<std::size_t>& which) {
     std::vector<PoseObservation> result;
+    result.reserve(which.size());
     for (const std::size_t i : which) result.push_back(observations[i]);
     return result;
   }

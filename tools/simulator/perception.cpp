@@ -64,9 +64,10 @@ double falling(double probability, double area) {
 std::vector<std::uint16_t> nearest_classes() {
   const kys::LabelSpace space = kys::load_label_space(kFeatureLabelSpace);
   std::vector<std::uint16_t> nearest(space.size());
-  for (std::uint16_t a = 0; a < space.size(); ++a) {
+  const auto classes = static_cast<std::uint16_t>(space.size());
+  for (std::uint16_t a = 0; a < classes; ++a) {
     float least = std::numeric_limits<float>::infinity();
-    for (std::uint16_t b = 0; b < space.size(); ++b) {
+    for (std::uint16_t b = 0; b < classes; ++b) {
       if (a == b || space.at(a).thing != space.at(b).thing || space.distance(a, b) >= least) {
         continue;
       }

@@ -331,7 +331,7 @@ void TrafficMaker::person_in_room(double time, Rng& rng) {
     if (path_.poses[i].timestamp <= time) frame = i;
   }
   const Rigid3& T_w_c = path_.poses[frame].T_w_c;
-  const auto level = [&](Vector3d v) { return Vector3d(v - up * up.dot(v)).normalized(); };
+  const auto level = [&](const Vector3d& v) { return Vector3d(v - up * up.dot(v)).normalized(); };
   const Vector3d ahead = level(T_w_c.rotation * Vector3d::UnitZ());
   const double side = rng.chance(0.5) ? 1 : -1;
   const Vector3d aside = side * ahead.cross(up);
