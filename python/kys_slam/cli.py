@@ -313,6 +313,11 @@ def _check_pair(frame) -> None:
         raise InputError(f"frame {frame.name}: {check.problem} (--no-check to go on)")
 
 
+def _must_be_new(file: str, option: str, args) -> None:
+    if Path(file).exists() and not args.overwrite:
+        raise InputError(f"{file}: is there already; --overwrite, or another {option}")
+
+
 def _open_recorders(args, slam) -> list:
     if not args.view and not args.record:
         return []
@@ -333,8 +338,7 @@ def _run(args) -> int:
     if not 0 < args.speed < 1e6 or args.queue < 1:
         raise InputError("--speed must be above 0, --queue at least 1")
     for target in args.record:
-        if Path(target).exists() and not args.overwrite:
-            raise InputError(f"{target}: is there already; --overwrite, or another --record")
+        _must_be_new(target, "--record", args)
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")
@@ -513,8 +517,7 @@ def _calibrate(args) -> int:
     print(f"  rectified    fx {camera.fx:.3f} px, cx {camera.cx:.3f} px, cy {camera.cy:.3f} px, "
           f"baseline {camera.baseline:.5f} m")
     if args.output:
-        if Path(args.output).exists() and not args.overwrite:
-            raise InputError(f"{args.output}: is there already; --overwrite, or another --output")
+        _must_be_new(args.output, "--output", args)
         Path(args.output).write_text(rig.to_yaml())
         print(f"wrote {args.output}")
     return 0

@@ -1,7 +1,6 @@
 #include "motion/common_shift.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <tuple>

@@ -20,10 +20,10 @@ struct UnknownPlace {
 };
 
 struct CommonShiftOptions {
-  float max_distance = 80;  ///< bits
-  float tolerance = 3;      ///< px at the octave of the keypoint, in columns and row
-  double min_share = 0.3;   ///< of the keypoints that have to agree
-  int min_count = 4;        ///< the same as a number
+  float max_distance;      ///< bits
+  int min_count;           ///< keypoints that have to agree at least
+  double min_share = 0.3;  ///< the same, of all
+  float tolerance = 3;     ///< px at the octave of the keypoint, in columns and row
 };
 
 /// How far most keypoints of a thing went, as one translation: each of the nearest candidates of

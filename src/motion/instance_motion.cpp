@@ -74,6 +74,7 @@ struct Sums {
   Vector6d b;
   double cost = 0;
   int inliers = 0;
+  Eigen::Vector3d q;  // of those that are not cut off, summed
 };
 
 KYS_VECTOR_CLONES void weigh_all(MatchLanes* lanes, std::size_t count, const MotionLanes& motion,
@@ -119,12 +120,7 @@ class Fit {
  public:
   Fit(const StereoCamera& camera, std::span<const Point> points, const Eigen::Vector3d& centre,
       const InstanceMotionOptions& options)
-      : stereo_(camera),
-        camera_(camera),
-        points_(points),
-        lanes_(in_lanes(points)),
-        centre_(centre),
-        options_(options) {}
+      : camera_(camera), lanes_(in_lanes(points)), centre_(centre), options_(options) {}
 
   /// Motion of largest posterior, its prior being N(0, P): soft weights first, then the cut.
   [[nodiscard]] Vector6d minimise(Vector6d xi, const Matrix6d& information) {
@@ -162,29 +158,11 @@ class Fit {
     for (int k = 0; k < 3; ++k) {
       sums.b[k] = lane_sum(lanes.gw[k]);
       sums.b[3 + k] = lane_sum(lanes.gv[k]);
+      sums.q[k] = lane_sum(lanes.q[k]);
     }
     sums.cost = lane_sum(lanes.cost);
     sums.inliers = static_cast<int>(std::lround(lane_sum(lanes.inliers)));
     return sums;
-  }
-
-  /// Middle of where the points that are not cut off would be standing still; of all, without any.
-  [[nodiscard]] Eigen::Vector3d inlier_centre(const Vector6d& xi) const {
-    const Eigen::Matrix3d R = so3_exp(xi.head<3>()).toRotationMatrix();
-    Eigen::Vector3d total = Eigen::Vector3d::Zero();
-    int count = 0;
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      const Point& point = points_[i];
-      const Eigen::Vector3d x = R * (point.q - centre_) + centre_ + xi.tail<3>();
-      if (x.z() < kMinDepth) continue;
-      const Eigen::Vector3d e =
-          reprojection_error(stereo_, x, point.observed.x(), point.observed.y(),
-                             point.observed.x() - point.observed.z());
-      if (e.dot(information(i) * e) > options_.max_chi2) continue;
-      total += point.q;
-      ++count;
-    }
-    return count > 0 ? Eigen::Vector3d(total / count) : centre_;
   }
 
  private:
@@ -197,16 +175,6 @@ class Fit {
       m.shift[static_cast<std::size_t>(k)] = xi[3 + k];
     }
     return m;
-  }
-
-  [[nodiscard]] Eigen::Matrix3d information(std::size_t i) const {
-    Eigen::Matrix3d W;
-    for (int row = 0, k = 0; row < 3; ++row) {
-      for (int column = row; column < 3; ++column) {
-        W(row, column) = W(column, row) = lanes_[i / kLanes].information[k++][i % kLanes];
-      }
-    }
-    return W;
   }
 
   /// Inverse covariances of the errors, linearised at `xi`.
@@ -224,9 +192,7 @@ class Fit {
     return size > (soft ? kRough : 1.0);
   }
 
-  const StereoCamera& stereo_;
   CameraNumbers camera_;
-  std::span<const Point> points_;
   std::vector<MatchLanes> lanes_;
   Eigen::Vector3d centre_;
   const InstanceMotionOptions& options_;
@@ -339,7 +305,8 @@ InstanceMotion estimate_instance_motion(const StereoCamera& camera,
   result.inliers = moves.sums.inliers;
   // Expressed about the middle of those that fit: others may be on what stands before the instance.
   const Eigen::Matrix3d R = so3_exp(moves.xi.head<3>()).toRotationMatrix();
-  const Eigen::Vector3d arm = fit.inlier_centre(moves.xi) - centre;
+  Eigen::Vector3d arm = Eigen::Vector3d::Zero();
+  if (moves.sums.inliers > 0) arm = moves.sums.q / moves.sums.inliers - centre;
   result.motion = moves.xi;
   result.motion.tail<3>() += R * arm - arm;
   const Matrix6d posterior = inverse(moves.sums.A + information);

@@ -244,6 +244,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   const Frame& last = frames_.front();
   const double dt = now.timestamp - last.timestamp;
   const Rigid3 T_now_w = T_now_last * T_last_w;
+  const auto max_distance = static_cast<float>(options_.descriptor_distance);
   std::vector<SearchQuery> queries;
   std::vector<std::size_t> sources;
   for (const auto& [instance, members] : last.keypoints) {
@@ -272,7 +273,8 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
     look(known ? step : options_.max_speed * dt, places);
     if (!known) {
       const auto common =
-          common_shift(camera_, scales_, *now.features, places, {}, *model_, statistics);
+          common_shift(camera_, scales_, *now.features, places,
+                       {max_distance, options_.motion.min_matches}, *model_, statistics);
       if (common) {
         shift += *common;
         places.clear();
@@ -287,7 +289,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   std::vector<std::uint8_t> flat(now.features->size());
   for (std::size_t i = 0; i < flat.size(); ++i) flat[i] = now.features->has_stereo(i) ? 0 : 1;
   SearchOptions options;
-  options.max_distance = static_cast<float>(options_.descriptor_distance);
+  options.max_distance = max_distance;
   options.ratio = static_cast<float>(options_.descriptor_ratio);
   options.check_rotation = true;
   options.taken = flat;

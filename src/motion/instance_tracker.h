@@ -67,6 +67,10 @@ class InstanceTracker {
                   const InstanceTrackerOptions& options, const kys::BeliefStart& start,
                   const kys::DistanceModel& model);
 
+  // Moved only: by_instance_ points into things_, whose nodes stay where they are.
+  InstanceTracker(InstanceTracker&&) = default;
+  InstanceTracker& operator=(InstanceTracker&&) = default;
+
   /// Priors of a frame's keypoints: those of its file, or where there is none, those of the nearest
   /// keypoints of the last frame, moved on. Belief stands in the place of motion.
   /// \param T_c_w_expected pose that the frame is expected to have

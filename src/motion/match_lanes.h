@@ -115,6 +115,7 @@ struct MatchSums {
   LaneList<6> vv{};
   LaneList<3> gw{}, gv{};
   Lanes cost{}, inliers{};
+  LaneList<3> q{};  // sum of the q of those that are not cut off
 };
 
 /// \param soft Cauchy weights instead of a sharp cut
@@ -142,8 +143,12 @@ KYS_ALWAYS_INLINE void add(const MatchLanes& m, const MotionLanes& motion,
   const Lanes one = m.active;
   const Lanes none = broadcast(0.0);
   sums.cost += one * (fits ? chi2 : broadcast(max_chi2));
-  sums.inliers += fits ? one : none;
-  const Lanes w = soft ? (p.before ? one / (1.0 + chi2 / max_chi2) : none) : (fits ? one : none);
+  const Lanes inlier = fits ? one : none;
+  sums.inliers += inlier;
+  sums.q[0] += inlier * m.qx;
+  sums.q[1] += inlier * m.qy;
+  sums.q[2] += inlier * m.qz;
+  const Lanes w = soft ? (p.before ? one / (1.0 + chi2 / max_chi2) : none) : inlier;
 
   const Lanes m00 = w * r00 * p.a;
   const Lanes m01 = w * r01 * p.c;

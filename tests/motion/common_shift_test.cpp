@@ -10,6 +10,7 @@ namespace kys_slam {
 namespace {
 
 const StereoCamera kCamera{620, 188, 360, 360, 305, 92, 0.54};
+constexpr CommonShiftOptions kOptions{.max_distance = 80, .min_count = 4};
 constexpr double kPeriod = 0.9;  // m, after which the side of a bus looks the same again
 
 /// The side of a bus that comes nearer: `columns` windows in a row, alike to the last bit.
@@ -84,7 +85,7 @@ TEST(CommonShift, WhatRepeatsItselfIsFollowedAsAWhole) {
   }
   EXPECT_LT(right, static_cast<int>(places.size()) / 4);
 
-  const auto common = common_shift(kCamera, bus.scales, now, places, {}, model, statistics);
+  const auto common = common_shift(kCamera, bus.scales, now, places, kOptions, model, statistics);
   ASSERT_TRUE(common);
   EXPECT_LT((*common - shift).norm(), 0.4 * kPeriod) << common->transpose();
 }
@@ -101,8 +102,9 @@ TEST(CommonShift, NothingInCommonIsNoShift) {
   }
   kys::Statistics statistics;
   EXPECT_FALSE(common_shift(kCamera, bus.scales, scattered.seen(Eigen::Vector3d::Zero()),
-                            bus.places(before), {}, kys::DistanceModel(), statistics));
-  EXPECT_FALSE(common_shift(kCamera, bus.scales, before, {}, {}, kys::DistanceModel(), statistics));
+                            bus.places(before), kOptions, kys::DistanceModel(), statistics));
+  EXPECT_FALSE(
+      common_shift(kCamera, bus.scales, before, {}, kOptions, kys::DistanceModel(), statistics));
 }
 
 }  // namespace
