@@ -65,7 +65,8 @@ BeliefStart::BeliefStart(const BeliefOptions& options, const LabelSpace& space)
 double BeliefStart::log_odds(const Prior& prior) const {
   const double by_class =
       mobility(prior.label) == Mobility::kMobile ? options_.mobile : options_.carried;
-  return by_class + (prior.dynamic != 0 ? options_.flagged : options_.unflagged);
+  if (prior.dynamic != 0) return by_class + options_.flagged;
+  return prior.unjudged != 0 ? by_class : by_class + options_.unflagged;
 }
 
 Prior believed(const Prior& prior, double p_static) {
@@ -73,6 +74,7 @@ Prior believed(const Prior& prior, double p_static) {
   out.motion = static_cast<float>(100.0 * std::clamp(1.0 - p_static, 0.0, 1.0));
   out.log_motion = static_cast<float>(std::log1p(static_cast<double>(out.motion)));
   out.dynamic = p_static < 0.5 ? 1 : 0;
+  out.unjudged = 0;
   return out;
 }
 

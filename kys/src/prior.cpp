@@ -31,7 +31,8 @@ Prior landmark_prior(const Prior& representative, const Prior& most_recent) {
   const bool known = most_recent.label != kVoidLabel;
   prior.motion = known ? most_recent.motion : 0.0f;
   prior.log_motion = known ? most_recent.log_motion : 0.0f;
-  prior.dynamic = known ? most_recent.dynamic : std::uint16_t{0};
+  prior.dynamic = known ? most_recent.dynamic : std::uint8_t{0};
+  prior.unjudged = known ? most_recent.unjudged : std::uint8_t{0};
   return prior;
 }
 

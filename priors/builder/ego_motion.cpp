@@ -37,22 +37,18 @@ struct Samples {
   }
 };
 
-Samples take_samples(const BuilderOptions::EgoMotion& options, const FlowField& flow,
-                     const ImageOf<float>& disparity, const InverseDepth& inverse_depth,
-                     const ImageOf<std::uint16_t>& segment_map,
+/// The usable pixels of a grid of which every step-th column and row is looked at.
+Samples take_samples(int step, int border, const FlowField& flow, const ImageOf<float>& disparity,
+                     const InverseDepth& inverse_depth, const ImageOf<std::uint16_t>& segment_map,
                      const std::vector<std::uint8_t>& is_stuff) {
   const int width = segment_map.width(), height = segment_map.height();
   const double pixels = static_cast<double>(width) * height;
-  int step = 1;
-  if (options.grid_samples > 0) {
-    step = std::max(1, static_cast<int>(std::lround(std::sqrt(pixels / options.grid_samples))));
-  }
   Samples samples;
   samples.lanes.reserve(static_cast<std::size_t>(pixels / (step * step)) / kLanes + 1);
-  for (int y = options.border; y < height - options.border; y += step) {
+  for (int y = border; y < height - border; y += step) {
     // Each row of the grid starts elsewhere, so that vertical structures are not missed.
-    const int first = options.border + (y / step * 5) % step;
-    for (int x = first; x < width - options.border; x += step) {
+    const int first = border + (y / step * 5) % step;
+    for (int x = first; x < width - border; x += step) {
       const float rho = inverse_depth(disparity.at(x, y)), u = flow.u.at(x, y), v = flow.v.at(x, y);
       if (!is_stuff[segment_map.at(x, y)] || !(rho > 0) || !std::isfinite(u) || !std::isfinite(v)) {
         continue;
@@ -61,6 +57,12 @@ Samples take_samples(const BuilderOptions::EgoMotion& options, const FlowField& 
     }
   }
   return samples;
+}
+
+int grid_step(const BuilderOptions::EgoMotion& options, int width, int height) {
+  if (options.grid_samples <= 0) return 1;
+  const double pixels = static_cast<double>(width) * height;
+  return std::max(1, static_cast<int>(std::lround(std::sqrt(pixels / options.grid_samples))));
 }
 
 /// Residuals (px) of a model of N unknowns and the derivatives of the prediction.
@@ -349,8 +351,17 @@ std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options
                                         const InverseDepth& inverse_depth,
                                         const ImageOf<std::uint16_t>& segment_map,
                                         const std::vector<std::uint8_t>& is_stuff) {
-  const Samples samples =
-      take_samples(options, flow, disparity, inverse_depth, segment_map, is_stuff);
+  // Where things fill the image a finer grid finds what is left of the scene.
+  int step = grid_step(options, segment_map.width(), segment_map.height());
+  const auto sampled = [&] {
+    return take_samples(step, options.border, flow, disparity, inverse_depth, segment_map,
+                        is_stuff);
+  };
+  Samples samples = sampled();
+  while (samples.count < options.min_samples && step > 1) {
+    step /= 2;
+    samples = sampled();
+  }
   if (samples.count < options.min_samples) return std::nullopt;
   EgoMotion motion;
   motion.model = options.model;

@@ -197,8 +197,10 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
     check_segment(s, index, name, expected.label_count);
     camera.segments.push_back(s);
     const std::int32_t instance = shares_instances_ ? s.instance % pf::kRightInstances : s.instance;
-    camera.priors.push_back(
-        kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0));
+    kys::Prior prior =
+        kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0);
+    prior.unjudged = (s.flags & pf::kNotJudged) != 0 ? 1 : 0;
+    camera.priors.push_back(prior);
   }
   check_runs(camera, name);
   cameras_.push_back(std::move(camera));

@@ -17,6 +17,12 @@ struct Candidate {
   std::uint32_t feature = 0;
 };
 
+/// A candidate's place, and how far from it a prediction may lie.
+struct Target {
+  float u, v, u_right;  // px
+  float bound;          // px
+};
+
 std::vector<Candidate> candidates_of(const UnknownPlace& place, const FrameFeatures& features,
                                      const CommonShiftOptions& options,
                                      const kys::DistanceModel& model, kys::Statistics& statistics) {
@@ -24,7 +30,7 @@ std::vector<Candidate> candidates_of(const UnknownPlace& place, const FrameFeatu
   std::vector<Candidate> all;
   features.for_each_near(
       query.u, query.v, query.radius, query.min_octave, query.max_octave, [&](std::size_t i) {
-        if (!features.has_stereo(i)) return;
+        if (!features.has_stereo(i) || (!options.taken.empty() && options.taken[i] != 0)) return;
         const kys::Distance d = model.evaluate(
             *query.descriptor, *query.prior, features.descriptor(i), features.prior(i),
             kys::Context::kInstance, options.max_distance, statistics);
@@ -40,12 +46,10 @@ std::vector<Candidate> candidates_of(const UnknownPlace& place, const FrameFeatu
   return all;
 }
 
-bool lies_at(const Eigen::Vector3d& pixel, const FrameFeatures& features, std::size_t i,
-             const ScaleLevels& scales, float tolerance) {
-  const Keypoint& k = features.keypoint(i);
-  const double bound = tolerance * scales.scale[k.octave];
-  return std::abs(k.x - pixel.x()) <= bound && std::abs(k.y - pixel.y()) <= bound &&
-         std::abs(features.u_right(i) - pixel.z()) <= bound;
+bool lies_at(const Eigen::Vector3d& pixel, const Target& target) {
+  return std::abs(target.u - pixel.x()) <= target.bound &&
+         std::abs(target.v - pixel.y()) <= target.bound &&
+         std::abs(target.u_right - pixel.z()) <= target.bound;
 }
 
 }  // namespace
@@ -56,38 +60,42 @@ std::optional<Eigen::Vector3d> common_shift(const StereoCamera& camera, const Sc
                                             const CommonShiftOptions& options,
                                             const kys::DistanceModel& model,
                                             kys::Statistics& statistics) {
-  std::vector<std::vector<Candidate>> candidates;
+  const int least =
+      std::max(options.min_count,
+               static_cast<int>(std::ceil(options.min_share * static_cast<double>(places.size()))));
+  if (static_cast<int>(places.size()) < least) return std::nullopt;
+  std::vector<Target> targets;  // of all places, one after the other
+  std::vector<std::size_t> start{0};
+  std::vector<Eigen::Vector3d> shifts;
   for (const UnknownPlace& place : places) {
-    candidates.push_back(candidates_of(place, features, options, model, statistics));
-  }
-  std::optional<Eigen::Vector3d> best;
-  int most =
-      std::max(options.min_count, static_cast<int>(std::ceil(options.min_share *
-                                                             static_cast<double>(places.size())))) -
-      1;
-  for (std::size_t q = 0; q < places.size(); ++q) {
-    for (const Candidate& proposer : candidates[q]) {
-      const Keypoint& k = features.keypoint(proposer.feature);
-      const Eigen::Vector3d shift =
-          camera.back_project(k.x, k.y, features.depth(proposer.feature)) - places[q].expected;
-      int count = 0;
-      for (std::size_t other = 0; other < places.size(); ++other) {
-        const Eigen::Vector3d p = places[other].expected + shift;
-        if (p.z() <= 0.1) continue;
-        const Eigen::Vector3d pixel = camera.project_stereo(p);
-        count +=
-            std::any_of(candidates[other].begin(), candidates[other].end(),
-                        [&](const Candidate& c) {
-                          return lies_at(pixel, features, c.feature, scales, options.tolerance);
-                        })
-                ? 1
-                : 0;
-      }
-      if (count > most) {
-        most = count;
-        best = shift;
-      }
+    for (const Candidate& c : candidates_of(place, features, options, model, statistics)) {
+      const Keypoint& k = features.keypoint(c.feature);
+      targets.push_back(
+          {k.x, k.y, features.u_right(c.feature), options.tolerance * scales.scale[k.octave]});
+      shifts.push_back(camera.back_project(k.x, k.y, features.depth(c.feature)) - place.expected);
     }
+    start.push_back(targets.size());
+  }
+  const auto agrees = [&](std::size_t place, const Eigen::Vector3d& shift) {
+    if (start[place] == start[place + 1]) return false;
+    const Eigen::Vector3d p = places[place].expected + shift;
+    if (p.z() <= 0.1) return false;
+    const Eigen::Vector3d pixel = camera.project_stereo(p);
+    return std::any_of(targets.begin() + static_cast<std::ptrdiff_t>(start[place]),
+                       targets.begin() + static_cast<std::ptrdiff_t>(start[place + 1]),
+                       [&](const Target& target) { return lies_at(pixel, target); });
+  };
+  std::optional<Eigen::Vector3d> best;
+  int most = least - 1;
+  for (const Eigen::Vector3d& shift : shifts) {
+    int count = 0;
+    auto left = static_cast<int>(places.size());
+    for (std::size_t place = 0; place < places.size() && count + left > most; ++place, --left) {
+      count += agrees(place, shift) ? 1 : 0;
+    }
+    if (count <= most) continue;
+    most = count;
+    best = shift;
   }
   return best;
 }

@@ -24,6 +24,7 @@ struct CommonShiftOptions {
   int min_count;           ///< keypoints that have to agree at least
   double min_share = 0.3;  ///< the same, of all
   float tolerance = 3;     ///< px at the octave of the keypoint, in columns and row
+  std::span<const std::uint8_t> taken = {};  ///< per keypoint now: not 0: no candidate; or empty
 };
 
 /// How far most keypoints of a thing went, as one translation: each of the nearest candidates of

@@ -195,13 +195,17 @@ void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors)
     if (is_new) known = &things_[prior.instance];
     Thing& thing = *known;
     if (!is_new && thing.timestamp == timestamp) continue;
-    if (from_file || is_new) thing.settled = start_.log_odds(prior);
+    const double before = is_new ? 0.0 : thing.settled;
+    // A file that says nothing of the thing takes nothing back.
+    if (is_new || (from_file && prior.unjudged == 0)) thing.settled = start_.log_odds(prior);
     if (is_new) {
       believe_in(thing, thing.settled);
       thing.first_seen = timestamp;
     } else {
-      believe_in(thing, after_time(thing.log_odds, thing.settled, timestamp - thing.timestamp,
-                                   options_.belief));
+      // What was seen of the thing adds to what its file says, which may change.
+      const double present = thing.log_odds + thing.settled - before;
+      believe_in(thing,
+                 after_time(present, thing.settled, timestamp - thing.timestamp, options_.belief));
     }
     if (thing.p_static >= kSurelyMoving) thing.moving_since = timestamp;
     thing.label = prior.label;
@@ -245,6 +249,13 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   const double dt = now.timestamp - last.timestamp;
   const Rigid3 T_now_w = T_now_last * T_last_w;
   const auto max_distance = static_cast<float>(options_.descriptor_distance);
+  // Only what can lie on a thing is compared.
+  std::vector<std::uint8_t> taken(now.features->size(), 1);
+  for (const auto& [instance, members] : now.keypoints) {
+    for (const std::size_t i : members) taken[i] = 0;
+  }
+  const CommonShiftOptions common_options{
+      .max_distance = max_distance, .min_count = options_.motion.min_matches, .taken = taken};
   std::vector<SearchQuery> queries;
   std::vector<std::size_t> sources;
   for (const auto& [instance, members] : last.keypoints) {
@@ -272,9 +283,8 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
     std::vector<UnknownPlace> places;
     look(known ? step : options_.max_speed * dt, places);
     if (!known) {
-      const auto common =
-          common_shift(camera_, scales_, *now.features, places,
-                       {max_distance, options_.motion.min_matches}, *model_, statistics);
+      const auto common = common_shift(camera_, scales_, *now.features, places, common_options,
+                                       *model_, statistics);
       if (common) {
         shift += *common;
         places.clear();
@@ -286,13 +296,11 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
       sources.push_back(place.source);
     }
   }
-  std::vector<std::uint8_t> flat(now.features->size());
-  for (std::size_t i = 0; i < flat.size(); ++i) flat[i] = now.features->has_stereo(i) ? 0 : 1;
   SearchOptions options;
   options.max_distance = max_distance;
   options.ratio = static_cast<float>(options_.descriptor_ratio);
   options.check_rotation = true;
-  options.taken = flat;
+  options.taken = taken;
   options.context = kys::Context::kInstance;
   const std::vector<SearchMatch> matches =
       search_features(*now.features, scales_, queries, options, *model_, statistics);

@@ -40,6 +40,9 @@ TEST(Belief, StartsFromClassAndFlag) {
   EXPECT_DOUBLE_EQ(start.log_odds(make_prior(car, 1, 1, 50, true)), -1.6);
   EXPECT_DOUBLE_EQ(start.log_odds(make_prior(car, 1, 1, 0, false)), 0.9);
   EXPECT_DOUBLE_EQ(start.log_odds(make_prior(chair, 1, 1, 0, false)), 3.5);
+  Prior unjudged = make_prior(car, 1, 1, 0, false);
+  unjudged.unjudged = 1;
+  EXPECT_DOUBLE_EQ(start.log_odds(unjudged), 0.4);
   EXPECT_EQ(start.mobility(kVoidLabel), Mobility::kFixed);
   EXPECT_EQ(BeliefStart{}.mobility(car), Mobility::kFixed);
   options.mobile = 21;

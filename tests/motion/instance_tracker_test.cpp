@@ -52,6 +52,18 @@ class Street {
   void spoil_flags() {
     for (Point& p : points_) p.prior.dynamic = p.prior.instance == kParked ? 1 : 0;
   }
+  void judge_by_file(std::int32_t instance, bool moving, bool judged = true) {
+    for (Point& p : points_) {
+      if (p.prior.instance != instance) continue;
+      p.prior.dynamic = moving ? 1 : 0;
+      p.prior.unjudged = judged ? 0 : 1;
+    }
+  }
+  /// Nothing can be followed any more: each frame shows other descriptors.
+  void scramble() {
+    std::mt19937_64 random(static_cast<unsigned>(frames_) + 100);
+    for (Point& p : points_) p.descriptor = random_descriptor(random);
+  }
   void rename(std::int32_t from, std::int32_t to) {
     for (Point& p : points_) {
       if (p.prior.instance == from) p.prior.instance = to;
@@ -146,6 +158,31 @@ TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
   EXPECT_GT(car->matches, 30);
   EXPECT_NEAR(car->motion.motion[5] / car->span, 7.0, 0.2);
   EXPECT_NEAR(car->motion.centre.z(), 12 - 0.1 * 6, 1.0);
+}
+
+TEST(InstanceTracker, AFileThatChangesItsMindIsHeardAtOnce) {
+  Street street;
+  street.judge_by_file(kDriving, false, false);
+  street.frame();
+  const kys::BeliefOptions options;
+  EXPECT_NEAR(street.tracker().log_odds(kDriving), options.mobile, 1e-9);  // class alone
+  street.scramble();
+  street.judge_by_file(kDriving, true);
+  street.frame();
+  EXPECT_NEAR(street.tracker().log_odds(kDriving), options.mobile + options.flagged, 1e-9);
+  // A frame in which nothing could be judged does not make it stand.
+  street.scramble();
+  street.judge_by_file(kDriving, false, false);
+  street.frame();
+  EXPECT_NEAR(street.tracker().log_odds(kDriving), options.mobile + options.flagged, 1e-9);
+}
+
+TEST(InstanceTracker, AFileDoesNotOutweighWhatWasSeen) {
+  Street street;
+  for (int i = 0; i < 6; ++i) street.frame();
+  street.judge_by_file(kParked, true);
+  street.frame();
+  EXPECT_GT(street.tracker().p_static(kParked), 0.9);
 }
 
 TEST(InstanceTracker, BeliefOutlivesMissingFiles) {

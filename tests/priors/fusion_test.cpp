@@ -150,6 +150,27 @@ TEST(EgoMotion, TheSubsampleMovesTheFieldByLessThanTheAllowedTwoHundredths) {
   EXPECT_LT(sum / count, 0.02);
 }
 
+TEST(EgoMotion, WhereThingsFillTheImageALittleOfTheSceneIsEnough) {
+  const StereoCamera camera = kitti_camera(620, 188);
+  const Rigid3 T = motion(0.004, 0.02, 0.003, 0.03, -0.02, -1.0);
+  // A vehicle before the camera that drives as fast: it hides all but a band.
+  const CameraPerception p = street(camera, T, {{10, 0, 560, 188, 6, Eigen::Vector3d(0, 0, 1)}});
+  const std::vector<std::uint8_t> stuff = {0, 1, 1, 0};
+  BuilderOptions::EgoMotion coarse;
+  int visible = 0;
+  for (std::size_t i = 0; i < p.panoptic.map.size(); ++i) {
+    visible += stuff[p.panoptic.map.data()[i]];
+  }
+  const auto pixels = static_cast<double>(p.panoptic.map.size());
+  coarse.grid_samples = 1000;
+  ASSERT_LT(visible * coarse.grid_samples / pixels, coarse.min_samples);
+  const auto fit =
+      fit_ego_motion(coarse, camera, *p.flow, p.disparity, depth_of(camera), p.panoptic.map, stuff);
+  ASSERT_TRUE(fit.has_value());
+  EXPECT_GE(fit->samples, coarse.min_samples);
+  EXPECT_LT((fit->T_next_now.t() - T.t()).norm(), 0.02);
+}
+
 TEST(EgoMotion, TooFewPixelsGiveNoMotion) {
   const StereoCamera camera = kitti_camera(310, 94);
   CameraPerception p = street(camera, motion(0, 0, 0, 0, 0, -1), {});

@@ -36,6 +36,7 @@ FramePriors make_street(int width, int height, unsigned seed) {
       PriorSegment s;
       s.label = static_cast<std::uint16_t>(k * 11);
       s.flags = k < 4 ? 0 : (k % 2 ? pf::kThing : std::uint16_t{pf::kThing | pf::kDynamic});
+      if (k == 5) s.flags |= pf::kNotJudged;
       s.instance = c * pf::kRightInstances + k;
       s.scale = 1000.0F * static_cast<float>(k);
       s.score = s.flags & pf::kDynamic ? 60.0F : 0.0F;
@@ -185,6 +186,7 @@ TEST(PriorFile, LookupAgreesWithTheImage) {
       EXPECT_EQ(priors[i].instance, s.instance);
       EXPECT_EQ(priors[i].scale, s.scale);
       EXPECT_EQ(priors[i].dynamic, (s.flags & pf::kDynamic) ? 1 : 0);
+      EXPECT_EQ(priors[i].unjudged, (s.flags & pf::kNotJudged) ? 1 : 0);
       const float mu = image.cameras[c].motion.at(static_cast<int>(x), static_cast<int>(y));
       EXPECT_EQ(priors[i].motion, mu);
       EXPECT_NEAR(priors[i].log_motion, std::log1p(mu), 1e-6);

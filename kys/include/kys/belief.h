@@ -20,7 +20,7 @@ enum class Mobility : std::uint8_t {
 Mobility mobility(const LabelClass& label_class);
 
 /// Log-odds ln(p / (1 - p)) of standing still that a prior file gives a thing. The numbers of a
-/// class are those of a file without motion; a flag adds its own.
+/// class are those of a file that does not judge motion; its judgement adds its own.
 struct BeliefOptions {
   double carried = 3;      ///< class that is carried
   double mobile = 0.5;     ///< class that can move by itself

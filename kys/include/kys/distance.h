@@ -19,7 +19,8 @@ inline constexpr std::int32_t kRightInstances = 1 << 30;
 /// Sec. 3.4. 20 bytes; a default-constructed one has no valid label. Made by make_prior().
 struct Prior {
   std::uint16_t label = kVoidLabel;  ///< dense class index in the label space of the prior file
-  std::uint16_t dynamic = 0;         ///< 1: the segment is flagged as moving (mode `mask`)
+  std::uint8_t dynamic = 0;          ///< 1: the segment is flagged as moving (mode `mask`)
+  std::uint8_t unjudged = 0;         ///< 1: nothing says whether the segment moves
   std::int32_t instance = -1;        ///< temporally consistent identity, disjoint between cameras
   float scale = 0;                   ///< a, area x (mean depth)^2, px^2 m^2 (Eq. 3)
   float motion = 0;                  ///< mu, 0..100 (exported motion prior)

@@ -15,7 +15,8 @@ namespace matcher {
 /// kys::Prior under another name: the same members in the same order.
 struct Prior {
   std::uint16_t label = 0xFFFF;  ///< dense class index; 0xFFFF: none, native distance
-  std::uint16_t dynamic = 0;     ///< 1: the segment is flagged as moving
+  std::uint8_t dynamic = 0;      ///< 1: the segment is flagged as moving
+  std::uint8_t unjudged = 0;     ///< 1: nothing says whether the segment moves
   std::int32_t instance = -1;    ///< identity, -1: none
   float scale = 0;               ///< a, area x (mean depth)^2, px^2 m^2 (Eq. 3)
   float motion = 0;              ///< mu, 0..100
