@@ -60,7 +60,8 @@ struct BuilderOptions {
     int border = 20;          ///< px left out of the fit on every side
     double huber_delta = 1;   ///< px
     int iterations = 5;       ///< re-weighted solutions, at most
-    int grid_samples = 6000;  ///< pixels of a regular grid that are looked at; 0: all
+    int grid_samples = 6000;  ///< pixels of a regular grid that are looked at, more where few
+                              ///< are of the scene; 0: all
     int min_samples = 200;    ///< fewer usable pixels: no motion is estimated for the frame
   } ego_motion;
 
