@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "priors/builder/json_integer.h"
 #include "priors/builder/vkitti_names.h"
 
 namespace kys_slam {
@@ -158,7 +159,7 @@ void PanopticReader::read_json() {
         const auto found = std::find_if(classes.begin(), classes.end(),
                                         [&](const kys::LabelClass& c) { return c.name == name; });
         if (found == classes.end()) continue;  // an error only when a segment uses it
-        label_of_category_[category.at("id").get<std::int64_t>()] =
+        label_of_category_[integer_at<std::int64_t>(category, "id", json_.string())] =
             static_cast<std::uint16_t>(found - classes.begin());
       }
     } else {
@@ -170,8 +171,8 @@ void PanopticReader::read_json() {
       auto& segments =
           annotations_[fs::path(annotation.at("file_name").get<std::string>()).stem().string()];
       for (const Json& s : annotation.at("segments_info")) {
-        segments.emplace_back(s.at("id").get<std::uint32_t>(),
-                              s.at("category_id").get<std::int64_t>());
+        segments.emplace_back(integer_at<std::uint32_t>(s, "id", json_.string()),
+                              integer_at<std::int64_t>(s, "category_id", json_.string()));
       }
     }
   } catch (const Json::exception& error) {

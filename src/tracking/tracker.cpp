@@ -20,6 +20,9 @@ namespace {
 constexpr double kDoubtfulShare = 0.4;
 constexpr double kFallen = 0.4;
 
+// m/s^2, of the camera; no vehicle brakes with 10.
+constexpr double kImpossible = 15;
+
 // It gives way to one that fits this share of the keyframe's matches: with what moves in front of
 // the camera a pose fits many, but not all.
 constexpr double kExplained = 0.8;
@@ -330,26 +333,56 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
     return predict_by_reference(frame, result);
   }
-  if (!doubtful_) return true;
-  // A camera that turns back at once is far from where it was expected: what is found there fits by
-  // chance. Without a prediction nearly all of the keyframe fits.
+  if (impossible_ && replace_jump(frame, result)) return true;
+  if (doubtful_) replace_misfit(frame, result);
+  if (impossible_) result.reason += "; impossible motion";
+  return true;
+}
+
+/// A camera that turns back at once is far from where it was expected: what is found there fits by
+/// chance. Without a prediction nearly all of the keyframe fits, or what does is far away as well.
+void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
   Frame unexpected = frame;
   TrackResult alternative;
-  const auto explains = [&](std::size_t every) {
+  const auto fits = [&](std::size_t every) {
     alternative.reason = "doubtful motion model";
     const bool found = predict_by_reference(unexpected, alternative, every);
-    return found && count_landmarks(unexpected.landmarks) >= kExplained * alternative.matches;
+    return found ? count_landmarks(unexpected.landmarks) / static_cast<double>(alternative.matches)
+                 : 0.0;
   };
-  const bool better = (impossible_ || explains(kSampled)) && explains(1) &&
-                      count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks);
-  result.statistics += alternative.statistics;
-  if (better) {
-    share_ = count_landmarks(unexpected.landmarks) / static_cast<double>(alternative.matches);
-    frame = std::move(unexpected);
-    result.reason = alternative.reason;
-    result.overruled = alternative.overruled;
+  const double sampled = impossible_ ? 1 : fits(kSampled);
+  if (sampled >= kExplained && fits(1) >= kExplained &&
+      count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks)) {
+    replace(frame, result, std::move(unexpected), alternative);
+  } else if (!impossible_ && sampled >= kDoubtfulShare && is_jump(unexpected)) {
+    replace_jump(frame, result, kDoubtfulShare);
   }
+  result.statistics += alternative.statistics;
+}
+
+/// No camera can have come to the pose found: it may be that of a thing that moves along with the
+/// camera, which a search near the prediction favours. The whole local map, searched without a
+/// prediction, decides where it fits at least this share of its matches.
+bool Tracker::replace_jump(Frame& frame, TrackResult& result, double least_share) {
+  Frame unexpected = frame;
+  TrackResult alternative;
+  alternative.reason = "impossible motion";
+  const bool found = predict_by_map(unexpected, alternative);
+  result.statistics += alternative.statistics;
+  const int fits = count_landmarks(unexpected.landmarks);
+  if (!found || fits < options_.min_local_inliers || fits < least_share * alternative.matches) {
+    return false;
+  }
+  replace(frame, result, std::move(unexpected), alternative);
   return true;
+}
+
+/// What was predicted otherwise takes the place of the prediction.
+void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found) {
+  share_ = count_landmarks(other.landmarks) / static_cast<double>(found.matches);
+  frame = std::move(other);
+  result.reason = found.reason;
+  result.overruled = found.overruled;
 }
 
 /// Constant velocity since the last frame with a pose, for as long as that means something.
@@ -384,11 +417,9 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
     return false;
   }
   const int inliers = refine_pose(frame, result);
-  const double away = (frame.T_c_w.inverse_t() - expected.T_c_w.inverse_t()).norm();
   const double before = std::exchange(share_, inliers / static_cast<double>(matches));
-  doubtful_ =
-      share_ < kDoubtfulShare &&
-      (away > options_.consensus.max_acceleration * expected.reach || share_ < kFallen * before);
+  impossible_ = is_jump(frame);
+  doubtful_ = share_ < kDoubtfulShare && (impossible_ || share_ < kFallen * before);
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -439,7 +470,6 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
 /// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
 /// from the last pose. With `every` n, every n-th of the landmarks.
 bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_t every) {
-  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
   const KeyFrameView& reference = replica_.keyframes().at(reference_);
   std::vector<DescriptorQuery> queries;
   std::vector<LandmarkId> landmarks;
@@ -455,7 +485,27 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_
         {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);
   }
-  const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio, true};
+  return predict_by_descriptor(frame, queries, landmarks, true, "reference keyframe", result);
+}
+
+/// The same with all landmarks of the map around the last frame.
+bool Tracker::predict_by_map(Frame& frame, TrackResult& result) {
+  const LocalMap local = local_map_gatherer_.gather(replica_, last_->landmarks);
+  std::vector<DescriptorQuery> queries;
+  std::deque<kys::Prior> priors;
+  for (const LandmarkId id : local.landmarks) {
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    queries.push_back({&landmark.descriptor, prior_of(landmark, priors)});
+  }
+  return predict_by_descriptor(frame, queries, local.landmarks, false, "local map", result);
+}
+
+bool Tracker::predict_by_descriptor(Frame& frame, const std::vector<DescriptorQuery>& queries,
+                                    const std::vector<LandmarkId>& landmarks, bool angles,
+                                    const char* name, TrackResult& result) {
+  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
+  const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio,
+                                       angles};
   const std::vector<std::int32_t> matches =
       match_descriptors(queries, *frame.features, options, *model_, result.statistics);
   int count = 0;
@@ -464,16 +514,16 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_
     frame.landmarks[static_cast<std::size_t>(matches[q])] = landmarks[q];
     ++count;
   }
-  const std::string before = result.reason.empty() ? "" : result.reason + "; ";
+  const std::string before = (result.reason.empty() ? "" : result.reason + "; ") + name;
   if (count < options_.min_reference_matches) {
-    result.reason = before + "reference keyframe: " + std::to_string(count) + " matches";
+    result.reason = before + ": " + std::to_string(count) + " matches";
     return false;
   }
   result.matches = count;
   frame.T_c_w = last_->T_c_w;
   result.overruled = false;
   const int inliers = refine_pose(frame, result);
-  result.reason = before + "reference keyframe";
+  result.reason = before;
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
   return false;
@@ -533,6 +583,14 @@ bool Tracker::is_expected(const Frame& frame) const {
   if (!expected || options_.acceleration <= 0) return false;
   const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
   return away <= options_.consensus.max_acceleration * expected->reach;
+}
+
+/// Whether no camera can have come to the frame's pose from its last motion.
+bool Tracker::is_jump(const Frame& frame) const {
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  if (!expected) return false;
+  const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+  return away > kImpossible * expected->reach;
 }
 
 /// What a match says about the pose by being on a thing that can move. The frame knows better than

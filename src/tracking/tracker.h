@@ -16,6 +16,7 @@
 #include "map/keyframe_message.h"
 #include "map/landmark_id_allocator.h"
 #include "map/replica.h"
+#include "matching/descriptor_matcher.h"
 #include "matching/landmark_search.h"
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
@@ -154,7 +155,14 @@ class Tracker {
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
+  void replace_misfit(Frame& frame, TrackResult& result);
+  bool replace_jump(Frame& frame, TrackResult& result, double least_share = 0);
+  void replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found);
   bool predict_by_reference(Frame& frame, TrackResult& result, std::size_t every = 1);
+  bool predict_by_map(Frame& frame, TrackResult& result);
+  bool predict_by_descriptor(Frame& frame, const std::vector<DescriptorQuery>& queries,
+                             const std::vector<LandmarkId>& landmarks, bool angles,
+                             const char* name, TrackResult& result);
   bool track_local_map(Frame& frame, TrackResult& result);
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
@@ -180,6 +188,7 @@ class Tracker {
   void count_visible(LandmarkId id);
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
+  [[nodiscard]] bool is_jump(const Frame& frame) const;
   void keep_as_last(Frame frame, TrackResult& result);
 
   StereoCamera camera_;

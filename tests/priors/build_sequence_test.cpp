@@ -229,6 +229,27 @@ TEST_F(BuildSequenceTest, BadInputsAreNamed) {
   EXPECT_NE(message().find("pan.json: is not a COCO panoptic file"), std::string::npos);
 }
 
+TEST_F(BuildSequenceTest, NumbersThatAreNoIdsAreRefused) {
+  for (const auto& [id, category] : {std::pair{"1.5", "3"},
+                                     {"4294967297", "3"},
+                                     {"-1", "3"},
+                                     {"1e60", "3"},
+                                     {"1", "1e60"},
+                                     {"1", "18446744073709551615"}}) {
+    std::ofstream(root_ / "pan.json")
+        << R"({"annotations":[{"file_name":"000000.png","segments_info":[{"id":)" << id
+        << R"(,"category_id":)" << category << "}]}]}";
+    try {
+      const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+      FAIL() << id << " " << category;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("pan.json: "), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("no whole number"), std::string::npos)
+          << error.what();
+    }
+  }
+}
+
 TEST_F(BuildSequenceTest, MoreSegmentsThanCanBeToldApartAreRefused) {
   // 70 000 cars of a pixel each: numbers of segments have 16 bits.
   RgbImage rgb(280, 250);

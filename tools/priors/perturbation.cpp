@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "priors/builder/json_integer.h"
 #include "seeded_random.h"
 
 namespace kys_slam {
@@ -67,7 +68,7 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
     std::set<std::int64_t> observed;
     for (const Json& a : document.at("annotations")) {
       for (const Json& s : a.at("segments_info")) {
-        observed.insert(s.at("category_id").get<std::int64_t>());
+        observed.insert(integer_at<std::int64_t>(s, "category_id", json_in));
       }
     }
     const std::vector<std::int64_t> classes(observed.begin(), observed.end());
@@ -75,10 +76,10 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
     for (Json& a : document.at("annotations")) {
       const std::uint64_t frame = hash_of(a.at("file_name").get<std::string>());
       for (Json& s : a.at("segments_info")) {
-        const auto category = s.at("category_id").get<std::int64_t>();
-        if (!labels.at(labels.index_of(static_cast<std::int32_t>(category))).thing) continue;
+        const auto category = integer_at<std::int32_t>(s, "category_id", json_in);
+        if (!labels.at(labels.index_of(category)).thing) continue;
         ++things;
-        const auto id = s.at("id").get<std::uint64_t>();
+        const auto id = integer_at<std::uint64_t>(s, "id", json_in);
         if (seeded_uniform(seed, frame, id) >= share || classes.size() < 2) continue;
         std::vector<std::int64_t> others;
         for (const std::int64_t c : classes) {
