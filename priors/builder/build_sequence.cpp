@@ -25,6 +25,7 @@
 #include "priors/builder/association.h"
 #include "priors/builder/debug_image.h"
 #include "priors/builder/estimators.h"
+#include "priors/builder/free_space.h"
 #include "priors/builder/fuse.h"
 #include "priors/builder/keypoint_motion.h"
 #include "priors/builder/motion_belief.h"
@@ -39,7 +40,8 @@ constexpr const char* kSegmentsHeader =
     "omega,magnitude_test,radial_test,rho,m,valid,median_px,coherent_px,scatter_px,parallax_px,"
     "disparity_px,keypoints,keypoint_inliers,keypoint_log_ratio,keypoint_span_s,"
     "keypoint_shift_m,keypoint_shift_px,patches,flow_patches,still_alike,flow_alike,"
-    "evidence_flow,evidence_appearance,evidence_keypoints,evidence,state,log_odds\n";
+    "place_occupied,place_free,place_hidden,place_span_s,"
+    "evidence_flow,evidence_appearance,evidence_keypoints,evidence_space,evidence,state,log_odds\n";
 constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
@@ -148,6 +150,7 @@ class SequenceBuilder {
     std::vector<std::vector<SegmentShape>> shapes;  // by camera
     std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
     FrameEvidence evidence;  // of the frame with those before it; then with the next one
+    std::vector<std::vector<FreeSpaceEvidence>> space;  // by camera and segment; or empty
     std::array<ImageOf<float>, 2> disparity;  // px, checked; where it was needed for identities
     SegmentLinks::Votes by_disparity;
   };
@@ -225,7 +228,7 @@ class SequenceBuilder {
         batch[i].shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
         add_association(watch.elapsed_ms());
       }
-      const bool linked = overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+      const bool linked = needs_early_disparity();
       Pair pair;
       if (keypoints_ || (linked && inputs_.disparity == "sgbm")) pair = sequence_.read(begin + i);
       if (keypoints_) batch[i].features = keypoints_->extract(pair.first, pair.second);
@@ -235,6 +238,7 @@ class SequenceBuilder {
       SegmentLinks links;
       links.by_disparity = std::move(frame.by_disparity);
       if (keypoints_) judge_keypoints(read_, frame, links);
+      if (keypoints_ && needs_early_disparity()) judge_space(read_, frame);
       const Stopwatch watch;
       if (overlap_) {
         identify(frame, links);
@@ -249,6 +253,37 @@ class SequenceBuilder {
       prepared_.push_back(std::move(frame));
       ++read_;
     }
+  }
+
+  /// Disparities are needed before frames are measured.
+  [[nodiscard]] bool needs_early_disparity() const {
+    return overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+  }
+
+  /// Where the frame's things are now: what did earlier frames see there? The longest span counts
+  /// for which enough pixels are known.
+  void judge_space(std::size_t t, Prepared& frame) {
+    constexpr std::size_t kSpan = 4;  // frames
+    for (std::size_t c = 0; c < frame.perception.size(); ++c) {
+      const PanopticMap& panoptic = frame.perception[c].panoptic;
+      std::vector<bool> things{false};
+      for (const InputSegment& s : panoptic.segments) things.push_back(s.thing);
+      std::vector<FreeSpaceEvidence>& out = frame.space.emplace_back(panoptic.segments.size());
+      const std::size_t known = std::min(keypoints_->frames_back(), earlier_.size());
+      for (std::size_t back = 1; back <= std::min(kSpan, known); ++back) {
+        const std::vector<FreeSpaceEvidence> found =
+            compare_space(sequence_.camera, keypoints_->T_before_last(back), c == 1,
+                          frame.disparity[c], earlier_[back - 1][c], panoptic.runs, things);
+        for (std::size_t k = 0; k < out.size(); ++k) {
+          const FreeSpaceEvidence& e = found[k + 1];
+          if (e.occupied + e.free == 0) continue;
+          out[k] = e;
+          out[k].span = time_of(t) - time_of(t - back);
+        }
+      }
+    }
+    earlier_.push_front(frame.disparity);
+    if (earlier_.size() > kSpan) earlier_.pop_back();
   }
 
   void read_disparity_early(std::size_t t, const Pair& pair, Prepared& frame) {
@@ -331,7 +366,7 @@ class SequenceBuilder {
     Digest digest;
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
-    digest.add("kysp builder 9\n" + to_text(settings_.options) + labels_.name());
+    digest.add("kysp builder 10\n" + to_text(settings_.options) + labels_.name());
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -411,17 +446,17 @@ class SequenceBuilder {
     return warp_disparity_to_right(left, &left_classes, &right_classes);
   }
 
-  /// Disparities that agree, of both views: the right one's from the left one unless it was read.
+  /// Disparities that agree, of both views: the right one's from the left one where there is none.
   void complete(std::array<ImageOf<float>, 2>& d, const FramePerception& in) const {
     if (d[0].empty()) return;
     const double tolerance = settings_.options.depth.left_right_tolerance;
-    const bool right_is_read = !inputs_.disparity_right.empty();
     if (!d[1].empty()) {
-      const ImageOf<float> left = right_is_read ? d[0] : ImageOf<float>();
+      const ImageOf<float> left = d[0];
       check_left_right(d[0], d[1], -1, tolerance);
-      if (right_is_read) check_left_right(d[1], left, +1, tolerance);
+      check_left_right(d[1], left, +1, tolerance);
+    } else if (in.size() == 2) {
+      d[1] = warp(d[0], in);
     }
-    if (in.size() == 2 && !right_is_read) d[1] = warp(d[0], in);
   }
 
   [[nodiscard]] std::optional<FlowField> flow(std::size_t c, std::size_t t,
@@ -485,6 +520,7 @@ class SequenceBuilder {
                                                settings_.debug_images ? &images : nullptr);
       for (std::size_t k = 0; k < measured.fusion.statistics.size() && inputs_.keypoints; ++k) {
         measured.fusion.statistics[k].keypoints = prepared.evidence[c][k];
+        if (!prepared.space.empty()) measured.fusion.statistics[k].space = prepared.space[c][k];
       }
       if (!belief_) decide_segments(settings_.options, measured.fusion);
       out.cameras.push_back(std::move(measured));
@@ -592,15 +628,17 @@ class SequenceBuilder {
       std::snprintf(
           line, sizeof line,
           "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
-          "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.3f,%.3f,%.3f,%.17g,%s,%.17g\n",
+          "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%d,%d,%d,%.4f,%.3f,%.3f,%.3f,%.3f,"
+          "%.17g,%s,%.17g\n",
           name.c_str(), camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
           m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test,
           d.rho, d.score, m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0,
           m.median.length, m.median.coherent, m.median.scatter, m.median.parallax,
           m.median.disparity, m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
           m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
-          m.appearance.flow_patches, m.appearance.still, m.appearance.flow, d.evidence_flow,
-          d.evidence_appearance, d.evidence_keypoints, d.evidence,
+          m.appearance.flow_patches, m.appearance.still, m.appearance.flow, m.space.occupied,
+          m.space.free, m.space.hidden, m.space.span, d.evidence_flow, d.evidence_appearance,
+          d.evidence_keypoints, d.evidence_space, d.evidence,
           d.dynamic  ? "moving"
           : d.judged ? "static"
                      : "not_judged",
@@ -664,13 +702,14 @@ class SequenceBuilder {
   std::optional<MotionBelief> belief_;
   std::uint64_t chain_ = 0;  ///< content key of the frame before, where belief depends on it
   std::unique_ptr<KeypointMotion> keypoints_;
-  std::deque<Prepared> prepared_;    ///< frames that are read and not yet built
-  std::size_t read_ = 0;             ///< frames
-  std::vector<std::uint64_t> keys_;  ///< of frames, without what comes after them
-  std::size_t keyed_ = 0;            ///< frames
-  std::deque<Measured> measured_;    ///< frames that are not written, from `written_` on
-  std::size_t written_ = 0;          ///< frames
-  std::mutex mutex_;                 ///< of what follows, while frames are built
+  std::deque<std::array<ImageOf<float>, 2>> earlier_;  ///< disparities (px), latest first
+  std::deque<Prepared> prepared_;                      ///< frames that are read and not yet built
+  std::size_t read_ = 0;                               ///< frames
+  std::vector<std::uint64_t> keys_;                    ///< of frames, without what comes after them
+  std::size_t keyed_ = 0;                              ///< frames
+  std::deque<Measured> measured_;  ///< frames that are not written, from `written_` on
+  std::size_t written_ = 0;        ///< frames
+  std::mutex mutex_;               ///< of what follows, while frames are built
   BuildSummary summary_;
   std::size_t done_ = 0;  ///< frames
 };

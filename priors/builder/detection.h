@@ -34,6 +34,14 @@ struct AppearanceEvidence {
   double flow = 0;       ///< 0..1, share of the latter
 };
 
+/// What the depth of earlier frames says about where a thing is now (free_space.h).
+struct FreeSpaceEvidence {
+  int occupied = 0;  ///< pixels whose place was occupied
+  int free = 0;      ///< was free
+  int hidden = 0;    ///< was behind something
+  double span = 0;   ///< s, back to that frame
+};
+
 /// What was measured over one segment's pixels.
 struct SegmentStatistics {
   std::uint32_t area = 0;         ///< px
@@ -46,6 +54,7 @@ struct SegmentStatistics {
   MedianResidual median;
   KeypointEvidence keypoints;
   AppearanceEvidence appearance;
+  FreeSpaceEvidence space;
 };
 
 /// The background of one frame and camera, over its stuff pixels.
@@ -68,7 +77,7 @@ struct MotionDecision {
   bool judged = false;  ///< false: nothing was measured that could tell
   double log_odds = 0;  ///< of moving, robust only; and what this frame said, nats:
   double evidence = 0;  ///< of its object, all cameras and sources together; and of this segment:
-  double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0;
+  double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0, evidence_space = 0;
 };
 
 /// omega = clip(1 / (c + 0.1), 1, 4).

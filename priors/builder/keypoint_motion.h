@@ -50,6 +50,13 @@ class KeypointMotion {
   Evidence next_frame(double timestamp, std::shared_ptr<const FrameFeatures> features,
                       std::span<const CameraSegments> cameras, SegmentLinks& links);
 
+  /// Frames before the last one whose camera pose is known in relation to it.
+  [[nodiscard]] std::size_t frames_back() const { return frames_.empty() ? 0 : frames_.size() - 1; }
+  /// Of the left camera, `back` <= frames_back() frames before the last one.
+  [[nodiscard]] Rigid3 T_before_last(std::size_t back) const {
+    return frames_[back].T_c_w * frames_[0].T_c_w.inverse();
+  }
+
  private:
   struct Frame {
     double timestamp = 0;

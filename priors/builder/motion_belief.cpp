@@ -29,6 +29,11 @@ constexpr double kStillShare = 0.4;     // of patches that look the same: says n
 constexpr double kAlone = 0.3;          // nats, of appearance that nothing else supports
 constexpr double kAlikeShift = 2.2,
                  kOtherShift = 3.7;     // px: shifts that patches cannot and can tell
+constexpr double kMaxSpace = 2.5;       // nats
+constexpr double kSpaceSlope = 8;       // nats per share of pixels whose place was free
+constexpr double kFreeByError = 0.05;   // of pixels, where it stood still
+constexpr double kLeastFree = 0.1;      // of all pixels looked at, hidden ones too
+constexpr double kSupports = 0.5;       // nats, by which free space confirms a changed look
 constexpr double kContradicted = -0.3;  // nats of appearance that void the flow's
 
 std::int32_t object_of(std::int32_t instance) {
@@ -67,7 +72,14 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
     e.appearance *= std::clamp((m.length - kAlikeShift) / (kOtherShift - kAlikeShift), 0.0, 1.0);
     if (e.appearance < kContradicted) e.flow = 0;
   }
-  if (e.appearance > 0 && e.flow <= 0) e.appearance = std::min(e.appearance, kAlone);
+  const FreeSpaceEvidence& s = segment.space;
+  if (s.free > 0 && s.free >= kLeastFree * (s.free + s.occupied + s.hidden)) {
+    const double share = static_cast<double>(s.free) / (s.free + s.occupied);
+    e.space = std::clamp(kSpaceSlope * (share - kFreeByError), 0.0, kMaxSpace);
+  }
+  if (e.appearance > 0 && e.flow <= 0 && e.space < kSupports) {
+    e.appearance = std::min(e.appearance, kAlone);
+  }
   return e;
 }
 
@@ -146,8 +158,9 @@ void MotionBelief::add_frame(double timestamp, std::span<CameraFusion* const> ca
       decision.evidence_flow = e.flow;
       decision.evidence_appearance = e.appearance;
       decision.evidence_keypoints = e.keypoints;
+      decision.evidence_space = e.space;
       Sums& object = sums[object_of((*instances[c])[k])];
-      object.cameras += std::clamp(e.flow + e.appearance, -kMaxCamera, kMaxCamera);
+      object.cameras += std::clamp(e.flow + e.appearance + e.space, -kMaxCamera, kMaxCamera);
       // Both cameras see the same keypoints.
       if (std::abs(e.keypoints) > std::abs(object.keypoints)) object.keypoints = e.keypoints;
       ++object.count;

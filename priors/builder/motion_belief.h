@@ -16,7 +16,10 @@ struct MotionEvidence {
   double flow = 0;        ///< median residual against its threshold
   double appearance = 0;  ///< where the next image looks the same
   double keypoints = 0;   ///< stereo keypoints followed in time
-  [[nodiscard]] bool any() const { return flow != 0 || appearance != 0 || keypoints != 0; }
+  double space = 0;       ///< its place was free before; never < 0
+  [[nodiscard]] bool any() const {
+    return flow != 0 || appearance != 0 || keypoints != 0 || space != 0;
+  }
 };
 
 /// detection.method: robust. Each source is limited, and a source that another contradicts is not

@@ -209,6 +209,50 @@ TEST_F(BuildSequenceTest, DecisionsThatLookAheadAreTheSameWhenResumed) {
   EXPECT_NE(bytes("one0/segments.csv"), bytes("one2/segments.csv"));
 }
 
+/// Networks call a thing a car in one view and a truck in the other: it has depth in both.
+TEST_F(BuildSequenceTest, AnEstimatedPairHasDepthWhereTheViewsDisagreeAboutClasses) {
+  constexpr int kDisparity = 8;
+  const int width = sequence_.camera.width, height = sequence_.camera.height;
+  sequence_.read = [=](std::size_t) {
+    GrayImage left(width, height), right(width, height);
+    std::uint32_t seed = 5;
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        seed = seed * 1664525u + 1013904223u;
+        left.at(x, y) = static_cast<std::uint8_t>(seed >> 24);
+        if (x >= kDisparity) right.at(x - kDisparity, y) = left.at(x, y);
+      }
+    }
+    return std::pair(std::move(left), std::move(right));
+  };
+  fs::create_directories(root_ / "right");
+  fs::copy(root_ / "pan", root_ / "right", fs::copy_options::recursive);
+  std::string annotations = bytes("pan.json");
+  for (std::size_t at = 0;
+       (at = annotations.find("\"category_id\":3}", at)) != std::string::npos;) {
+    annotations.replace(at, 16, "\"category_id\":8}");
+  }
+  std::ofstream(root_ / "right.json") << annotations;
+  inputs_.panoptic[1] = root_ / "right";
+  inputs_.disparity = "sgbm";
+  inputs_.flow = {"", ""};
+  build("sgbm", 1);
+  std::istringstream table(bytes("sgbm/segments.csv"));
+  std::string row;
+  std::getline(table, row);
+  const double expected = sequence_.camera.bf() / kDisparity;
+  int right_rows = 0;
+  while (std::getline(table, row)) {
+    std::istringstream cells(row);
+    std::vector<std::string> cell;
+    for (std::string value; std::getline(cells, value, ',');) cell.push_back(value);
+    if (cell[1] != "right") continue;
+    ++right_rows;
+    EXPECT_NEAR(std::stod(cell[6]), expected, 0.05 * expected) << row;
+  }
+  EXPECT_EQ(right_rows, 10);
+}
+
 TEST_F(BuildSequenceTest, BadInputsAreNamed) {
   const auto message = [&] {
     try {

@@ -7,6 +7,7 @@
 
 #include "motion/belief.h"
 #include "priors/builder/appearance.h"
+#include "priors/builder/free_space.h"
 #include "priors/builder/mask_association.h"
 #include "priors/builder/motion_belief.h"
 #include "synthetic_scene.h"
@@ -73,6 +74,24 @@ TEST(MotionEvidence, LookingDifferentAloneIsHidingNotMoving) {
 }
 
 /// One thing per camera, seen with this residual.
+TEST(MotionEvidence, AFreePlaceSaysItMovedAndConfirmsWhatLooksDifferent) {
+  const BuilderOptions::Detection options;
+  SegmentStatistics s;
+  s.appearance = {100, 0, 0.1, 0};
+  s.space = {90, 10, 0, 0.4};  // 0.1 of 100 px were free: 8 (0.1 - 0.05) nats
+  EXPECT_NEAR(motion_evidence(options, s, kBackground).space, 0.4, 1e-9);
+  EXPECT_NEAR(motion_evidence(options, s, kBackground).appearance, 0.3, 1e-9);
+  s.space = {80, 20, 0, 0.4};
+  EXPECT_NEAR(motion_evidence(options, s, kBackground).space, 1.2, 1e-9);
+  EXPECT_NEAR(motion_evidence(options, s, kBackground).appearance, 2.4, 1e-9) << "8 (0.4 - 0.1)";
+  s.space = {0, 100, 0, 0.4};
+  EXPECT_EQ(motion_evidence(options, s, kBackground).space, 2.5) << "limited";
+  s.space = {0, 100, 950, 0.4};
+  EXPECT_EQ(motion_evidence(options, s, kBackground).space, 0) << "nearly all of it was hidden";
+  s.space = {100, 0, 0, 0.4};
+  EXPECT_EQ(motion_evidence(options, s, kBackground).space, 0) << "occupied is no proof of rest";
+}
+
 CameraFusion fusion_of(const SegmentStatistics& statistics) {
   CameraFusion fusion;
   fusion.segments = {{1, 0, true}};
@@ -292,6 +311,55 @@ TEST(Appearance, TellsAParkedCarFromOneThatMoves) {
   EXPECT_LT(evidence[1].flow, 0.1);
   EXPECT_LT(evidence[2].still, 0.35) << "its left edge shows what was there before";
   EXPECT_GT(evidence[2].flow, 0.5) << "patches across its border, 40 % of all, change";
+}
+
+/// Disparities of a wall of 4 px with a plate of `near` px in front of it.
+ImageOf<float> plate(int x0, int x1, float near) {
+  ImageOf<float> disparity(200, 60);
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 200; ++x) {
+      disparity.at(x, y) = x >= x0 && x < x1 && y >= 20 && y < 40 ? near : 4;
+    }
+  }
+  return disparity;
+}
+
+TEST(FreeSpace, TellsWhatCameFromElsewhereFromWhatWasThereOrHidden) {
+  const StereoCamera camera = synthetic::kitti_camera(200, 60);
+  const PanopticMap map = boxes({{60, 20, 100, 40}});
+  const auto compare = [&](const ImageOf<float>& other, const Rigid3& T_other_now, float near) {
+    return compare_space(camera, T_other_now, false, plate(60, 100, near), other, map.runs,
+                         {false, true})[1];
+  };
+  const FreeSpaceEvidence moved = compare(plate(110, 150, 12), {}, 12);
+  EXPECT_EQ(moved.free, 800);
+  EXPECT_EQ(moved.occupied, 0);
+  const FreeSpaceEvidence stood = compare(plate(60, 100, 12), {}, 12);
+  EXPECT_EQ(stood.free, 0);
+  EXPECT_EQ(stood.occupied, 800);
+  EXPECT_EQ(compare(plate(40, 120, 24), {}, 12).free, 0) << "behind something else";
+  EXPECT_EQ(compare(plate(110, 150, 12), {}, 5).free, 0) << "too far to be told from the wall";
+  ImageOf<float> unknown = plate(110, 150, 12);
+  for (std::size_t i = 0; i < unknown.size(); ++i) unknown.data()[i] = kNoValue;
+  EXPECT_EQ(compare(unknown, {}, 12).free, 0);
+}
+
+TEST(FreeSpace, TheCamerasOwnMotionIsNotThatOfThings) {
+  // The camera is now nearer by a quarter of the plate's depth. Then, its half extent was 4/5.
+  StereoCamera camera = synthetic::kitti_camera(200, 60);
+  camera.cx = 80;
+  camera.cy = 30;
+  const double depth = camera.bf() / 12;
+  const Rigid3 T_other_now(Eigen::Quaterniond::Identity(), {0, 0, 0.25 * depth});
+  const PanopticMap map = boxes({{60, 20, 100, 40}});
+  const auto compare = [&](int x0, int x1, bool right) {
+    return compare_space(camera, T_other_now, right, plate(60, 100, 12), plate(x0, x1, 12 * 0.8F),
+                         map.runs, {false, true})[1];
+  };
+  EXPECT_EQ(compare(64, 96, false).free, 0) << "it stood";
+  EXPECT_GT(compare(64, 96, false).occupied, 600);
+  EXPECT_GT(compare(100, 132, false).free, 600) << "it came from the right";
+  EXPECT_EQ(compare(64, 96, true).free, 0) << "motion along the optical axis: the same there";
 }
 
 }  // namespace

@@ -69,6 +69,10 @@ def reasons(row):
         said.append(f"keypoints {number['evidence_keypoints']:+.1f}: {number['keypoint_inliers']:.0f} of "
                     f"{number['keypoints']:.0f} moved {number['keypoint_shift_m']:.2f} m in "
                     f"{number['keypoint_span_s']:.1f} s")
+    if number.get("evidence_space"):
+        said.append(f"free space {number['evidence_space']:+.1f}: its place was free at "
+                    f"{number['place_free']:.0f} px and occupied at "
+                    f"{number['place_occupied']:.0f}, {number['place_span_s']:.1f} s before")
     return said
 
 

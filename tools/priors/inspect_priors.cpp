@@ -63,9 +63,9 @@ Reasons read_reasons(const fs::path& folder) {
     if (row["radial_test"] == "1") reason += ", radial";
     if (number("log_odds") != 0) {
       std::snprintf(text, sizeof text,
-                    ", flow %+.1f appearance %+.1f keypoints %+.1f nats, belief %+.1f",
+                    ", flow %+.1f appearance %+.1f keypoints %+.1f space %+.1f nats, belief %+.1f",
                     number("evidence_flow"), number("evidence_appearance"),
-                    number("evidence_keypoints"), number("log_odds"));
+                    number("evidence_keypoints"), number("evidence_space"), number("log_odds"));
       reason += text;
     }
     reasons[reason_key(row["frame"], row["camera"],

@@ -1,0 +1,129 @@
+#include "priors/builder/free_space.h"
+
+#include <kys_slam/util/median.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace kys_slam {
+namespace {
+
+constexpr int kSlack = 2;                            // px, by which a prediction may be off
+constexpr double kCandidates = 2000;                 // pixels per segment that are looked at
+constexpr double kSame = 1.0, kSameShare = 0.04;     // px and share of the disparity: its error
+constexpr double kBeyond = 2.0, kBeyondShare = 0.1;  // likewise: the place is free beyond it
+
+constexpr float kSurface = 1, kSurfaceShare = 0.15F;  // likewise: pixels of one surface
+constexpr int kFewest = 50;                           // pixels that tell, or nothing is said; and
+constexpr double kFewestShare = 0.25;                 // of those looked at
+
+enum class Place { kUnknown, kOccupied, kFree, kHidden };
+
+/// What the other frame sees at (u, v), where a surface of disparity d is expected.
+Place look(const ImageOf<float>& other, double u, double v, double d) {
+  const auto x = static_cast<int>(std::lround(u)), y = static_cast<int>(std::lround(v));
+  if (x < kSlack || y < kSlack || x >= other.width() - kSlack || y >= other.height() - kSlack) {
+    return Place::kUnknown;
+  }
+  int farther = 0, nearer = 0, known = 0;
+  for (int j = y - kSlack; j <= y + kSlack; ++j) {
+    for (int i = x - kSlack; i <= x + kSlack; ++i) {
+      const double seen = other.at(i, j);
+      if (!(seen > 0)) continue;
+      ++known;
+      if (std::abs(seen - d) <= kSame + kSameShare * d) return Place::kOccupied;
+      farther += seen < d - (kBeyond + kBeyondShare * d) ? 1 : 0;
+      nearer += seen > d ? 1 : 0;
+    }
+  }
+  constexpr int kAll = (2 * kSlack + 1) * (2 * kSlack + 1);
+  if (known < kAll / 2) return Place::kUnknown;
+  if (farther == known) return Place::kFree;
+  return nearer > 0 ? Place::kHidden : Place::kUnknown;
+}
+
+struct Pixel {
+  int x, y;
+  float disparity;  // px
+};
+
+/// Pixels of every thing, at most kCandidates or so, and how many of them have a disparity.
+struct Samples {
+  std::vector<Pixel> known;
+  int looked_at = 0;
+};
+
+std::vector<Samples> sample(const ImageOf<float>& disparity, const SegmentRuns& runs,
+                            const std::vector<bool>& is_thing) {
+  std::vector<Samples> samples(is_thing.size());
+  std::vector<std::uint32_t> area(is_thing.size(), 0);
+  for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
+  for (int y = 0; y < runs.rows(); ++y) {
+    for (const SegmentRun& run : runs.row(y)) {
+      if (run.segment == 0 || !is_thing[run.segment]) continue;
+      const int step = std::max(1, static_cast<int>(std::sqrt(area[run.segment] / kCandidates)));
+      if (y % step != 0) continue;
+      for (int x = (run.x0 + step - 1) / step * step; x < run.x1; x += step) {
+        ++samples[run.segment].looked_at;
+        const float d = disparity.at(x, y);
+        if (d > 0) samples[run.segment].known.push_back({x, y, d});
+      }
+    }
+  }
+  return samples;
+}
+
+/// Leaves the pixels of the surface that most are on: a segment's border and what it wrongly covers
+/// have other depths.
+void keep_surface(std::vector<Pixel>& pixels) {
+  if (pixels.empty()) return;
+  std::vector<float> d;
+  for (const Pixel& p : pixels) d.push_back(p.disparity);
+  const float middle = median(d);
+  std::erase_if(pixels, [&](const Pixel& p) {
+    return std::abs(p.disparity - middle) > kSurface + kSurfaceShare * middle;
+  });
+}
+
+}  // namespace
+
+std::vector<FreeSpaceEvidence> compare_space(const StereoCamera& camera, const Rigid3& T_other_now,
+                                             bool right, const ImageOf<float>& disparity,
+                                             const ImageOf<float>& other, const SegmentRuns& runs,
+                                             const std::vector<bool>& is_thing) {
+  // The right camera is the left one's baseline to the right.
+  const Eigen::Vector3d offset(right ? camera.baseline : 0, 0, 0);
+  const Eigen::Matrix3d R = T_other_now.R();
+  const Eigen::Vector3d t = T_other_now.t() + R * offset - offset;
+  std::vector<Samples> samples = sample(disparity, runs, is_thing);
+  std::vector<FreeSpaceEvidence> evidence(is_thing.size());
+  for (std::size_t k = 1; k < samples.size(); ++k) {
+    keep_surface(samples[k].known);
+    FreeSpaceEvidence e;
+    for (const Pixel& pixel : samples[k].known) {
+      const double depth = camera.bf() / pixel.disparity;
+      const Eigen::Vector3d p = R * camera.back_project(pixel.x, pixel.y, depth) + t;
+      if (!(p.z() > 0.1)) continue;
+      const Eigen::Vector2d at = camera.project(p);
+      if (!camera.in_image(at.x(), at.y())) continue;
+      switch (look(other, at.x(), at.y(), camera.bf() / p.z())) {
+        case Place::kOccupied:
+          ++e.occupied;
+          break;
+        case Place::kFree:
+          ++e.free;
+          break;
+        case Place::kHidden:
+          ++e.hidden;
+          break;
+        case Place::kUnknown:
+          break;
+      }
+    }
+    const int decided = e.occupied + e.free;
+    if (decided >= kFewest && decided >= kFewestShare * samples[k].looked_at) evidence[k] = e;
+  }
+  return evidence;
+}
+
+}  // namespace kys_slam
