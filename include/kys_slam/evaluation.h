@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/frame_source.h>
 
 #include <cstddef>
@@ -83,6 +84,8 @@ struct EvaluationOptions {
   std::size_t rpe_delta = 1;          ///< frames
   bool rpe_all_steps = false;         ///< overlapping steps when rpe_delta > 1
 };
+/// For check_options().
+void describe(kys::OptionList& list, EvaluationOptions& options);
 
 /// Figures of an estimate against a reference.
 struct Evaluation {

@@ -17,6 +17,8 @@ struct ImagePairOptions {
   std::optional<double> rate;
   std::filesystem::path times;  ///< text, one time stamp (s) per left image; "": none
 };
+/// For check_options().
+void describe(kys::OptionList& list, ImagePairOptions& options);
 
 /// Opens the PNG or JPEG images of two folders, grey or colour, 8 or 16 bits. Names that are stamps
 /// are paired by time (part.pairing_tolerance), others by the numbers they end in. Images are

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/frame_source.h>
 #include <kys_slam/stereo_rectifier.h>
 
@@ -29,6 +30,8 @@ struct SequenceOptions {
   double pairing_tolerance = 0.003;    ///< s, EuRoC: largest difference of the two cameras' stamps
   CameraPair pair = CameraPair::kFirst;
 };
+/// For check_options().
+void describe(kys::OptionList& list, SequenceOptions& options);
 
 /// A recorded stereo sequence in a folder. Frames can be read in order (`next`) or by position, the
 /// latter from several threads at a time. Positions run from 0 to frame_count()-1 of the part in

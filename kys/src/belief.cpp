@@ -41,16 +41,17 @@ Mobility mobility(const LabelClass& label_class) {
   return mobile ? Mobility::kMobile : Mobility::kCarried;
 }
 
+void describe(OptionList& list, BeliefOptions& o) {
+  list.add("belief.carried", o.carried, {-20, 20}, "nats",
+           "log-odds of standing still of things that others move (chairs, bags)");
+  list.add("belief.mobile", o.mobile, {-20, 20}, "nats", "of people, animals, vehicles");
+  list.add("belief.flagged", o.flagged, {-20, 20}, "nats", "added when the file calls it moving");
+  list.add("belief.unflagged", o.unflagged, {-20, 20}, "nats", "added when it does not");
+}
+
 void BeliefOptions::check() const {
-  const auto require = [](double value, const char* key) {
-    if (!(std::abs(value) <= 20)) {
-      throw Error(std::string("belief.") + key + " must be between -20 and 20");
-    }
-  };
-  require(carried, "carried");
-  require(mobile, "mobile");
-  require(flagged, "flagged");
-  require(unflagged, "unflagged");
+  const std::string complaint = complaint_about(*this);
+  if (!complaint.empty()) throw Error(complaint);
 }
 
 BeliefStart::BeliefStart(const BeliefOptions& options, const LabelSpace& space)

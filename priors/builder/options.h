@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <string>
 
 namespace kys_slam {
@@ -113,6 +115,9 @@ struct BuilderOptions {
   /// \throws InputError naming the setting that makes no sense.
   void check() const;
 };
+
+/// For check_options().
+void describe(kys::OptionList& list, BuilderOptions& options);
 
 /// Everything as the paper states it: configs/priors_paper.yaml.
 BuilderOptions paper_options();

@@ -1,10 +1,17 @@
+#include <kys_slam/check_options.h>
 #include <kys_slam/evaluation.h>
 
 #include <utility>
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, EvaluationOptions& o) {
+  list.add("evaluation.max_time_difference", o.max_time_difference, {0, 1e9}, "s");
+  list.add("evaluation.rpe_delta", o.rpe_delta, {1, 1e9}, "frames");
+}
+
 Evaluation evaluate_pairs(TrajectoryPair pair, const EvaluationOptions& options) {
+  check_options(options);
   Evaluation result;
   result.pairs = pair.size();
   result.reference_poses = pair.reference.size();
@@ -23,6 +30,7 @@ Evaluation evaluate_pairs(TrajectoryPair pair, const EvaluationOptions& options)
 
 Evaluation evaluate(std::span<const TimedPose> reference, std::span<const TimedPose> estimate,
                     const EvaluationOptions& options) {
+  check_options(options);
   Evaluation result =
       evaluate_pairs(associate_by_time(reference, estimate, options.max_time_difference), options);
   result.reference_poses = reference.size();

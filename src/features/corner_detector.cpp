@@ -7,6 +7,14 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, CornerOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("corners.threshold", o.threshold, {1, 254}, "grey levels");
+  list.add("corners.min_threshold", o.min_threshold, {1, 254}, "grey levels");
+  list.add("corners.margin", o.margin, {4, 10000}, "px");
+  list.add("corners.cell", o.cell, {1, 10000}, "px");
+}
+
 namespace {
 
 constexpr int kGroup = kernels::kScoreGroup;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/image.h>
 
 #include <array>
@@ -22,6 +23,8 @@ struct CornerOptions {
   int margin = 19;        ///< px without corners along the border, at least 4
   int cell = 35;          ///< px, about the side of a cell
 };
+/// For check_options().
+void describe(kys::OptionList& list, CornerOptions& options);
 
 /// FAST-9/16 corners with 3x3 non-maximum suppression and two thresholds (ORB-SLAM): cells in which
 /// a corner reaches `threshold` keep such corners alone, the others those of `min_threshold`. One

@@ -1,5 +1,6 @@
 #include "features/orb_extractor.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -13,13 +14,21 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, OrbOptions& o) {
+  list.add("orb.features", o.features, {1, 60000}, "", "keypoints wanted per image");
+  list.add("orb.scale_factor", o.scale_factor, {1.01, 4}, "", "size ratio of two pyramid levels");
+  list.add("orb.levels", o.levels, {1, 32}, "", "pyramid levels");
+  list.add("orb.fast_threshold", o.fast_threshold, {1, 254}, "grey levels", "FAST threshold");
+  list.add("orb.fast_min_threshold", o.fast_min_threshold, {1, 254}, "grey levels",
+           "FAST threshold where a cell finds nothing with the first");
+  list.add("orb.subpixel", o.subpixel, "corners placed to a fraction of a pixel");
+  list.require(o.fast_threshold >= o.fast_min_threshold,
+               "orb.fast_threshold must be at least orb.fast_min_threshold");
+}
+
 namespace {
 
 constexpr int kCell = 35;  // px, cells of the two-threshold rule
-
-void require(bool condition, const char* what) {
-  if (!condition) throw InputError(what);
-}
 
 /// Corners wanted on every level: a geometric series, the area of the levels.
 std::vector<int> share_out(const OrbOptions& options) {
@@ -36,15 +45,6 @@ std::vector<int> share_out(const OrbOptions& options) {
 }
 
 }  // namespace
-
-void OrbOptions::check() const {
-  require(features >= 1 && features <= 60000, "orb.features must be between 1 and 60000");
-  require(scale_factor > 1 && scale_factor <= 4, "orb.scale_factor must be above 1 and at most 4");
-  require(levels >= 1 && levels <= 32, "orb.levels must be between 1 and 32");
-  require(fast_min_threshold >= 1, "orb.fast_min_threshold must be at least 1");
-  require(fast_threshold >= fast_min_threshold && fast_threshold <= 254,
-          "orb.fast_threshold must be between orb.fast_min_threshold and 254");
-}
 
 struct OrbExtractor::Impl {
   OrbOptions options;
@@ -84,7 +84,7 @@ struct OrbExtractor::Impl {
 };
 
 OrbExtractor::OrbExtractor(const OrbOptions& options) : impl_(std::make_unique<Impl>()) {
-  options.check();
+  check_options(options);
   impl_->options = options;
   impl_->wanted = share_out(options);
 }

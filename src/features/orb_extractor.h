@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/features.h>
 #include <kys_slam/image.h>
 
@@ -20,10 +21,9 @@ struct OrbOptions {
   /// matched corners: 0.45 to 0.26 px rms on KITTI images moved by known amounts, 0.49 to 0.32 on
   /// EuRoC). Orientation and descriptor stay at the pixel.
   bool subpixel = true;
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, OrbOptions& options);
 
 /// Extracts oriented FAST corners with steered BRIEF descriptors: image pyramid, FAST with two
 /// thresholds, quadtree distribution, intensity-centroid orientation, 256-bit rotated BRIEF on a

@@ -11,6 +11,15 @@
 #include "geometry/reprojection.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, RansacOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("ransac.iterations", o.iterations, {1, 1e6});
+  list.add("ransac.confidence", o.confidence, {0, 1});
+  list.add("ransac.min_inliers", o.min_inliers, {3, 60000});
+  list.add("ransac.chi2_mono", o.chi2_mono, {0.1, 1e6});
+  list.add("ransac.chi2_stereo", o.chi2_stereo, {0.1, 1e6});
+}
 namespace {
 
 constexpr std::size_t kSampleSize = 3;

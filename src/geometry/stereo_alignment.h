@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -28,6 +29,8 @@ struct RansacOptions {
   double chi2_mono = kChi2Mono99;
   double chi2_stereo = kChi2Stereo99;
 };
+/// For check_options().
+void describe(kys::OptionList& list, RansacOptions& options);
 
 /// What a RANSAC over matches found. Without success T is the identity and there is no inlier.
 struct RansacResult {

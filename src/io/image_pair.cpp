@@ -1,3 +1,4 @@
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/image_pair.h>
@@ -11,6 +12,11 @@
 #include "io/sequence_parts.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, ImagePairOptions& o) {
+  describe(list, o.part);
+  if (o.rate) list.add("image_pair.rate", *o.rate, {1e-6, 1e6}, "Hz");
+}
 
 namespace fs = std::filesystem;
 
@@ -73,9 +79,6 @@ void set_times(const fs::path& left, const ImagePairOptions& options,
     throw InputError(left.string() +
                      ": the names of the images are no time stamps; give --rate or --times");
   }
-  if (!(*options.rate > 0) || !std::isfinite(*options.rate)) {
-    throw InputError("the frame rate is not positive");
-  }
   for (std::size_t i = 0; i < frames.size(); ++i) {
     frames[i].timestamp = static_cast<double>(i) / *options.rate;
   }
@@ -85,6 +88,7 @@ void set_times(const fs::path& left, const ImagePairOptions& options,
 
 std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::path& right_given,
                                           StereoRig rig, const ImagePairOptions& options) {
+  check_options(options);
   const fs::path left = sequence_folder(left_given), right = sequence_folder(right_given);
   Sequence::Content content;
   content.name = left.parent_path().filename().string();

@@ -1,5 +1,6 @@
 #include "io/sequence_parts.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/util/paths.h>
@@ -10,6 +11,12 @@
 #include "camera/kitti_calibration.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, SequenceOptions& o) {
+  list.add("sequence.start", o.start, {0, 1e9}, "frames");
+  if (o.frames) list.add("sequence.frames", *o.frames, {1, 1e9}, "frames");
+  list.add("sequence.pairing_tolerance", o.pairing_tolerance, {0, 1e3}, "s");
+}
 namespace fs = std::filesystem;
 namespace {
 
@@ -110,6 +117,7 @@ std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const Sequenc
     throw InputError(folder.string() + ": cannot use " + std::to_string(*options.frames) +
                      " frames");
   }
+  check_options(options);
   for (const TimedPose& pose : content.ground_truth) {
     if (!pose.T_w_c.is_finite()) {
       throw InputError(folder.string() + ": ground truth with numbers that are too large");

@@ -1,11 +1,21 @@
 #include "loop_closing/full_bundle.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/util/memory.h>
 
 #include <algorithm>
 #include <utility>
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, FullBundleOptions& o) {
+  list.add("full_bundle.enabled", o.enabled, "bundle adjustment of the whole map after a loop");
+  list.add("full_bundle.min_delay", o.min_delay, {0, 1e9}, "keyframes",
+           "after which its result is taken over ...");
+  list.add("full_bundle.keyframes_per_step", o.keyframes_per_step, {1, 1e9}, "",
+           "... and one more for every so many keyframes of the map");
+  describe(list, o.bundle, "full_bundle.");
+}
 
 namespace {
 
@@ -15,7 +25,8 @@ bool same(const Rigid3& a, const Rigid3& b) {
 
 }  // namespace
 
-FullBundle::FullBundle(const FullBundleOptions& options, bool threaded) : options_(options) {
+FullBundle::FullBundle(const FullBundleOptions& options, bool threaded)
+    : options_(checked(options)) {
   if (threaded && options.enabled) worker_ = std::make_unique<Worker>();
 }
 

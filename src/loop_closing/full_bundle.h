@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <atomic>
 #include <memory>
 #include <vector>
@@ -17,6 +19,8 @@ struct FullBundleOptions {
   int keyframes_per_step = 20;  ///< ... and one more for so many keyframes of the map
   BundleOptions bundle;
 };
+/// For check_options().
+void describe(kys::OptionList& list, FullBundleOptions& options);
 
 /// Bundle adjustment of a whole sub-map beside the running system. It works on a copy; the result
 /// is taken over a number of keyframes later that depends on the map alone, so that the answer does

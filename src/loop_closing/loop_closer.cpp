@@ -9,6 +9,29 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, LoopOptions& o) {
+  list.add("loop.enabled", o.enabled, "close loops and merge sub-maps");
+  list.add("loop.min_gap", o.min_gap, {0, 1e9}, "keyframes", "between two loops");
+  list.add("loop.candidates", o.candidates, {0, 100}, "", "places verified per keyframe");
+  list.add("loop.min_votes", o.min_votes, {0, 60000}, "",
+           "features voting for a place below which it is skipped");
+  list.add("loop.neighbours", o.neighbours, {0, 1000}, "", "covisible keyframes asked to confirm");
+  list.add("loop.min_confirming", o.min_confirming, {0, 1000}, "", "of these have to");
+  list.add("loop.min_neighbour_inliers", o.min_neighbour_inliers, {0, 60000}, "",
+           "landmarks of the place each of them has to see");
+  list.add("loop.max_neighbour_shift", o.max_neighbour_shift, {0, 1000}, "m, and m/m",
+           "between where one is found and where it should be: this much and this share of its "
+           "distance");
+  list.add("loop.max_neighbour_turn", o.max_neighbour_turn, {0, 180}, "deg",
+           "between where one is found and where it should be");
+  list.add("loop.essential_weight", o.essential_weight, {1, 1e6}, "",
+           "shared landmarks that make an edge of the pose graph");
+  list.add("loop.graph_iterations", o.graph_iterations, {0, 1000}, "", "of the pose graph at most");
+  const kys::OptionList::Fixed fixed(list);
+  describe(list, o.verification);  // set as place.*
+  describe(list, o.fusion, "loop.");
+}
+
 namespace {
 
 double degrees(const Rigid3& T) {

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
+#include <kys_slam/check_options.h>
 
 #include <atomic>
 #include <optional>
@@ -29,6 +31,8 @@ struct LoopOptions {
   PlaceVerificationOptions verification;
   FusionOptions fusion{10, 0, 4, 50};
 };
+/// For check_options().
+void describe(kys::OptionList& list, LoopOptions& options);
 
 /// ms of the steps, and what came of one keyframe.
 struct LoopReport {
@@ -55,7 +59,7 @@ class LoopCloser {
   /// \param model has to outlive the closer
   LoopCloser(const LoopOptions& options, const LocalBundleOptions& bundle,
              const kys::DistanceModel& model)
-      : options_(options), bundle_(bundle), model_(&model) {}
+      : options_(checked(options)), bundle_(checked(bundle)), model_(&model) {}
 
   /// After local mapping of the keyframe. \param index holds the map's landmarks
   LoopReport process(Map& map, KeyFrameId current, const PlaceIndex& index,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <cstdint>
 #include <optional>
@@ -27,6 +28,8 @@ struct PlaceVerificationOptions {
   int min_observed = 10;            ///< ... each see this many of the landmarks that fit
   std::uint64_t seed = 1;           ///< of the samples of the alignment
 };
+/// For check_options().
+void describe(kys::OptionList& list, PlaceVerificationOptions& options);
 
 /// A frame recognised at a place of the map.
 struct VerifiedPlace {

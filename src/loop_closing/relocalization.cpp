@@ -4,6 +4,16 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, RelocalizationOptions& o) {
+  list.add("relocalization.enabled", o.enabled,
+           "look for lost frames in the whole map, start a new sub-map when that fails");
+  list.add("relocalization.candidates", o.candidates, {0, 100}, "", "places verified per frame");
+  list.add("relocalization.patience", o.patience, {1, 1e9}, "frames",
+           "not recognised before one of them starts a new sub-map");
+  const kys::OptionList::Fixed fixed(list);
+  describe(list, o.verification);  // set as place.*
+}
+
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
                                         const FrameFeatures& features,
                                         const RelocalizationOptions& options,

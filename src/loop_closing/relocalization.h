@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <optional>
 
@@ -15,6 +16,8 @@ struct RelocalizationOptions {
   int patience = 10;  ///< frames that could start a map but are not recognised, until one does
   PlaceVerificationOptions verification;
 };
+/// For check_options().
+void describe(kys::OptionList& list, RelocalizationOptions& options);
 
 /// Where a frame of unknown pose is in the map: the place of the index's candidates that fits it
 /// best, verified (ORB-SLAM, Sec. V-C). Nothing when none does.

@@ -2,6 +2,22 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, LandmarkCullingOptions& o) {
+  list.add("mapping.min_found_ratio", o.min_found_ratio, {0, 1}, "",
+           "share of frames in view that must match a new landmark");
+  list.add("mapping.min_observation_weight", o.min_observation_weight, {0, 100}, "",
+           "observations (stereo counts twice) a landmark needs two keyframes after its making");
+}
+
+void describe(kys::OptionList& list, KeyFrameCullingOptions& o) {
+  list.add("mapping.redundant_share", o.redundant_share, {0, 1}, "",
+           "share of redundant landmarks above which a keyframe goes");
+  list.add("mapping.redundant_observers", o.min_observers, {1, 1000}, "",
+           "other keyframes that make a landmark redundant");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("mapping.redundant_baselines", o.close_baselines, {1, 1e6}, "baselines");
+}
+
 int RecentLandmarks::cull(Map& map, KeyFrameId current, const LandmarkCullingOptions& options) {
   int erased = 0;
   std::size_t kept = 0;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <vector>
 
 #include "map/map.h"
@@ -10,6 +12,8 @@ struct LandmarkCullingOptions {
   double min_found_ratio = 0.25;   ///< frames in which it was matched of those that should see it
   int min_observation_weight = 4;  ///< after two keyframes; a stereo observation counts twice
 };
+/// For check_options().
+void describe(kys::OptionList& list, LandmarkCullingOptions& options);
 
 /// Landmarks made by the last few keyframes: they have to prove themselves (ORB-SLAM, Sec. VI-B).
 class RecentLandmarks {
@@ -28,6 +32,8 @@ struct KeyFrameCullingOptions {
   int min_observers = 3;         ///< other keyframes that see a landmark as finely
   double close_baselines = 40;   ///< landmarks farther than this do not count
 };
+/// For check_options().
+void describe(kys::OptionList& list, KeyFrameCullingOptions& options);
 
 /// Takes out covisible keyframes of `current` whose close landmarks nearly all are seen by at least
 /// three others at the same or a finer scale (ORB-SLAM, Sec. VI-E). Returns how many.

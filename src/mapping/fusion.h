@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include "map/map.h"
 
@@ -12,6 +13,8 @@ struct FusionOptions {
   float radius = 3;                   ///< px at octave 0
   float max_distance = 50;            ///< bits
 };
+/// For check_options(). \param prefix of the keys
+void describe(kys::OptionList& list, FusionOptions& options, std::string_view prefix = "mapping.");
 
 /// Finds landmarks of `current` in its neighbours and theirs in it; two landmarks at one feature
 /// become one, the better observed (ORB-SLAM, Sec. VI-C). Returns merges and new observations.

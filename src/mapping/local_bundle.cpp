@@ -7,6 +7,13 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, LocalBundleOptions& o) {
+  list.add("mapping.bundle_keyframes", o.max_keyframes, {1, 1000}, "",
+           "keyframes optimised together");
+  list.add("mapping.bundle_fixed", o.max_fixed, {0, 10000}, "", "keyframes held fixed around them");
+  describe(list, o.bundle, "mapping.bundle_");
+}
+
 namespace {
 
 struct Window {

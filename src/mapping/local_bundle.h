@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <atomic>
 #include <cstddef>
 #include <vector>
@@ -14,6 +16,8 @@ struct LocalBundleOptions {
   std::size_t max_fixed = 20;      ///< fixed ones that see the same landmarks, most shared first
   BundleOptions bundle;
 };
+/// For check_options().
+void describe(kys::OptionList& list, LocalBundleOptions& options);
 
 struct LocalBundleReport {
   int keyframes = 0;

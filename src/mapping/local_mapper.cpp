@@ -1,11 +1,24 @@
 #include "mapping/local_mapper.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/util/stopwatch.h>
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, LocalMapperOptions& o) {
+  describe(list, o.landmark_culling);
+  describe(list, o.triangulation);
+  describe(list, o.fusion);
+  describe(list, o.bundle);
+  describe(list, o.keyframe_culling);
+  describe(list, o.thinning);
+  describe(list, o.calibration);
+  list.add("belief.patience", o.mover_patience, {0, 1e6}, "s",
+           "after which landmarks on a mover leave the map");
+}
+
 LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)
-    : options_(options),
+    : options_(checked(options)),
       model_(&model),
       calibration_(options.calibration),
       thinning_(options.thinning) {}

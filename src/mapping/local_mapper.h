@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <atomic>
 #include <vector>
@@ -26,6 +27,8 @@ struct LocalMapperOptions {
   ThinningOptions thinning;
   double mover_patience = 1;  ///< s after which landmarks on what moves leave the map
 };
+/// For check_options().
+void describe(kys::OptionList& list, LocalMapperOptions& options);
 
 /// ms of the steps of local mapping, and what they did, for one keyframe.
 struct LocalMapperReport {

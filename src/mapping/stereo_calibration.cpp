@@ -10,6 +10,21 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
+  list.add("calibration.enabled", o.enabled,
+           "estimate a constant offset of all disparities from the map");
+  list.add("calibration.keyframes", o.keyframes, {2, 1e9}, "",
+           "in the map when it is first estimated; again at twice that");
+  list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
+           "by which it has to differ to be applied");
+  list.add("calibration.systematic", o.systematic, {0, 100}, "px",
+           "standard deviation of its error beside that from noise");
+  list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
+           "a larger one is ignored");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("calibration.min_observers", o.min_observers, {1, 1000});
+}
+
 namespace {
 
 constexpr double kStep = 0.2;  // px between the offsets that are tried

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <kys/option_list.h>
+#include <kys_slam/check_options.h>
+
 #include <atomic>
 
 #include "map/map.h"
@@ -18,6 +21,8 @@ struct StereoCalibrationOptions {
   double max_correction = 1;  ///< px, more is no calibration error but a failure
   int min_observers = 3;      ///< keyframes that see a landmark used here
 };
+/// For check_options().
+void describe(kys::OptionList& list, StereoCalibrationOptions& options);
 
 /// A constant error of all disparities, as the map itself shows it.
 struct DisparityOffset {
@@ -43,7 +48,8 @@ DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibratio
 /// did.
 class StereoCalibration {
  public:
-  explicit StereoCalibration(const StereoCalibrationOptions& options) : options_(options) {}
+  explicit StereoCalibration(const StereoCalibrationOptions& options)
+      : options_(checked(options)) {}
   /// Returns whether the map was changed.
   bool update(Map& map, const std::atomic<bool>* stop = nullptr);
 

@@ -4,6 +4,12 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, ThinningOptions& o) {
+  list.add("mapping.thin_after", o.patience, {0, 1e9}, "keyframes",
+           "since one last shared landmarks with the newest, after which it keeps no features "
+           "without landmark; 0: never");
+}
+
 void Thinning::continue_map(const Map& map) {
   whole_.clear();
   const KeyFrameId now{map.keyframe_id_end()};

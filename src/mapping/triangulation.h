@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <cstdint>
 #include <vector>
@@ -17,6 +18,8 @@ struct TriangulationOptions {
   double scale_tolerance = 1.8;      ///< distance ratio against octave ratio, factor either way
   EpipolarOptions matching;
 };
+/// For check_options().
+void describe(kys::OptionList& list, TriangulationOptions& options);
 
 /// New landmarks from features of `current` and its best covisible keyframes that have none yet
 /// (ORB-SLAM, Sec. VI-C; ORB-SLAM2: the wider of ray and stereo parallax gives the depth).

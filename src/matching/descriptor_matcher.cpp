@@ -6,6 +6,12 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, DescriptorMatchOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("descriptor_match.max_distance", o.max_distance, {0, 1e6}, "bits");
+  list.add("descriptor_match.ratio", o.ratio, {0.1, 10});
+}
+
 namespace {
 
 struct Best {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <cstdint>
 #include <span>
@@ -23,6 +24,8 @@ struct DescriptorMatchOptions {
   float ratio = 0.7f;       ///< best / second best
   bool check_rotation = true;
 };
+/// For check_options().
+void describe(kys::OptionList& list, DescriptorMatchOptions& options);
 
 /// Matches by descriptor alone, without any prediction of where: every query against every feature,
 /// with ratio test and consistent turns of orientation. For a frame whose pose is not known.

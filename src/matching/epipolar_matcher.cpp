@@ -8,6 +8,18 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, EpipolarOptions& o) {
+  list.add("mapping.triangulation_distance", o.max_distance, {0, 1e6}, "bits",
+           "largest distance of a match along an epipolar line");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("mapping.epipolar_chi2", o.chi2_line, {0.01, 1e6});
+  list.add("mapping.epipolar_min_depth", o.min_depth, {1e-3, 1e6}, "m");
+  list.add("mapping.epipolar_max_depth", o.max_depth, {1e-3, 1e6}, "m");
+  list.add("mapping.epipolar_depth_sigma", o.depth_sigma_px, {0, 1000}, "px");
+  list.require(o.min_depth <= o.max_depth,
+               "mapping.epipolar_min_depth must be at most mapping.epipolar_max_depth");
+}
+
 namespace {
 
 /// The part of an epipolar line between two depths, in pixels of the other image.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -26,6 +27,8 @@ struct EpipolarOptions {
   float max_depth = 300;        ///< m, farthest (features without stereo match of their own)
   float depth_sigma_px = 1.0f;  ///< px, standard deviation of a disparity: bounds the search
 };
+/// For check_options().
+void describe(kys::OptionList& list, EpipolarOptions& options);
 
 /// Features of keyframe a that have no landmark yet, matched to such features of keyframe b along
 /// their epipolar lines (ORB-SLAM, Sec. VI-C). Where stereo gives a depth, just the segment of the

@@ -9,6 +9,12 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, SearchOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("search.max_distance", o.max_distance, {0, 1e6}, "bits");
+  list.add("search.ratio", o.ratio, {0.1, 10});
+}
+
 namespace {
 
 constexpr auto kChi2Mono = static_cast<float>(kChi2Mono95);

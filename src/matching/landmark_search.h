@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <cstdint>
 #include <limits>
@@ -38,6 +39,8 @@ struct SearchOptions {
   kys::Context context = kys::Context::kTemporal;
   std::span<const std::uint8_t> taken;  ///< features left out, one flag each; empty: none
 };
+/// For check_options().
+void describe(kys::OptionList& list, SearchOptions& options);
 
 struct SearchMatch {
   std::int32_t feature = -1;  ///< -1: none

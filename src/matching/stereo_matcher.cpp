@@ -16,6 +16,20 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, StereoOptions& o) {
+  list.add("stereo.max_distance", o.max_distance, {1, 256}, "bits",
+           "largest distance of a stereo match");
+  list.add("stereo.row_tolerance", o.row_tolerance, {0.1, 100}, "px",
+           "half width of the row band, octave 0");
+  list.add("stereo.refine", o.refine, "sub-pixel disparity by correlation");
+  list.add("stereo.median_cut", o.median_cut, {0.1, 1000}, "",
+           "matches whose patches differ by more than this times the median go");
+  list.add("stereo.moving_keypoints", o.moving_keypoints, {0, 60000}, "",
+           "with disparity, per thing that its prior file calls moving (mode verified)");
+  list.add("stereo.added_disparity", o.added_disparity, {-100, 100}, "px",
+           "a deliberate fault, to see that tests notice");
+}
+
 namespace {
 
 using patch::kHalf;  // px at the keypoint's octave
@@ -223,14 +237,6 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
 }
 
 }  // namespace
-
-void StereoOptions::check() const {
-  if (!(max_distance > 0)) throw InputError("stereo.max_distance must be positive");
-  if (!(row_tolerance > 0)) throw InputError("stereo.row_tolerance must be positive");
-  if (!(median_cut > 0)) throw InputError("stereo.median_cut must be positive");
-  if (moving_keypoints < 0) throw InputError("stereo.moving_keypoints must not be negative");
-  if (!std::isfinite(added_disparity)) throw InputError("stereo.added_disparity must be finite");
-}
 
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,

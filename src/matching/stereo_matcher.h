@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/features.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -21,10 +22,9 @@ struct StereoOptions {
   int moving_keypoints = 300;  ///< with disparity, per thing that its prior file calls moving; mode
                                ///< verified only
   float added_disparity = 0;   ///< px, a deliberate fault for testing the regression suite
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, StereoOptions& options);
 
 /// One side of a rectified pair.
 struct StereoView {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -10,6 +12,8 @@ struct BeliefUpdateOptions {
   double max_evidence = 3;   ///< nats, what one frame may say at most
   double max_log_odds = 7;   ///< nats, belief never gets surer than this
 };
+/// For check_options().
+void describe(kys::OptionList& list, BeliefUpdateOptions& options);
 
 inline double probability(double log_odds) {
   return 1.0 / (1.0 + std::exp(-log_odds));

@@ -8,6 +8,14 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, CommonShiftOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("common_shift.max_distance", o.max_distance, {0, 1e6}, "bits");
+  list.add("common_shift.min_count", o.min_count, {1, 60000});
+  list.add("common_shift.min_share", o.min_share, {0, 1});
+  list.add("common_shift.tolerance", o.tolerance, {0.1, 1000}, "px");
+}
+
 namespace {
 
 constexpr std::size_t kCandidates = 4;  // per keypoint, those with the nearest descriptors

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/stereo_camera.h>
 
 #include <Eigen/Core>
@@ -26,6 +27,8 @@ struct CommonShiftOptions {
   float tolerance = 3;     ///< px at the octave of the keypoint, in columns and row
   std::span<const std::uint8_t> taken = {};  ///< per keypoint now: not 0: no candidate; or empty
 };
+/// For check_options().
+void describe(kys::OptionList& list, CommonShiftOptions& options);
 
 /// How far most keypoints of a thing went, as one translation: each of the nearest candidates of
 /// each keypoint proposes one, and the one that most keypoints have a candidate for wins. Where a

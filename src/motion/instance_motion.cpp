@@ -16,6 +16,16 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, InstanceMotionOptions& o) {
+  list.add("motion.pixel_sigma", o.pixel_sigma, {0.001, 100}, "px",
+           "of a keypoint at octave 0, when things are judged");
+  list.add("motion.disparity_sigma", o.disparity_sigma, {0.001, 100}, "px", "of its disparity");
+  list.add("motion.max_chi2", o.max_chi2, {0.1, 1e6}, "", "what a match says at most");
+  list.add("motion.min_matches", o.min_matches, {3, 60000}, "",
+           "below which a thing is not judged");
+  list.add("motion.iterations", o.iterations, {1, 1000}, "", "of a fit");
+}
+
 namespace {
 
 constexpr double kMinDisparity = 1;        // px, below this depth means nothing
@@ -256,17 +266,6 @@ Matrix6d inverse(const Matrix6d& covariance) {
 }
 
 }  // namespace
-
-void InstanceMotionOptions::check() const {
-  const auto positive = [](double value, const char* name) {
-    if (!(value > 0)) throw InputError(std::string("motion.") + name + " must be positive");
-  };
-  positive(pixel_sigma, "pixel_sigma");
-  positive(disparity_sigma, "disparity_sigma");
-  positive(max_chi2, "max_chi2");
-  positive(iterations, "iterations");
-  if (min_matches < 3) throw InputError("motion.min_matches must be at least 3");
-}
 
 InstanceMotion estimate_instance_motion(const StereoCamera& camera,
                                         std::span<const InstanceMatch> matches,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -41,10 +42,9 @@ struct InstanceMotionOptions {
   double max_chi2 = 11.3;        ///< a match says no more than this (99 %, 3 degrees of freedom)
   int min_matches = 4;           ///< below this an instance is not judged
   int iterations = 8;            ///< of each of the fits
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, InstanceMotionOptions& options);
 
 /// What the matches of one instance say about its motion.
 struct InstanceMotion {

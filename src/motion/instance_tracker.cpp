@@ -1,5 +1,6 @@
 #include "motion/instance_tracker.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -13,6 +14,44 @@
 #include "motion/follow_back.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, BeliefUpdateOptions& o) {
+  list.add("belief.change_rate", o.change_rate, {0, 100}, "1/s",
+           "of things between standing and moving");
+  list.add("belief.max_evidence", o.max_evidence, {0.001, 100}, "nats",
+           "what one frame says at most");
+  list.add("belief.max_log_odds", o.max_log_odds, {0.1, 20}, "nats", "belief gets no surer");
+}
+
+void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
+  describe(list, o.motion);
+  list.add("motion.max_frames", o.max_frames, {1, 100}, "frames",
+           "back over which a thing is compared");
+  list.add("motion.kept_share", o.kept_share, {0.01, 1}, "",
+           "of its matches that a longer span has to keep");
+  list.add("motion.max_matches", o.max_matches, {3, 60000}, "",
+           "keypoints of a thing followed at most");
+  list.add("motion.max_speed", o.max_speed, {0.01, 1000}, "m/s",
+           "of things not seen to move before");
+  list.add("motion.max_turn", o.max_turn, {0.001, 100}, "rad/s", "of things");
+  list.add("motion.max_acceleration", o.max_acceleration, {0, 1000}, "m/s^2",
+           "of things seen to move or to stand still");
+  list.add("motion.search_radius", o.search_radius, {0.5, 1000}, "px",
+           "around a predicted keypoint at octave 0");
+  list.add("motion.max_search", o.max_search, {0.5, 10000}, "px",
+           "radius for things of unknown motion");
+  list.add("motion.descriptor_distance", o.descriptor_distance, {1, 1e6}, "bits",
+           "largest of a match");
+  list.add("motion.descriptor_ratio", o.descriptor_ratio, {0.1, 10}, "",
+           "best over second best distance");
+  list.add("motion.inherit_radius", o.inherit_radius, {0, 1}, "of the width",
+           "within which a keypoint without a prior file takes a neighbour's prior");
+  describe(list, o.belief);
+  list.add("belief.memory", o.memory, {0, 1e6}, "s",
+           "without a file after which nothing is inherited");
+  list.require(o.max_matches >= o.motion.min_matches,
+               "motion.max_matches must be at least motion.min_matches");
+}
 
 namespace {
 
@@ -51,33 +90,11 @@ std::vector<std::size_t> choose(const std::vector<std::size_t>& keypoints,
 
 }  // namespace
 
-void InstanceTrackerOptions::check() const {
-  motion.check();
-  const auto require = [](bool good, const char* name) {
-    if (!good) throw InputError(std::string(name) + " is out of range");
-  };
-  require(belief.change_rate >= 0, "belief.change_rate");
-  require(belief.max_evidence > 0, "belief.max_evidence");
-  require(belief.max_log_odds > 0 && belief.max_log_odds <= 20, "belief.max_log_odds");
-  require(max_frames >= 1 && max_frames <= 100, "motion.max_frames");
-  require(kept_share > 0 && kept_share <= 1, "motion.kept_share");
-  require(max_matches >= motion.min_matches, "motion.max_matches");
-  require(max_speed > 0, "motion.max_speed");
-  require(max_turn > 0, "motion.max_turn");
-  require(max_acceleration >= 0, "motion.max_acceleration");
-  require(search_radius > 0, "motion.search_radius");
-  require(max_search > 0, "motion.max_search");
-  require(descriptor_distance > 0, "motion.descriptor_distance");
-  require(descriptor_ratio > 0, "motion.descriptor_ratio");
-  require(inherit_radius >= 0, "motion.inherit_radius");
-  require(memory >= 0, "belief.memory");
-}
-
 InstanceTracker::InstanceTracker(const StereoCamera& camera, const ScaleLevels& scales,
                                  const InstanceTrackerOptions& options,
                                  const kys::BeliefStart& start, const kys::DistanceModel& model)
     : camera_(camera), scales_(scales), options_(options), start_(start), model_(&model) {
-  options.check();
+  check_options(options);
 }
 
 const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) const {

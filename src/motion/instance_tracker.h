@@ -2,6 +2,7 @@
 
 #include <kys/belief.h>
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -39,10 +40,9 @@ struct InstanceTrackerOptions {
   double inherit_radius = 0.015;    ///< of the image's width: keypoints without a prior file take
                                     ///< that of the nearest predicted one
   double memory = 1.5;              ///< s without a file after which nothing is inherited any more
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, InstanceTrackerOptions& options);
 
 /// An instance as it is in one frame.
 struct InstanceState {

@@ -1,5 +1,6 @@
 #include "motion/object_tracks.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <Eigen/Cholesky>
@@ -10,6 +11,27 @@
 #include <tuple>
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, ObjectTrackOptions& o) {
+  list.add("objects.acceleration_density", o.acceleration_density, {1e-6, 1e6}, "m^2/s^3",
+           "of the white acceleration of the motion model");
+  list.add("objects.start_speed", o.start_speed, {0.01, 1000}, "m/s",
+           "standard deviation before it is seen");
+  list.add("objects.surface_sigma", o.surface_sigma, {0.001, 100}, "m",
+           "by which the middle of what is seen of a thing wanders");
+  list.add("objects.speed_sigma", o.speed_sigma, {0.0001, 100}, "m/s",
+           "added to every velocity seen");
+  list.add("objects.gate", o.gate, {0.01, 1000}, "m",
+           "between a thing and where it was expected, at most");
+  list.add("objects.gate_growth", o.gate_growth, {0, 1000}, "m/s",
+           "of the gate while it is not seen");
+  list.add("objects.restart_gate", o.restart_gate, {0, 1000}, "m",
+           "the same for a thing of the same name that jumped");
+  list.add("objects.max_gap", o.max_gap, {0.001, 1000}, "s",
+           "without being seen after which its track ends");
+  list.add("objects.min_observations", o.min_observations, {1, 1000000}, "",
+           "shorter tracks are dropped");
+}
 
 namespace {
 
@@ -303,24 +325,9 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
 
 }  // namespace
 
-void ObjectTrackOptions::check() const {
-  const auto require = [](bool good, const char* name) {
-    if (!good) throw InputError(std::string("objects.") + name + " is out of range");
-  };
-  require(acceleration_density > 0, "acceleration_density");
-  require(start_speed > 0, "start_speed");
-  require(surface_sigma > 0, "surface_sigma");
-  require(speed_sigma > 0, "speed_sigma");
-  require(gate > 0, "gate");
-  require(gate_growth >= 0, "gate_growth");
-  require(restart_gate >= 0, "restart_gate");
-  require(max_gap > 0, "max_gap");
-  require(min_observations >= 1, "min_observations");
-}
-
 std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
                                           const ObjectTrackOptions& options) {
-  options.check();
+  check_options(options);
   std::vector<ObjectEstimate> estimates;
   for (const Track& track : Assigner(frames, options).run()) {
     if (track.seen.size() < static_cast<std::size_t>(options.min_observations)) continue;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/object.h>
 #include <kys_slam/rigid3.h>
 
@@ -53,10 +54,9 @@ struct ObjectTrackOptions {
   double restart_gate = 8.0;          ///< m, the same for a thing of the same name that jumped
   double max_gap = 1.0;               ///< s without an observation after which a track ends
   int min_observations = 3;           ///< a track with fewer is dropped
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, ObjectTrackOptions& options);
 
 /// Follows moving things over time: observations are assigned to tracks by place and name. A thing
 /// that jumps but keeps its name goes on under the same identity with a new filter. Each track is a

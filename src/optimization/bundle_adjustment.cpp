@@ -7,6 +7,19 @@
 #include "optimization/bundle_solver.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, BundleOptions& o, std::string_view prefix) {
+  const auto key = [&](const char* name) { return std::string(prefix) + name; };
+  list.add(key("iterations"), o.iterations, {0, 1000}, "", "of the robust round");
+  list.add(key("refine_iterations"), o.refine_iterations, {0, 1000}, "",
+           "after outliers are set aside");
+  const kys::OptionList::Fixed fixed(list);
+  list.add(key("chi2_mono"), o.chi2_mono, {0.1, 1e6});
+  list.add(key("chi2_stereo"), o.chi2_stereo, {0.1, 1e6});
+  list.add(key("min_pose_observations"), o.min_pose_observations, {0, 60000});
+  list.add(key("disparity_weight"), o.disparity_weight, {1e-6, 1e6});
+  list.add(key("function_tolerance"), o.function_tolerance, {0, 1});
+}
 namespace {
 
 using Observation = BundleProblem::Observation;

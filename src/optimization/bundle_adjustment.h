@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -58,6 +59,8 @@ struct BundleOptions {
   const std::atomic<bool>* stop = nullptr;   ///< asked every few ms to 100 ms
   BundleRoundSolver round_solver = nullptr;  ///< in the place of ours, e.g. a reference
 };
+/// For check_options(). \param prefix of the keys
+void describe(kys::OptionList& list, BundleOptions& options, std::string_view prefix = "bundle.");
 
 struct BundleSummary {
   double initial_cost = 0;  ///< 1/2 sum of rho(chi2) before the first round

@@ -14,6 +14,31 @@
 #include "geometry/reprojection.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, ConsensusOptions& o) {
+  list.add("tracking.balanced", o.enabled,
+           "poses agree with most of the image area, not with most matches");
+  list.add("tracking.cell_columns", o.columns, {1, 1000}, "",
+           "square cells across the image that measure area");
+  list.add("tracking.contested_share", o.contested, {0, 1}, "",
+           "share of the area held by outliers from which other motions are tried");
+  list.add("tracking.consensus_tolerance", o.tolerance, {0.1, 100}, "",
+           "factor on the bound of the error within which area supports a pose");
+  list.add("tracking.consensus_priors", o.by_class,
+           "modes kys and verified: things that can move count once, by what the priors say, not "
+           "by their area");
+  list.add("tracking.cell_evidence", o.cell_evidence, {0.01, 100}, "nats",
+           "what one cell of the fixed scene says for a pose, beside the priors of things");
+  list.add("tracking.consensus_samples", o.samples, {0, 100000}, "",
+           "motions tried where outliers hold much area");
+  list.add("tracking.consensus_seed", o.seed, {0, 1e9}, "", "of these samples");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("tracking.consensus_clear", o.clear, {1, 1000});
+  list.add("tracking.consensus_reach", o.reach, {0.1, 1000});
+  list.add("tracking.consensus_margin", o.margin, {1, 1000});
+  list.add("tracking.consensus_acceleration", o.max_acceleration, {0.01, 1e6}, "m/s^2");
+  list.add("tracking.doubtful_acceleration", o.doubtful_acceleration, {0.01, 1e6}, "m/s^2");
+}
 namespace {
 
 constexpr std::size_t kSample = 3;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <optional>
 
 #include "geometry/image_cells.h"
@@ -22,6 +24,8 @@ struct ConsensusOptions {
   int samples = 300;                 ///< of three matches from three cells
   std::uint64_t seed = 0;            ///< of the samples
 };
+/// For check_options().
+void describe(kys::OptionList& list, ConsensusOptions& options);
 
 struct ConsensusResult {
   PoseResult pose;

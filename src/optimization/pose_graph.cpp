@@ -9,6 +9,11 @@
 #include "optimization/damping.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, PoseGraphOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("pose_graph.iterations", o.iterations, {0, 1000});
+}
 namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 
 #include <atomic>
@@ -20,6 +21,8 @@ struct PoseGraphOptions {
   int iterations = 20;
   const std::atomic<bool>* stop = nullptr;
 };
+/// For check_options().
+void describe(kys::OptionList& list, PoseGraphOptions& options);
 
 /// Poses T_w_c that agree best with the edges (essential graph, ORB-SLAM Sec. III-D), over SE(3).
 /// Residual of an edge: [log of the rotation error (rad); translation error (m)] of

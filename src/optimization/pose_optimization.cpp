@@ -13,6 +13,14 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, PoseOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("pose.rounds", o.rounds, {1, 1000});
+  list.add("pose.iterations", o.iterations, {0, 1000});
+  list.add("pose.chi2_mono", o.chi2_mono, {0.1, 1e6});
+  list.add("pose.chi2_stereo", o.chi2_stereo, {0.1, 1e6});
+}
+
 /// Four observations side by side.
 struct ObservationLanes : MeasuredLanes {
   Lanes x{}, y{}, z{};  // p_w, m

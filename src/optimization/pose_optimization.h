@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -37,6 +38,8 @@ struct PoseOptions {
   double chi2_stereo = kChi2Stereo95;
   std::optional<PosePrior> prior;
 };
+/// For check_options().
+void describe(kys::OptionList& list, PoseOptions& options);
 
 struct PoseResult {
   Rigid3 T_c_w;

@@ -1,5 +1,6 @@
 #include "retrieval/place_index.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -12,24 +13,16 @@
 
 namespace kys_slam {
 
-void PlaceOptions::check() const {
-  const auto require = [](bool ok, const char* what) {
-    if (!ok) throw InputError(std::string("places.") + what);
-  };
-  require(tables >= 1 && tables <= DescriptorTables::kMaxTables, "tables: from 1 to 16 expected");
-  require(max_bucket >= 1, "max_bucket: at least 1 expected");
-  require(max_features >= 1, "max_features: at least 1 expected");
-  require(std::isfinite(max_distance) && max_distance > 0,
-          "max_distance: a positive number of bits expected");
-  require(std::isfinite(margin) && margin >= 0, "margin: a number of bits expected");
+void describe(kys::OptionList& list, PlaceOptions& o) {
+  const kys::OptionList::Fixed fixed(list);
+  list.add("places.tables", o.tables, {1, DescriptorTables::kMaxTables});
+  list.add("places.max_bucket", o.max_bucket, {1, 1e9}, "landmarks");
+  list.add("places.max_features", o.max_features, {1, 60000});
+  list.add("places.max_distance", o.max_distance, {0.1, 1e6}, "bits");
+  list.add("places.margin", o.margin, {0, 1e6}, "bits");
 }
 
 namespace {
-
-const PlaceOptions& checked(const PlaceOptions& options) {
-  options.check();
-  return options;
-}
 
 /// The features of the strongest response, at most `count`, by index.
 std::vector<std::uint32_t> strongest(const FrameFeatures& features, std::size_t count) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -21,10 +22,9 @@ struct PlaceOptions {
   std::size_t max_features = 800;  ///< of a query: those of the strongest response
   float max_distance = 50;         ///< bits, modulated: only nearer landmarks vote
   float margin = 4;  ///< bits, behind a feature's nearest landmark, of others it takes
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, PlaceOptions& options);
 
 /// Which keyframes show the place a frame shows? Place recognition without a vocabulary: hash
 /// tables over the descriptors of all landmarks, grown with the map; the features of a query vote

@@ -1,13 +1,22 @@
 #include "system/back_end.h"
 
+#include <kys_slam/check_options.h>
+
 #include <utility>
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, BackEndOptions& o) {
+  describe(list, o.mapping);
+  describe(list, o.loop);
+  describe(list, o.full_bundle);
+  describe(list, o.relocalization);
+}
+
 BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
                  const BackEndOptions& options, const kys::DistanceModel& model, bool threaded)
     : model_(&model),
-      relocalization_(options.relocalization),
+      relocalization_(checked(options.relocalization)),
       map_(camera, scales),
       mapper_(options.mapping, model),
       closer_(options.loop, options.mapping.bundle, model),

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/system.h>
 
 #include <atomic>
@@ -37,6 +38,8 @@ struct BackEndOptions {
   FullBundleOptions full_bundle;
   RelocalizationOptions relocalization;
 };
+/// For check_options().
+void describe(kys::OptionList& list, BackEndOptions& options);
 
 /// Owner and only writer of the map: one step per keyframe message, local mapping and loop closing.
 /// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when

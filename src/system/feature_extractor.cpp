@@ -1,3 +1,4 @@
+#include <kys_slam/check_options.h>
 #include <kys_slam/feature_extractor.h>
 
 #include "features/orb_extractor.h"
@@ -9,7 +10,7 @@ namespace kys_slam {
 namespace {
 
 const OrbOptions& checked(const OrbOptions& options) {
-  options.check();
+  check_options(options);
   return options;
 }
 

@@ -7,6 +7,13 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, ObjectOptions& o) {
+  list.add("objects.min_probability", o.min_probability, {0.001, 1}, "", "of moving, to be logged");
+  list.add("objects.min_keypoints", o.min_keypoints, {0, 60000}, "",
+           "stereo keypoints of a thing that is logged");
+  describe(list, o.tracks);
+}
+
 namespace {
 
 /// \param step  s between two frames. Velocities over longer spans share keypoints with those of
@@ -32,13 +39,6 @@ ObjectObservation observe(const InstanceState& state, double step) {
 }
 
 }  // namespace
-
-void ObjectOptions::check() const {
-  if (!(min_probability > 0 && min_probability <= 1)) {
-    throw InputError("objects.min_probability is out of range");
-  }
-  tracks.check();
-}
 
 void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) {
   const double step = frames_.empty() ? 0.0 : timestamp - frames_.back().timestamp;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/object.h>
 #include <kys_slam/report.h>
 
@@ -15,15 +17,14 @@ struct ObjectOptions {
   double min_probability = 0.5;  ///< of moving; things below are not logged
   int min_keypoints = 1;         ///< stereo keypoints; things with fewer are not logged
   ObjectTrackOptions tracks;
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, ObjectOptions& options);
 
 /// What the frames showed of things that move, kept until the poses are final.
 class ObjectLog {
  public:
-  explicit ObjectLog(const ObjectOptions& options) : options_(options) {}
+  explicit ObjectLog(const ObjectOptions& options) : options_(checked(options)) {}
 
   /// The next frame. \param instances  its things; none when it has no pose
   void add(double timestamp, std::span<const InstanceState> instances);

@@ -1,97 +1,66 @@
 #include <fmt/format.h>
-#include <kys/mode_options.h>
-#include <kys/option_description.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/settings.h>
 #include <kys_slam/util/nearest_name.h>
-#include <kys_slam/util/parse_number.h>
 
 #include <algorithm>
 #include <cctype>
-#include <optional>
 #include <sstream>
-#include <type_traits>
 
 #include "io/yaml_file.h"
-#include "kys/error.h"
 #include "system/settings_data.h"
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, ControlOptions& o) {
+  list.add("control.pipeline_delay", o.pipeline_delay, {0, 1000}, "frames",
+           "after which the tracker sees what the back end did (pipelined)");
+  list.add("control.blend_poses", o.blend_poses,
+           "frames between two keyframes follow both when the map moves (false: the one before)");
+  list.add("control.stall_ms", o.stall_ms, {0, 60000}, "ms",
+           "slept in every frame, a study of budgets");
+  list.add("control.label_space", o.label_space, "label space of the prior files");
+}
+
+void describe(kys::OptionList& list, SettingsData& o) {
+  describe(list, o.orb);
+  describe(list, o.stereo);
+  describe(list, o.tracking);
+  describe(list, o.mapping);
+  describe(list, o.loop);
+  describe(list, o.full_bundle);
+  describe(list, o.relocalization);
+  describe(list, o.place);
+  describe(list, o.belief);
+  describe(list, o.objects);
+  describe(list, o.control);
+  describe(list, o.kys);
+}
+
 namespace {
 
-std::string to_text(bool value) {
-  return value ? "true" : "false";
-}
-std::string to_text(const std::string& value) {
-  return value;
-}
-/// Numbers in their shortest form that is read back as the same number.
-template <typename T>
-std::string to_text(const T& value) {
-  return fmt::format("{}", value);
+/// All settings; the list points into the data.
+kys::OptionList list_of(SettingsData& data) {
+  kys::OptionList list;
+  describe(list, data);
+  return list;
 }
 
-std::string range_text(const SettingRange& range) {
-  return to_text(range.least) + " to " + to_text(range.most);
-}
-
-template <typename T>
-constexpr bool kIsNumber = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
-
-/// Calls visit(key, reference to the value, range or nothing, unit, meaning) for every setting but
-/// those of kys. A number without a range does not compile.
-template <typename Visit>
-struct WithRanges {
-  Visit visit;
-
-  template <typename T>
-  void operator()(const char* key, T& value, SettingRange range, const char* unit,
-                  const char* meaning) const {
-    static_assert(kIsNumber<std::remove_const_t<T>>, "only numbers have ranges");
-    visit(key, value, std::optional(range), unit, meaning);
-  }
-  template <typename T>
-  void operator()(const char* key, T& value, const char* unit, const char* meaning) const {
-    static_assert(!kIsNumber<std::remove_const_t<T>>, "every number needs a range");
-    visit(key, value, std::optional<SettingRange>(), unit, meaning);
-  }
-};
-template <typename Visit>
-WithRanges(Visit) -> WithRanges<Visit>;  // for clang before 17
-
-/// Throws InputError when `text` is not a value of the type, or out of range.
-template <typename T>
-void from_text(std::string_view key, std::string_view text,
-               const std::optional<SettingRange>& range, T& value) {
-  const auto fail = [&](const char* what) {
-    throw InputError("setting " + std::string(key) + ": '" + std::string(text.substr(0, 80)) +
+/// Throws InputError when `text` is not a value of the option's type, or out of its range.
+void set_from_text(const kys::Option& option, std::string_view text) {
+  const auto fail = [&](const std::string& what) {
+    throw InputError("setting " + option.key + ": '" + std::string(text.substr(0, 80)) +
                      "' is not " + what);
   };
-  if constexpr (std::is_same_v<T, std::string>) {
-    constexpr std::size_t kLongest = 2000;  // bytes
-    if (printable(text, kLongest) != text) fail("a line of at most 2000 printable characters");
-    value = std::string(text);
-  } else if constexpr (std::is_same_v<T, bool>) {
-    if (text != "true" && text != "false") fail("true or false");
-    value = text == "true";
-  } else if constexpr (std::is_integral_v<T>) {
-    const auto number = parse_int(text);
-    if (!number || *number < 0 || *number > 1000000000) fail("a whole number from 0 to 1e9");
-    value = static_cast<T>(*number);
-  } else {
-    const auto number = parse_double(text);
-    if (!number) fail("a finite number");
-    value = static_cast<T>(*number);
-  }
-  if constexpr (kIsNumber<T>) {
-    if (!range) return;
-    const auto number = static_cast<double>(value);
-    if (!(number >= range->least && number <= range->most)) {
-      fail(("from " + range_text(*range)).c_str());
-    }
-  }
+  constexpr std::size_t kLongest = 2000;  // bytes
+  if (printable(text, kLongest) != text) fail("a line of at most 2000 printable characters");
+  const std::string before = option.text();
+  if (!option.parse(text)) fail(option.expected());
+  if (option.complaint().empty()) return;
+  (void)option.parse(before);
+  fail("from " + option.range_text());
 }
 
 /// A value as YAML reads it back: texts with anything but letters, digits and a few more in quotes.
@@ -151,29 +120,13 @@ void Settings::assign(std::string_view assignment) {
 }
 
 void Settings::set(std::string_view key, std::string_view value) {
-  bool found = false;
-  visit_settings(*data_, WithRanges{[&](const char* name, auto& place, const auto& range,
-                                        const char*, const char*) {
-    if (key != name) return;
-    found = true;
-    auto parsed = place;
-    from_text(key, value, range, parsed);
-    place = parsed;
-  }});
-  if (found) return;
   std::vector<std::string> known;
-  for (const Description& d : describe()) {
-    if (d.key == key) found = true;
-    known.push_back(d.key);
+  for (const kys::OptionList list = list_of(*data_); const kys::Option& option : list.options()) {
+    if (!option.settable) continue;
+    if (option.key == key) return set_from_text(option, value);
+    known.push_back(option.key);
   }
-  if (!found) {
-    throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
-  }
-  try {
-    kys::set_option(data_->kys, key, value);
-  } catch (const kys::Error& error) {
-    throw InputError(error.what());
-  }
+  throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
 }
 
 std::string Settings::get(std::string_view key) const {
@@ -202,34 +155,29 @@ void Settings::load(const std::filesystem::path& file) {
 }
 
 void Settings::check() const {
-  data_->orb.check();
-  data_->stereo.check();
-  data_->tracking.check();
-  data_->objects.check();
-  if (data_->mapping.bundle.max_keyframes < 1) {
-    throw InputError("mapping.bundle_keyframes must be at least 1");
-  }
-  try {
-    data_->kys.check();
-    data_->belief.check();
-  } catch (const kys::Error& error) {
-    throw InputError(error.what());
-  }
+  check_options(*data_);
 }
 
 std::vector<Settings::Description> Settings::describe() const {
+  SettingsData copy = *data_;
   std::vector<Description> all;
-  visit_settings(
-      std::as_const(*data_), WithRanges{[&](const char* key, const auto& value, const auto& range,
-                                            const char* unit, const char* meaning) {
-        all.push_back({key, to_text(value), unit, meaning, range ? range_text(*range) : ""});
-      }});
-  auto option = kys::option_descriptions().begin();  // in the order of the values
-  for (const auto& [key, value] : kys::option_values(data_->kys)) {
-    all.push_back({key, value, std::string(option->unit), std::string(option->meaning),
-                   option->is_number() ? range_text({option->least, option->most}) : ""});
-    ++option;
+  std::vector<std::string> sections;  // in the order in which they appear first
+  const auto section = [&](const Description& d) {
+    const std::string head = d.key.substr(0, d.key.find('.'));
+    const auto at = std::find(sections.begin(), sections.end(), head);
+    if (at != sections.end()) return at - sections.begin();
+    sections.push_back(head);
+    return static_cast<std::ptrdiff_t>(sections.size()) - 1;
+  };
+  for (const kys::OptionList list = list_of(copy); const kys::Option& option : list.options()) {
+    if (!option.settable) continue;
+    all.push_back({option.key, option.text(), std::string(option.unit), std::string(option.meaning),
+                   option.range_text()});
+    section(all.back());
   }
+  std::stable_sort(all.begin(), all.end(), [&](const Description& a, const Description& b) {
+    return section(a) < section(b);
+  });
   return all;
 }
 

@@ -1,5 +1,6 @@
 #include "tracking/front_end.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/util/stopwatch.h>
 
@@ -60,7 +61,7 @@ FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const Ster
       model_(&model),
       prior_provider_(priors),
       extractors_{OrbExtractor(orb), OrbExtractor(orb)} {
-  stereo.check();
+  check_options(stereo);
 }
 
 void FrontEnd::extract(const StereoFrame& frame) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 namespace kys_slam {
 
 struct KeyFramePolicyOptions {
@@ -14,6 +16,8 @@ struct KeyFramePolicyOptions {
   int max_waiting = 4;  ///< keyframes the back end may still have in hand; below the delay of
                         ///< the pipelined schedule, a map with few landmarks would get none
 };
+/// For check_options().
+void describe(kys::OptionList& list, KeyFramePolicyOptions& options);
 
 /// What the decision rests on.
 struct KeyFrameSituation {

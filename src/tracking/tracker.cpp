@@ -1,6 +1,7 @@
 #include "tracking/tracker.h"
 
 #include <kys/prior.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/util/stopwatch.h>
 
@@ -12,6 +13,45 @@
 #include "matching/predicted_view.h"
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, TrackerOptions& o) {
+  list.add("tracking.min_start_points", o.min_start_points, {10, 60000}, "",
+           "stereo points to start a map");
+  list.add("tracking.close_baselines", o.close_baselines, {1, 1e6}, "baselines",
+           "points nearer than this are close: stereo alone places them well");
+  list.add("tracking.motion_radius", o.motion_radius, {0.5, 1000}, "px",
+           "search radius around a prediction by constant velocity, octave 0");
+  list.add("tracking.min_motion_matches", o.min_motion_matches, {3, 60000}, "",
+           "matches below which the radius is doubled, then the prediction dropped");
+  list.add("tracking.min_reference_matches", o.min_reference_matches, {3, 60000}, "",
+           "matches with the reference keyframe below which a frame is lost");
+  list.add("tracking.min_pose_inliers", o.min_pose_inliers, {3, 60000}, "",
+           "inliers of a predicted pose below which it is dropped");
+  list.add("tracking.min_local_inliers", o.min_local_inliers, {3, 60000}, "",
+           "inliers with the local map below which a frame is lost");
+  list.add("tracking.min_held_inliers", o.min_held_inliers, {3, 60000}, "",
+           "the same where the pose is one that constant velocity leads to "
+           "(tracking.acceleration > 0)");
+  list.add("tracking.local_radius", o.local_radius, {0.1, 100}, "",
+           "factor on the search radius of local landmarks (2.5 or 4 px, octave 0)");
+  list.add("tracking.local_ratio", o.local_ratio, {0.1, 10}, "", "best over second best distance");
+  list.add("tracking.max_distance", o.max_distance, {1, 1e6}, "bits",
+           "largest distance of a match");
+  list.add("tracking.reference_distance", o.reference_distance, {1, 1e6}, "bits",
+           "largest distance of a match without prediction");
+  list.add("tracking.reference_ratio", o.reference_ratio, {0.1, 10}, "",
+           "best over second best distance without prediction");
+  list.add("tracking.align", o.align,
+           "keypoints are aligned with what their landmarks look like, where there are images");
+  list.add("tracking.acceleration", o.acceleration, {0, 1e6}, "m/s^2",
+           "standard deviation about constant velocity, which holds poses that few matches hold "
+           "and goes on where frames are lost; 0: matches alone");
+  list.add("tracking.turn_acceleration", o.turn_acceleration, {1e-3, 1e6}, "rad/s^2",
+           "the same of the rotation");
+  describe(list, o.consensus);
+  describe(list, o.keyframes);
+  describe(list, o.instances);
+}
 
 namespace {
 
@@ -78,22 +118,6 @@ int count_landmarks(const std::vector<LandmarkId>& landmarks) {
 
 }  // namespace
 
-void TrackerOptions::check() const {
-  const auto positive = [](double value, const char* name) {
-    if (!(value > 0)) throw InputError(std::string("tracking.") + name + " must be positive");
-  };
-  positive(min_start_points, "min_start_points");
-  positive(close_baselines, "close_baselines");
-  positive(motion_radius, "motion_radius");
-  positive(min_local_inliers, "min_local_inliers");
-  positive(local_radius, "local_radius");
-  positive(local_ratio, "local_ratio");
-  positive(max_distance, "max_distance");
-  positive(consensus.columns, "cell_columns");
-  positive(consensus.tolerance, "consensus_tolerance");
-  instances.check();
-}
-
 Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
                  const TrackerOptions& options, const kys::DistanceModel& model,
                  const kys::BeliefStart& start)
@@ -104,7 +128,7 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       start_(start),
       close_depth_(static_cast<float>(options.close_baselines * camera.baseline)),
       patches_(camera, scales) {
-  options.check();
+  check_options(options);
   if (model.wants_belief()) {
     instances_.emplace(camera, scales, options.instances, start, model);
   }
@@ -269,7 +293,7 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   last_->left = nullptr;  // the next frame's image comes into its place
 }
 
-/// What the frame says of its things; landmarks on those that turn out to move are let go.
+/// What the frame says of its things; landmarks on those that turn out to move are dropped.
 void Tracker::judge_instances(Frame& frame, TrackResult& result) {
   std::vector<PoseTerm> terms;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {

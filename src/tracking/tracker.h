@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/distance_model.h>
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -47,10 +48,9 @@ struct TrackerOptions {
   ConsensusOptions consensus;  ///< the pose by image area, not by matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model wants belief
-
-  /// \throws InputError naming the setting that makes no sense.
-  void check() const;
 };
+/// For check_options().
+void describe(kys::OptionList& list, TrackerOptions& options);
 
 /// A frame as the front end made it.
 struct TrackerInput {

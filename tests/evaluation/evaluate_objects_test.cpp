@@ -8,6 +8,7 @@
 
 #include "object_evaluation.h"
 #include "object_files.h"
+#include "support/option_walk.h"
 #include "temporary_folder.h"
 
 namespace kys_slam {
@@ -86,6 +87,10 @@ ObjectEvaluationOptions near_and_far() {
   ObjectEvaluationOptions options;
   options.max_range = 1000;
   return options;
+}
+
+TEST(EvaluateObjects, EveryNumberOfTheOptionsIsChecked) {
+  test::expect_every_number_checked<ObjectEvaluationOptions>(1);  // relative_to
 }
 
 TEST(EvaluateObjects, APerfectEstimateOfAnyPointHasNoError) {

@@ -3,6 +3,7 @@
 #include "features/orb_extractor.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 
@@ -193,7 +194,7 @@ TEST(OrbOptions, NamesTheSettingThatMakesNoSense) {
     OrbOptions options;
     change(options);
     try {
-      options.check();
+      check_options(options);
     } catch (const InputError& error) {
       return std::string(error.what());
     }

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
-#include <kys/option_description.h>
+#include <kys/belief.h>
+#include <kys/option_list.h>
 
 #include <cmath>
 #include <fstream>
@@ -50,24 +51,41 @@ TEST(Options, KeysReadBackWhatTheyWrite) {
   EXPECT_EQ(read, changed);
 }
 
-TEST(Options, EveryOneIsDescribed) {
-  const auto values = option_values(ModeOptions());
-  const auto& all = option_descriptions();
-  ASSERT_EQ(all.size(), values.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    EXPECT_EQ(all[i].key, values[i].first);
-    EXPECT_GT(all[i].meaning.size(), 10u) << all[i].key;
-    const bool number = values[i].second.find_first_not_of("0123456789.e-+") == std::string::npos;
-    EXPECT_EQ(all[i].is_number(), number) << all[i].key;
+/// A value just outside of the range is refused, the ends are not; a text is refused by its key.
+template <typename Options>
+void expect_checked() {
+  Options options;
+  OptionList list;
+  describe(list, options);
+  for (const Option& option : list.options()) {
+    EXPECT_GT(option.meaning.size(), 10u) << option.key;
+    const std::string before = option.text();
+    const bool number = before.find_first_not_of("0123456789.e-+") == std::string::npos;
+    ASSERT_EQ(option.is_number(), number) << option.key;
     if (!number) continue;
-    ModeOptions options;
-    for (const double good : {all[i].least, all[i].most}) {
-      set_option(options, all[i].key, std::to_string(good));
-      EXPECT_NO_THROW(options.check()) << all[i].key << " " << good;
+    for (const double good : {option.range.least, option.range.most}) {
+      ASSERT_TRUE(option.parse(std::to_string(good)));
+      EXPECT_NO_THROW(options.check()) << option.key << " " << good;
     }
-    set_option(options, all[i].key, std::to_string(all[i].least - 0.01));
-    EXPECT_THROW(options.check(), Error) << all[i].key;
+    for (const double bad : {option.range.least - 0.01, option.range.most * 1.01}) {
+      ASSERT_TRUE(option.parse(std::to_string(bad)));
+      EXPECT_THROW(options.check(), Error) << option.key << " " << bad;
+    }
+    EXPECT_FALSE(option.parse("much"));
+    ASSERT_TRUE(option.parse(before));
+    EXPECT_EQ(options, Options());
   }
+}
+
+TEST(Options, EveryOneIsDescribedAndChecked) {
+  expect_checked<ModeOptions>();
+  expect_checked<BeliefOptions>();
+}
+
+TEST(Options, ANumberThatIsNoModeIsRefused) {
+  ModeOptions options;
+  options.mode = static_cast<Mode>(9);
+  EXPECT_THROW(options.check(), Error);
 }
 
 /// Sets what a configuration file of the tree says under `kys`; returns how many keys that are.
@@ -129,10 +147,10 @@ TEST(Options, CheckNamesTheKey) {
     return "nothing";
   };
   EXPECT_EQ(complaint("kys.alpha", 1.5), "kys.alpha must be between 0 and 1, is 1.5");
-  EXPECT_EQ(complaint("kys.gamma", 0), "kys.gamma must be between 0.001 and 1e+06, is 0");
-  EXPECT_EQ(complaint("kys.tau", 0), "kys.tau must be between 0.001 and 1e+06, is 0");
+  EXPECT_EQ(complaint("kys.gamma", 0), "kys.gamma must be between 0.001 and 1000000, is 0");
+  EXPECT_EQ(complaint("kys.tau", 0), "kys.tau must be between 0.001 and 1000000, is 0");
   EXPECT_EQ(complaint("kys.lambda_cross_class", -1),
-            "kys.lambda_cross_class must be between 0 and 1e+06, is -1");
+            "kys.lambda_cross_class must be between 0 and 1000000, is -1");
   EXPECT_EQ(complaint("kys.lambda_cross_class", 0), "nothing");
   EXPECT_EQ(complaint("kys.gate_stereo", 0), "nothing");
   ModeOptions o;

@@ -1,6 +1,7 @@
 #include "matching/stereo_matcher.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -239,7 +240,7 @@ TEST(StereoMatching, ThingsCalledMovingGetFewDisparitiesInModeVerified) {
 TEST(StereoMatching, OptionsThatMakeNoSenseAreNamed) {
   const auto message = [](const StereoOptions& options) -> std::string {
     try {
-      options.check();
+      check_options(options);
     } catch (const InputError& error) {
       return error.what();
     }

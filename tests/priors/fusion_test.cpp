@@ -7,6 +7,7 @@
 
 #include "priors/builder/drift.h"
 #include "priors/builder/fuse.h"
+#include "support/option_walk.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {
@@ -559,6 +560,23 @@ TEST(Options, EveryNameIsSettableAndRefusesNonsense) {
   EXPECT_THROW(set_option(options, "ego_motion.model", "best"), InputError);
   options.drift.cell = 0;
   EXPECT_THROW(options.check(), InputError);
+}
+
+TEST(Options, EveryNumberIsChecked) {
+  // Its fields are sections of fields.
+  using B = BuilderOptions;
+  using test::field_count;
+  EXPECT_EQ(test::listed<B>(), field_count<B::Association>() + field_count<B::Depth>() +
+                                   field_count<B::FlowCheck>() + field_count<B::FlowEstimate>() +
+                                   field_count<B::EgoMotion>() + field_count<B::Drift>() +
+                                   field_count<B::Detection>() + field_count<B::Keypoints>() +
+                                   field_count<B::Score>() + field_count<B::Export>());
+  test::expect_numbers_checked(B());
+  test::expect_numbers_checked(paper_options());
+  BuilderOptions options;
+  options.detection.start_log_odds = 5.5;
+  EXPECT_EQ(test::complaint(options),
+            "detection.start_log_odds must not be beyond detection.max_log_odds");
 }
 
 }  // namespace

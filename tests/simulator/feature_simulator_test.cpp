@@ -10,6 +10,7 @@
 
 #include "feature_world.h"
 #include "scratch_folder.h"
+#include "support/option_walk.h"
 
 namespace kys_slam::simulator {
 namespace {
@@ -216,6 +217,16 @@ class FeatureFile : public testing::Test {
   std::filesystem::path path_;
   std::unique_ptr<FeatureWorld> world_;
 };
+
+TEST(FeatureOptions, EveryNumberIsChecked) {
+  // The seed, the traffic, its objects and labels have no range.
+  kys_slam::test::expect_every_number_checked<FeatureOptions>(4);
+  FeatureOptions options;
+  options.near = 5;
+  options.far = 4;
+  EXPECT_EQ(kys_slam::test::complaint(options), "--near must be less than --far");
+  EXPECT_THROW(FeatureWorld(circle(12), options), InputError);
+}
 
 TEST_F(FeatureFile, ReadsBackWhatWasWritten) {
   FeatureSequence sequence(path_);

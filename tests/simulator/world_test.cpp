@@ -9,6 +9,8 @@
 #include "path.h"
 #include "renderer.h"
 #include "segments.h"
+#include "sequence_writer.h"
+#include "support/option_walk.h"
 
 namespace kys_slam::simulator {
 namespace {
@@ -221,6 +223,12 @@ TEST(Street, NearlyEveryCellHoldsACorner) {
   }
   RecordProperty("share", std::to_string(static_cast<double>(with_corner) / cells));
   EXPECT_GE(static_cast<double>(with_corner) / cells, 0.90);
+}
+
+TEST(Worlds, EveryNumberOfTheirOptionsIsChecked) {
+  kys_slam::test::expect_every_number_checked<WorldOptions>(2);  // the name, the seed
+  // Folder, command, truth, quiet, stop.
+  kys_slam::test::expect_every_number_checked<WriteOptions>(5);
 }
 
 TEST(Worlds, BadRequestsAreRefused) {

@@ -1,6 +1,7 @@
 #include "system/object_log.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 namespace kys_slam {
@@ -103,10 +104,10 @@ TEST(ObjectLog, LongSpansDoNotCountTwice) {
 TEST(ObjectLog, OptionsAreChecked) {
   ObjectOptions options;
   options.min_probability = 0;
-  EXPECT_THROW(options.check(), InputError);
+  EXPECT_THROW(check_options(options), InputError);
   options = {};
   options.tracks.max_gap = -1;
-  EXPECT_THROW(options.check(), InputError);
+  EXPECT_THROW(check_options(options), InputError);
 }
 
 }  // namespace

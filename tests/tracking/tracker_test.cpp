@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <kys/kys.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
 #include <set>
@@ -330,10 +331,10 @@ TEST(TrackerOptions, OnesThatMakeNoSenseAreNamed) {
   TrackerOptions options;
   options.close_baselines = -1;
   try {
-    options.check();
+    check_options(options);
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_STREQ(error.what(), "tracking.close_baselines must be positive");
+    EXPECT_STREQ(error.what(), "tracking.close_baselines must be between 1 and 1000000, is -1");
   }
 }
 

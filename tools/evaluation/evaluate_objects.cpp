@@ -144,18 +144,14 @@ void add_options(CLI::App& app, Arguments& a) {
       ->transform(CLI::CheckedTransformer(kRelative).description(""))
       ->option_text("R");
   app.add_option("--max-range", o.max_range, "Objects farther away do not count, m")
-      ->check(finite_range(0.1, 1e6))
       ->capture_default_str();
   app.add_option("--min-keypoints", o.min_keypoints,
                  "Errors are those of estimates with at least this many keypoints")
-      ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
   app.add_option("--min-pixels", o.min_pixels,
                  "Frames that show fewer pixels of an object are left out, px")
-      ->check(CLI::Range(0, 1000000000))
       ->capture_default_str();
   app.add_option("--max-distance", o.max_distance, "From an estimate to its box, m")
-      ->check(finite_range(0, 1e6))
       ->capture_default_str();
   app.add_flag("--json", a.json, "Print JSON");
 }

@@ -1,5 +1,6 @@
 #include "object_evaluation.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/util/median.h>
 
 #include <algorithm>
@@ -12,6 +13,14 @@
 #include <tuple>
 
 namespace kys_slam {
+
+void describe(kys::OptionList& list, ObjectEvaluationOptions& o) {
+  list.add("--max-range", o.max_range, {0, 1e6}, "m");
+  list.add("--min-keypoints", o.min_keypoints, {0, 1e9});
+  list.add("--min-pixels", o.min_pixels, {0, 1e9}, "px");
+  list.add("--max-distance", o.max_distance, {0, 1e6}, "m");
+  list.add("min-life", o.min_life, {0, 1e9}, "frames");
+}
 namespace {
 
 constexpr double kMinHeadingSpeed = 1.0;  // m/s
@@ -186,6 +195,7 @@ ObjectEvaluation evaluate_objects(const std::vector<EstimatedObject>& estimates,
                                   const std::vector<TrueObject>& truth_rows,
                                   const std::map<int, FramePoses>& frames,
                                   const ObjectEvaluationOptions& options) {
+  check_options(options);
   Truth truth;
   std::map<int, std::vector<const TrueObject*>> of_frame;
   for (const TrueObject& object : truth_rows) {

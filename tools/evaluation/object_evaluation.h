@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 
 #include <Eigen/Core>
@@ -41,7 +42,7 @@ struct FramePoses {
 
 enum class RelativeTo {
   kCamera,  ///< what the camera sees: its own error is left out
-  kStart,   ///< both told in the frame of the first frame's camera
+  kStart,   ///< both expressed in the frame of the first frame's camera
 };
 
 struct ObjectEvaluationOptions {
@@ -52,6 +53,8 @@ struct ObjectEvaluationOptions {
   double max_distance = 2;  ///< m, from an estimate to the box it is assigned to
   int min_life = 5;         ///< frames; shorter lives do not count
 };
+/// For check_options().
+void describe(kys::OptionList& list, ObjectEvaluationOptions& options);
 
 /// Of one estimate that was assigned to an object.
 struct ObjectError {

@@ -24,7 +24,7 @@ ObjectRun read_object_run(const std::filesystem::path& folder);
 /// - objects.csv of simulate_sequence, in the frame of the ground truth;
 /// - pose.txt of Virtual KITTI 2 (left camera; with bbox.txt beside it, if that is there);
 /// - label files of KITTI Tracking.
-/// The latter two are told in the camera's frame; `frames` says where the camera is. There the
+/// The latter two are expressed in the camera's frame; `frames` says where the camera is. There the
 /// position is taken for the middle of the box's bottom, and what moves is worked out from the
 /// poses (more than 0.5 m/s), unless bbox.txt says so.
 /// \throws InputError naming the file and what is wrong with it.

@@ -1,5 +1,6 @@
 #include "feature_world.h"
 
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/read_bytes.h>
@@ -84,30 +85,31 @@ std::array<int, kFeatureLevels> quotas(int features) {
 
 }  // namespace
 
-void FeatureOptions::check() const {
-  const auto require = [](bool good, const char* text) {
-    if (!good) throw InputError(text);
-  };
-  require(camera == "auto" || camera == "kitti" || camera == "euroc",
-          "--camera: must be auto, kitti or euroc");
-  require(start >= 0, "--start: must not be negative");
-  require(frames == -1 || frames > 0, "--frames: must be at least 1");
-  require(every > 0, "--every: must be at least 1");
-  require(features == 0 || (features >= 50 && features <= 20000),
-          "--features: must lie between 50 and 20000");
-  require(pixel_noise >= 0 && pixel_noise <= 20, "--pixel-noise: must lie between 0 and 20 px");
-  require(wander >= 0 && wander <= 20, "--wander: must lie between 0 and 20 px");
-  require(lens >= 0 && lens <= 20, "--lens: must lie between 0 and 20 px");
-  require(bit_noise >= 0 && bit_noise <= 0.5, "--bit-noise: must lie between 0 and 0.5");
-  require(outliers >= 0 && outliers <= 0.9, "--outliers: must lie between 0 and 0.9");
-  require(dropout >= 0 && dropout <= 0.9, "--dropout: must lie between 0 and 0.9");
-  require(repeats >= 0 && repeats <= 1, "--repeats: must lie between 0 and 1");
-  require(width == 0 || (width >= 200 && width <= 2000), "--width: must lie between 200 and 2000");
-  require(rate >= 1e-3 && rate <= 1e4, "--rate: must lie between 0.001 and 10000 Hz");
-  const auto depth_makes_sense = [](double d) { return d == 0 || (d >= 0.1 && d <= 1e4); };
-  require(depth_makes_sense(near) && depth_makes_sense(far),
-          "--near, --far: must lie between 0.1 and 10000 m");
-  require(near == 0 || far == 0 || near < far, "--near: must be less than --far");
+void describe(kys::OptionList& list, FeatureOptions& o) {
+  list.add("--camera", o.camera, "kitti, euroc or auto");
+  list.add("--start", o.start, {0, 1e9});
+  list.add("--frames", o.frames, {-1, 1e9});
+  list.add("--every", o.every, {1, 1e9});
+  list.add("--features", o.features, {0, 20000});
+  list.add("--pixel-noise", o.pixel_noise, {0, 20}, "px");
+  list.add("--wander", o.wander, {0, 20}, "px");
+  list.add("--lens", o.lens, {0, 20}, "px");
+  list.add("--bit-noise", o.bit_noise, {0, 0.5});
+  list.add("--outliers", o.outliers, {0, 0.9});
+  list.add("--dropout", o.dropout, {0, 0.9});
+  list.add("--repeats", o.repeats, {0, 1});
+  list.add("--rate", o.rate, {1e-3, 1e4}, "Hz");
+  list.add("--near", o.near, {0, 1e4}, "m");
+  list.add("--far", o.far, {0, 1e4}, "m");
+  list.add("--width", o.width, {0, 2000}, "px");
+  list.require(o.camera == "auto" || o.camera == "kitti" || o.camera == "euroc",
+               "--camera must be auto, kitti or euroc");
+  list.require(o.frames != 0, "--frames must be at least 1");
+  list.require(o.features == 0 || o.features >= 50, "--features must be between 50 and 20000");
+  list.require(o.width == 0 || o.width >= 200, "--width must be between 200 and 2000");
+  const auto sensible = [](double depth) { return depth == 0 || depth >= 0.1; };
+  list.require(sensible(o.near) && sensible(o.far), "--near, --far must be between 0.1 and 10000");
+  list.require(o.near == 0 || o.far == 0 || o.near < o.far, "--near must be less than --far");
 }
 
 namespace {
@@ -144,7 +146,7 @@ StereoCamera scaled(const StereoCamera& k, int width) {
 
 FeaturePath read_feature_path(const std::filesystem::path& trajectory,
                               const FeatureOptions& options) {
-  options.check();
+  check_options(options);
   FeaturePath path;
   const int columns = count_columns(trajectory);
   if (columns == 12) {
@@ -552,7 +554,7 @@ void FeatureWorld::Impl::label() {
 FeatureWorld::FeatureWorld(const FeaturePath& path, const FeatureOptions& options,
                            const std::function<void(double)>& progress)
     : impl_(std::make_unique<Impl>()) {
-  options.check();
+  check_options(options);
   impl_->path = path;
   impl_->options = options;
   const int features = options.features > 0 ? options.features : path.features;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/option_list.h>
 #include <kys_slam/feature_file.h>
 
 #include <cstdint>
@@ -36,10 +37,9 @@ struct FeatureOptions {
   std::vector<FeatureObject> objects;  ///< in their place, of the same frames (read_objects)
   int width = 0;                       ///< px of KITTI's images, the camera scaled with it; 0: 1241
   bool labelled = false;  ///< a class for every landmark: for perception. Traffic brings it along
-
-  /// \throws InputError naming the option that makes no sense.
-  void check() const;
 };
+/// For check_options(); the keys are the names of the command line.
+void describe(kys::OptionList& list, FeatureOptions& options);
 
 /// The camera's path, and what films it.
 struct FeaturePath {

@@ -13,7 +13,7 @@ namespace kys_slam::simulator {
 
 /// Where the objects that can move are: exact poses, boxes and velocities. An object's frame is
 /// that of its first part: x forward, y left, z up, origin on the ground below its middle. Poses
-/// are told in the frame of the sequence's ground truth: the first left camera (kKitti) or the
+/// are expressed in the frame of the sequence's ground truth: the first left camera (kKitti) or the
 /// world (kEuroc).
 class ObjectTruth {
  public:

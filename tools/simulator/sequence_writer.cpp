@@ -1,6 +1,7 @@
 #include "sequence_writer.h"
 
 #include <fmt/printf.h>
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/util/atomic_file.h>
@@ -20,6 +21,12 @@
 #include "segments.h"
 
 namespace kys_slam::simulator {
+
+void describe(kys::OptionList& list, WriteOptions& o) {
+  list.add("--jobs", o.jobs, {0, 1024}, "threads");
+  list.add("--drop-camera", o.drop_camera, {-1, 1});
+  list.add("--drop-share", o.drop_share, {0, 0.9});
+}
 namespace {
 
 namespace fs = std::filesystem;
@@ -244,6 +251,7 @@ constexpr const char* kMarker = ".simulate_sequence";
 }  // namespace
 
 SequenceFigures write_sequence(const World& world, const WriteOptions& options) {
+  check_options(options);
   if (world.times.empty()) throw InputError("a sequence needs at least one frame");
   fs::path output = options.output.lexically_normal();
   if (output.filename().empty()) output = output.parent_path();

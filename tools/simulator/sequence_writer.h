@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <atomic>
 #include <filesystem>
 #include <string>
@@ -18,6 +20,8 @@ struct WriteOptions {
   bool quiet = false;
   const std::atomic<bool>* stop = nullptr;  ///< set: give up
 };
+/// For check_options(); the keys are the names of the command line.
+void describe(kys::OptionList& list, WriteOptions& options);
 
 /// What share of the left images objects that can move cover, on average over the frames; negative
 /// when no truth was made.

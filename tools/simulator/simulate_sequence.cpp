@@ -67,24 +67,18 @@ int run(int argc, char** argv) {
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
-  app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
-      ->check(CLI::Range(1, 1024));
+  app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)");
   app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
   app.add_option("--drop-camera", write_options.drop_camera,
-                 "hall: the camera (0 or 1) that loses frames")
-      ->check(CLI::Range(0, 1));
+                 "hall: the camera (0 or 1) that loses frames");
   auto* share = app.add_option("--drop-share", write_options.drop_share,
-                               "hall: share of frames lost by --drop-camera (default 0.1)")
-                    ->check(kys_slam::finite_range(0, 0.9));
+                               "hall: share of frames lost by --drop-camera (default 0.1)");
   app.add_flag("--quiet", write_options.quiet, "no progress");
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (!size.empty()) parse_size(size, world_options);
   if (frames->count() > 0 && world_options.frames < 1) {
     throw kys_slam::InputError("--frames " + std::to_string(world_options.frames) +
                                ": must be at least 1");
-  }
-  if (std::isnan(write_options.drop_share)) {
-    throw kys_slam::InputError("--drop-share nan: must lie between 0 and 0.9");
   }
   if (write_options.drop_camera >= 0 && share->count() == 0) write_options.drop_share = 0.1;
   if (write_options.drop_camera >= 0 && world_options.name != "hall") {

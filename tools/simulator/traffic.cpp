@@ -35,7 +35,7 @@ struct Density {
   double lead_stays, lead_absent;  ///< s, of a vehicle ahead
   double headway;                  ///< s that the vehicle ahead is ahead in time
   double gap;                      ///< m between bumpers at rest
-  double large;                    ///< share of lorries and buses
+  double large;                    ///< share of trucks and buses
   double oncoming, crossing, overtaking, cycles, walkers;
   double at_stops;  ///< s between vehicles that cross where the camera waits
   double people;    ///< s between people in a room

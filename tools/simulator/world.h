@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -20,6 +22,8 @@ struct WorldOptions {
   int width = 0;   ///< px; 0: the data set's own size
   int height = 0;
 };
+/// For check_options(); the keys are the names of the command line.
+void describe(kys::OptionList& list, WorldOptions& options);
 
 /// A scene, the path of the camera through it, and the cameras.
 struct World {

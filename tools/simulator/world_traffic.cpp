@@ -46,7 +46,7 @@ class Vehicles {
   Vehicles(World& world, std::uint64_t stream)
       : world_(world), rng_(hash_of(world.seed, stream)), meshes_(add_mover_meshes(world.scene)) {}
 
-  /// \param tall  share of buses, lorries and vans
+  /// \param tall  share of buses, trucks and vans
   Kind pick(double tall) {
     if (!rng_.chance(tall)) {
       constexpr int cars[] = {0, 1, 3};

@@ -1,4 +1,6 @@
+#include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/nearest_name.h>
 
 #include <algorithm>
 
@@ -6,21 +8,6 @@
 
 namespace kys_slam::simulator {
 namespace {
-
-int edit_distance(const std::string& a, const std::string& b) {
-  std::vector<int> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = static_cast<int>(j);
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    int diagonal = row[0];
-    row[0] = static_cast<int>(i);
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const int keep = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({keep, row[j] + 1, row[j - 1] + 1});
-    }
-  }
-  return row[b.size()];
-}
 
 constexpr int kKittiWidth = 1241;
 constexpr int kKittiHeight = 376;
@@ -31,6 +18,15 @@ constexpr int kMaxFrames = 600;
 const std::vector<std::string>& world_names() {
   static const std::vector<std::string> names = {"street", "traffic", "jam", "block", "hall"};
   return names;
+}
+
+void describe(kys::OptionList& list, WorldOptions& o) {
+  list.add("--frames", o.frames, {0, kMaxFrames});
+  list.add("--size width", o.width, {0, 8192}, "px");
+  list.add("--size height", o.height, {0, 8192}, "px");
+  const bool sized = o.width != 0 || o.height != 0;
+  list.require(!sized || (o.width >= 64 && o.height >= 48),
+               "--size must be between 64x48 and 8192x8192");
 }
 
 void set_kitti_rig(World& world, const WorldOptions& options) {
@@ -55,23 +51,10 @@ void set_kitti_rig(World& world, const WorldOptions& options) {
 World make_world(const WorldOptions& options) {
   const auto& names = world_names();
   if (std::find(names.begin(), names.end(), options.name) == names.end()) {
-    const auto nearest = *std::min_element(
-        names.begin(), names.end(), [&](const std::string& a, const std::string& b) {
-          return edit_distance(a, options.name) < edit_distance(b, options.name);
-        });
-    throw InputError("unknown world '" + options.name + "': did you mean '" + nearest +
-                     "'? (worlds: street, traffic, jam, block, hall)");
+    throw InputError("unknown world '" + options.name + "'" + did_you_mean(options.name, names) +
+                     " (worlds: street, traffic, jam, block, hall)");
   }
-  const bool sized = options.width != 0 || options.height != 0;
-  if (sized && (options.width < 64 || options.height < 48 || options.width > 8192 ||
-                options.height > 8192)) {
-    throw InputError("--size " + std::to_string(options.width) + "x" +
-                     std::to_string(options.height) + ": must lie between 64x48 and 8192x8192");
-  }
-  if (options.frames < 0 || options.frames > kMaxFrames) {
-    throw InputError("--frames " + std::to_string(options.frames) + ": must lie between 1 and " +
-                     std::to_string(kMaxFrames));
-  }
+  check_options(options);
   World world = options.name == "street"    ? make_street(options)
                 : options.name == "traffic" ? make_traffic(options)
                 : options.name == "jam"     ? make_jam(options)

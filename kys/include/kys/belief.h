@@ -2,6 +2,7 @@
 
 #include <kys/distance.h>
 #include <kys/label_space.h>
+#include <kys/option_list.h>
 
 #include <cstdint>
 #include <string_view>
@@ -32,6 +33,9 @@ struct BeliefOptions {
 
   friend bool operator==(const BeliefOptions&, const BeliefOptions&) = default;
 };
+
+/// Adds all options.
+void describe(OptionList& list, BeliefOptions& options);
 
 /// Where belief in a thing's standing still starts: from class and flag of its prior. Immutable.
 class BeliefStart {

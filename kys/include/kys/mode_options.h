@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kys/option_list.h>
+
 #include <array>
 #include <cstdint>
 #include <string>
@@ -62,6 +64,9 @@ struct ModeOptions {
 
   friend bool operator==(const ModeOptions&, const ModeOptions&) = default;
 };
+
+/// Adds all options, in the order of README.md.
+void describe(OptionList& list, ModeOptions& options);
 
 /// Whether a mode says nothing without priors: all do, but `stock` and `scaled`. Without any prior
 /// it would be `stock` under another name.
