@@ -7,7 +7,9 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-for tool in clang-format clang-tidy cmake; do
+tools=(clang-format)
+if [ "${1:-}" != --format ]; then tools+=(clang-tidy cmake); fi
+for tool in "${tools[@]}"; do
   command -v "$tool" >/dev/null || { echo "tools/lint.sh: needs $tool" >&2; exit 2; }
 done
 

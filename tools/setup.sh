@@ -4,6 +4,8 @@
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
 #   tools/setup.sh --experiments  and what the experiments need (tools/reproduce.sh)
 #   tools/setup.sh --python   and what the Python package and its tests need in it
+#   tools/setup.sh --format   and clang-format (tools/check.sh format)
+#   tools/setup.sh --checks   and Clang, clang-format, clang-tidy (tools/check.sh, tools/lint.sh)
 #   tools/setup.sh --site     and MkDocs in it (target site)
 #   tools/setup.sh --view        the same, and Rerun, to see and record runs (0.6 GB)
 #   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
@@ -17,20 +19,25 @@ packages=(
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
   libdlib-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
 )
+case "${1:-}" in
+  --format) packages+=(clang-format) ;;
+  --checks) packages+=(clang clang-format clang-tidy) ;;
+esac
 as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
-missing=()
-for package in "${packages[@]}"; do
-  dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' ||
-    missing+=("$package")
-done
-if [ "${#missing[@]}" -gt 0 ]; then
+install() {  # those of the packages that are missing
+  local missing=() package
+  for package in "$@"; do
+    dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' ||
+      missing+=("$package")
+  done
+  if [ "${#missing[@]}" -eq 0 ]; then return; fi
   echo "installing: ${missing[*]}"
-  export DEBIAN_FRONTEND=noninteractive
   as_root apt-get update -qq
   as_root env DEBIAN_FRONTEND=noninteractive \
     apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
-fi
+}
+install "${packages[@]}"
 
 make_environment() {  # a Python environment in .venv
   [ -x .venv/bin/pip ] && return
@@ -59,6 +66,10 @@ case "${1:-}" in
         opencv-python-headless rosbags mcap-protobuf-support foxglove-schemas-protobuf evo shtab
     fi
     if [ "$1" = --view ]; then install_python rerun-sdk; fi
+    ;;
+  --checks)  # the sanitizers' libraries have Clang's version in their name
+    version=$(clang -dumpversion)
+    install "libclang-rt-${version%%.*}-dev"
     ;;
   --site)
     make_environment

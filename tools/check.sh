@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# One stage of continuous integration, from a clean checkout. What it costs: CONTRIBUTING.md.
+#   tools/check.sh test     the README's test command; GCC, warnings are errors
+#   tools/check.sh format   clang-format
+#   tools/check.sh asan [PROGRAM...]   Clang, warnings are errors; unit and system tests, or those of
+#                           some test programs, under AddressSanitizer and UndefinedBehaviorSanitizer
+#   tools/check.sh tsan     Clang; tests with threads under ThreadSanitizer
+#   tools/check.sh clang    Clang, warnings are errors; compiles everything, optimised
+#   tools/check.sh tidy     clang-tidy
+set -euo pipefail
+cd "$(dirname "$0")/.."
+stage=${1:-}
+
+# A build of the libraries, what the tests start, and the tests, with Clang: configure FOLDER OPTION...
+configure() {
+  tools/setup.sh --checks
+  cmake -G Ninja -S . -B "$1" -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
+    -DKYS_WARNINGS_AS_ERRORS=ON -DKYS_BUILD_PYTHON=OFF "${@:2}"
+}
+# The tests of GoogleTest programs: those of scripts need an optimised build.
+run_tests() { ctest --test-dir "$1" -j "$(nproc)" --output-on-failure --timeout 900 "${@:2}"; }
+# -O1: the optimiser costs more than it saves. The renderer and the benchmarks stay out.
+sanitized=(-DCMAKE_BUILD_TYPE=RelWithDebInfo "-DCMAKE_CXX_FLAGS_RELWITHDEBINFO=-O1 -DNDEBUG"
+  -DKYS_BUILD_SIMULATOR=OFF -DKYS_BUILD_BENCHMARKS=OFF)
+
+case "$stage" in
+  test) exec tools/test.sh release -DKYS_WARNINGS_AS_ERRORS=ON ;;
+  format)
+    tools/setup.sh --format
+    exec tools/lint.sh --format
+    ;;
+  tidy)
+    tools/setup.sh --checks
+    exec tools/lint.sh --all
+    ;;
+  clang)
+    configure build/clang -DCMAKE_BUILD_TYPE=Release
+    cmake --build build/clang
+    ;;
+  asan)
+    configure build/clang-asan "${sanitized[@]}" -DKYS_SANITIZE=address,undefined
+    programs=("${@:2}")
+    cmake --build build/clang-asan ${programs[0]:+--target "${programs[@]}"}
+    IFS='|'
+    run_tests build/clang-asan -R "^(${programs[*]:-[a-z_]*_test})/"
+    ;;
+  tsan)
+    configure build/clang-tsan "${sanitized[@]}" -DKYS_SANITIZE=thread
+    programs=(system_test io_test util_test kys_test matching_test priors_builder_test)
+    cmake --build build/clang-tsan --target "${programs[@]}"
+    threaded='PublicApi|TwoSystems|InRealTime|ThePipeline|ReadAhead|Worker|StereoMatcher|Thread|BuildSequence'
+    run_tests build/clang-tsan -R "_test/.*($threaded)"
+    ;;
+  *)
+    sed -n '2,/^set/p' "$0" | sed '$d; s/^# \{0,1\}//' >&2
+    exit 2
+    ;;
+esac
