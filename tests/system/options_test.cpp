@@ -68,7 +68,7 @@ TEST(EveryOption, OfPlacesAndLoops) {
 
 TEST(EveryOption, OfMotion) {
   expect_every_number_checked<BeliefUpdateOptions>();
-  expect_every_number_checked<CommonShiftOptions>(0, {50, 3});
+  expect_every_number_checked<CommonShiftOptions>(1, {50, 3});  // which are taken
   expect_every_number_checked<InstanceMotionOptions>();
   expect_every_number_checked<InstanceTrackerOptions, InstanceMotionOptions, BeliefUpdateOptions>();
   expect_every_number_checked<ObjectTrackOptions>();
