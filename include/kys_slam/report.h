@@ -46,6 +46,9 @@ struct FrameReport {
   double timestamp = 0;  ///< s
   FrameStatus status = FrameStatus::kLost;
   std::string reason;        ///< why it is lost, or how its pose was predicted
+  /// What is wrong with one of the images or the motion, as a phrase that stays the same while it
+  /// lasts; "": nothing.
+  std::string warning;
   bool relocalised = false;  ///< tracking had lost it, but it was recognised in the map
   Rigid3 T_w_c;              ///< as estimated at this frame; meaningless when lost
   int keypoints = 0;         ///< left image

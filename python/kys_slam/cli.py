@@ -354,7 +354,7 @@ def _run(args) -> int:
     recorders = _open_recorders(args, slam)
     progress = _Progress(len(recording), args.quiet)
     watch = _PairWatch()
-    end_reason, done = "", 0
+    end_reason, done, told = "", 0, set()
     start_up_s = time.monotonic() - began
     wall, cpu = time.monotonic(), time.process_time()
     frames = recording
@@ -370,9 +370,13 @@ def _run(args) -> int:
             if mask and masks.classes:
                 segments, mask = masks.priors(mask), masks.without_classes(mask)
             if isinstance(frame, kys_slam.StereoFrame):
-                slam.feed_frame(frame, segments, mask)
+                report = slam.feed_frame(frame, segments, mask)
             else:
-                slam.feed(frame.left, frame.right, frame.timestamp, segments, mask, name=frame.name)
+                report = slam.feed(frame.left, frame.right, frame.timestamp, segments, mask, name=frame.name)
+            if report.warning and report.warning not in told:
+                told.add(report.warning)
+                print(f"kys-slam: warning: frame {report.index}: {report.warning}", file=sys.stderr,
+                      flush=True)
             done += 1
             progress.update(done)
     except KeyboardInterrupt:

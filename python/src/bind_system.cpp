@@ -387,6 +387,8 @@ void bind_report(nb::module_& m) {
           "lost", [](const FrameReport& r) { return r.status == FrameStatus::kLost; },
           "whether it has no pose")
       .def_ro("reason", &FrameReport::reason, "why it is lost, or how its pose was predicted")
+      .def_ro("warning", &FrameReport::warning,
+              "what is wrong with one of the images or the motion, \"\" nothing")
       .def_ro("relocalised", &FrameReport::relocalised,
               "tracking had lost it, but it was recognised in the map")
       .def_prop_ro(

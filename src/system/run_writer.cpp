@@ -102,10 +102,11 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   const std::vector<FrameReport> reports = system.reports();
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = reports[k];
-    text += fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index,
-                        csv_field(r.name), r.timestamp, to_string(r.status), estimates[k].submap,
-                        r.reason, r.keyframe ? 1 : 0, to_string(r.loop), r.loop_frame,
-                        r.loop_distance_m, r.loop_gap_m);
+    text +=
+        fmt::format("{},{},{:.9f},{},{},\"{}\",{},{},{},{:.4f},{:.4f}", r.index, csv_field(r.name),
+                    r.timestamp, to_string(r.status), estimates[k].submap,
+                    r.warning.empty() ? r.reason : r.reason + "; " + r.warning, r.keyframe ? 1 : 0,
+                    to_string(r.loop), r.loop_frame, r.loop_distance_m, r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
@@ -207,9 +208,25 @@ std::string map_ply(const MapSnapshot& map, const std::string& label_space) {
   return text;
 }
 
+/// What was wrong with frames, each once with how often and when first.
+std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports) {
+  std::map<std::string, std::pair<std::int64_t, std::int64_t>> found;  // frames, the first's index
+  for (const FrameReport& r : reports) {
+    if (!r.warning.empty()) ++found.try_emplace(r.warning, 0, r.index).first->second.first;
+  }
+  std::vector<std::string> lines;
+  for (const auto& [warning, frames] : found) {
+    lines.push_back(fmt::format("{} ({} of {} frames, the first is {})", warning, frames.first,
+                                reports.size(), frames.second));
+  }
+  return lines;
+}
+
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
                                const RunOutcome& outcome) {
-  nlohmann::ordered_json json;
+  // An object from the start: one that becomes an object by operator[] is not sound when memory
+  // runs out just then, and crashes when it goes.
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
   json["sequence"] = printable(info.sequence);
   json["mode"] = info.mode;
   json["schedule"] = to_string(schedule);
@@ -231,6 +248,9 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
   for (const std::string& warning : info.warnings) json["warnings"].push_back(printable(warning));
+  for (const std::string& warning : frame_warnings(system.reports())) {
+    json["warnings"].push_back(warning);
+  }
   if (const auto& a = outcome.accuracy) {
     json["ate_se3_rmse_m"] = a->ate.rmse;
     json["ate_se3_max_m"] = a->ate.max;
@@ -241,6 +261,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   const std::vector<FrameReport> reports = system.reports();
   for (const FrameReport& report : reports) statistics += report.statistics;
   json["descriptor_pairs"] = statistics.total();
+  json["timing_ms"] = nlohmann::ordered_json::object();
   for (const Stage& stage : kStages) {
     const Spread s = spread(reports, stage);
     json["timing_ms"][stage.name] = {{"median", s.median}, {"p95", s.p95}, {"mean", s.mean}};

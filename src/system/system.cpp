@@ -332,6 +332,10 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
     report.reason = "the image has no corners";
   }
+  report.warning = seen.fault;
+  if (report.warning.empty() && tracked.jumped) {
+    report.warning = "the camera seems to move as none can: it may follow something that moves";
+  }
   report.T_w_c = tracked.T_c_w.inverse();
   report.keypoints = static_cast<int>(seen.features->size());
   report.stereo_matches = seen.stereo_matches;

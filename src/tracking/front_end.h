@@ -8,12 +8,14 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "features/orb_extractor.h"
 #include "map/frame_features.h"
 #include "matching/stereo_matcher.h"
+#include "tracking/camera_faults.h"
 #include "util/worker.h"
 
 namespace kys_slam {
@@ -32,6 +34,7 @@ struct FrontEndResult {
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
   double prior_coverage = 0;  ///< share of keypoints with a valid label
+  std::string fault;          ///< what one camera shows nothing of; "": nothing is wrong
   int masked = 0;             ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 
@@ -69,6 +72,7 @@ class FrontEnd {
   std::array<OrbExtractor, 2> extractors_;  // left, right
   std::array<FeatureSet, 2> features_;
   std::array<std::vector<kys::Prior>, 2> priors_;
+  CameraFaults camera_faults_;
   Worker helper_;  // extracts the right image, matches half of the keypoints
 };
 

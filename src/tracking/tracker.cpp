@@ -357,6 +357,7 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
     return predict_by_reference(frame, result);
   }
+  result.jumped = impossible_;
   if (impossible_ && replace_jump(frame, result)) return true;
   if (doubtful_) replace_misfit(frame, result);
   if (impossible_) result.reason += "; impossible motion";
@@ -398,6 +399,7 @@ bool Tracker::replace_jump(Frame& frame, TrackResult& result, double least_share
     return false;
   }
   replace(frame, result, std::move(unexpected), alternative);
+  result.jumped = true;
   return true;
 }
 

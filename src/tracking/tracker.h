@@ -89,8 +89,9 @@ struct TrackResult {
   FramePose pose;
   int matches = 0;  ///< landmarks matched, before outliers went
   int inliers = 0;
-  bool held = false;                     ///< the expected pose joined the matches
-  bool overruled = false;                ///< image area decided against the number of matches
+  bool held = false;       ///< the expected pose joined the matches
+  bool jumped = false;     ///< no camera can have come to the pose found near the expected one
+  bool overruled = false;  ///< image area decided against the number of matches
   std::vector<InstanceState> instances;  ///< things in the frame, when belief is kept
   TrackTimes times;
   kys::Statistics statistics;

@@ -83,6 +83,17 @@ def late(s):
         s.frames[i][1] = s.frames[i - 1][1]
 
 
+def dead(s):
+    for frame in s.frames[FIRST:]:
+        frame[1] = load(frame[1]) * 0
+
+
+def upper_half(path):
+    image = load(path).copy()
+    image[image.shape[0] // 2:] = 0
+    return image
+
+
 def swapped(s):
     for frame in s.frames:
         frame[0], frame[1] = frame[1], frame[0]
@@ -115,6 +126,10 @@ def missing(s):
 FAULTS = {
     "nothing": (lambda s: None, None),
     "right camera black for 10 frames": (change([1], lambda p: load(p) * 0), FIRST + COUNT),
+    "right camera grey for 10 frames": (change([1], lambda p: load(p) * 0 + 128), FIRST + COUNT),
+    "right camera black for good": (dead, None),
+    "left camera black for 10 frames": (change([0], lambda p: load(p) * 0), FIRST + COUNT),
+    "lower half of the right image black for 10 frames": (change([1], upper_half), FIRST + COUNT),
     "right camera frozen for 10 frames": (frozen, FIRST + COUNT),
     "both black for 10 frames": (change([0, 1], lambda p: load(p) * 0), FIRST + COUNT),
     "exposure x 0.3 for 10 frames": (change([0, 1], lambda p: exposed(p, 0.3)), FIRST + COUNT),

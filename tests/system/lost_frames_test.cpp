@@ -48,6 +48,16 @@ class LostFrames : public ::testing::Test {
       write_png(work_ / "seq" / "image_1" / image_name(i), image);
     }
   }
+  /// The images of one camera become one shade of grey.
+  void shut(const char* camera, int first, int last, std::uint8_t shade = 0) {
+    for (int i = first; i <= last; ++i) {
+      write_png(work_ / "seq" / camera / image_name(i),
+                GrayImage(small_camera().width, small_camera().height, shade));
+    }
+  }
+  std::vector<std::string> warnings() {
+    return nlohmann::json::parse(read_text(work_ / "out" / "summary.json"))["warnings"];
+  }
   int run(std::string* err = nullptr) {
     Command command("run_stereo_kitti",
                     {(work_ / "seq").string(), "--quiet", "--output", (work_ / "out").string()});
@@ -101,14 +111,61 @@ TEST_F(LostFrames, ACameraThatWakesUpLateStartsLate) {
   EXPECT_EQ(rows.at(4).first, "tracked");
 }
 
-TEST_F(LostFrames, OneEyeShutIsALossWithAReason) {
-  for (int i = 6; i < 8; ++i) {
-    write_png(work_ / "seq" / "image_0" / image_name(i),
-              GrayImage(small_camera().width, small_camera().height, 0));
+TEST_F(LostFrames, ADeadLeftCameraIsALossAndToldOnce) {
+  shut("image_0", 6, 7);
+  std::string err;
+  EXPECT_EQ(run(&err), 0);
+  const std::string dead = "the left image shows nothing, the other one does";
+  EXPECT_NE(err.find("frame 6: " + dead), std::string::npos) << err;
+  EXPECT_EQ(err.find("frame 7: "), std::string::npos) << err;
+  const auto rows = outcomes(work_ / "out");
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const bool shut = i == 6 || i == 7;
+    EXPECT_EQ(rows[i].first == "lost", shut) << i;
+    EXPECT_EQ(rows[i].second.find(dead) != std::string::npos, shut) << i << rows[i].second;
   }
+  EXPECT_EQ(warnings(), std::vector{dead + " (2 of 12 frames, the first is 6)"});
+}
+
+TEST_F(LostFrames, ADeadRightCameraIsToldAndTheMapCarriesOn) {
+  for (const int shade : {0, 128}) {
+    shut("image_1", 6, 7, static_cast<std::uint8_t>(shade));
+    std::string err;
+    EXPECT_EQ(run(&err), 0);
+    const std::string dead = "the right image shows nothing, the other one does";
+    EXPECT_NE(err.find("frame 6: " + dead), std::string::npos) << err;
+    const auto rows = outcomes(work_ / "out");
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      EXPECT_EQ(rows[i].first, "tracked") << i << rows[i].second;
+      const bool told = rows[i].second.find(dead) != std::string::npos;
+      EXPECT_EQ(told, i == 6 || i == 7) << i << rows[i].second;
+    }
+    EXPECT_EQ(warnings(), std::vector{dead + " (2 of 12 frames, the first is 6)"});
+  }
+}
+
+TEST_F(LostFrames, HalfAnImageAndAFrozenOneAreTold) {
+  GrayImage half = read_gray(work_ / "seq" / "image_1" / image_name(4));
+  for (int y = half.height() / 2; y < half.height(); ++y) {
+    for (int x = 0; x < half.width(); ++x) half.at(x, y) = 0;
+  }
+  write_png(work_ / "seq" / "image_1" / image_name(4), half);
+  fs::copy_file(work_ / "seq" / "image_1" / image_name(8),
+                work_ / "seq" / "image_1" / image_name(9), fs::copy_options::overwrite_existing);
   EXPECT_EQ(run(), 0);
-  EXPECT_EQ(outcomes(work_ / "out").at(6).first, "lost");
-  EXPECT_NE(outcomes(work_ / "out").at(6).second, "");
+  EXPECT_EQ(warnings(),
+            (std::vector<std::string>{
+                "the lower half of the right image shows nothing, the other image does (1 of 12 "
+                "frames, the first is 4)",
+                "the right image is that of the frame before, the other one is new (1 of 12 "
+                "frames, the first is 9)"}));
+}
+
+TEST_F(LostFrames, NothingIsToldOfASoundPair) {
+  std::string err;
+  EXPECT_EQ(run(&err), 0);
+  EXPECT_EQ(err, "");
+  EXPECT_EQ(warnings(), std::vector<std::string>());
 }
 
 TEST(Pace, AStallComesOnTopOfEveryFrame) {

@@ -78,7 +78,7 @@ double share(int part, int whole) {
 }
 
 void print_json(const ObjectEvaluation& e) {
-  Json json;
+  Json json = Json::object();
   json["estimates"] = e.estimates;
   json["unassigned"] = e.unassigned;
   json["on_standing_objects"] = e.standing;

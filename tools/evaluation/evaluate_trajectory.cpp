@@ -91,7 +91,7 @@ nlohmann::ordered_json to_json(const Statistics& s) {
 
 void print_json(const Evaluation& e, const Arguments& a) {
   static const char* const kNames[] = {"none", "se3", "sim3"};
-  nlohmann::ordered_json json;
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
   json["alignment"] = kNames[static_cast<int>(a.options.alignment)];
   json["alignment_degenerate"] = e.alignment.degenerate;
   json["scale"] = e.alignment.scale;

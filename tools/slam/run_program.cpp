@@ -26,6 +26,8 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <optional>
+#include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -164,6 +166,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
               const Pace& pace, InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
+  std::set<std::string> told;  // each warning once; summary.json has how often
   Stopwatch clock;
   std::optional<double> first_time;
   while (std::optional<StereoFrame> frame = source.next()) {
@@ -180,6 +183,9 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
     const FrameReport report = system.feed(*frame);
     if (report.status == FrameStatus::kLost) {
       spdlog::debug("frame {} lost: {}", report.index, report.reason);
+    }
+    if (!report.warning.empty() && told.insert(report.warning).second) {
+      spdlog::warn("frame {}: {}", report.index, printable(report.warning));
     }
     progress.update(++done);
     check_memory_in_use(report.resident_mb);
