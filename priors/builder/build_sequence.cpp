@@ -226,20 +226,25 @@ class SequenceBuilder {
                                   sequence_.camera.height);
         const Stopwatch watch;
         batch[i].shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
-        add_association(watch.elapsed_ms());
+        add_time(&BuildTimes::association, watch.elapsed_ms());
       }
       const bool linked = needs_early_disparity();
       Pair pair;
       if (keypoints_ || (linked && inputs_.disparity == "sgbm")) pair = sequence_.read(begin + i);
-      if (keypoints_) batch[i].features = keypoints_->extract(pair.first, pair.second);
+      if (keypoints_) {
+        const Stopwatch watch;
+        batch[i].features = keypoints_->extract(pair.first, pair.second);
+        add_time(&BuildTimes::keypoints, watch.elapsed_ms());
+      }
       if (linked) read_disparity_early(begin + i, pair, batch[i]);
     });
     for (Prepared& frame : batch) {
       SegmentLinks links;
       links.by_disparity = std::move(frame.by_disparity);
+      Stopwatch watch;
       if (keypoints_) judge_keypoints(read_, frame, links);
       if (keypoints_ && needs_early_disparity()) judge_space(read_, frame);
-      const Stopwatch watch;
+      add_time(&BuildTimes::keypoints, watch.lap_ms());
       if (overlap_) {
         identify(frame, links);
       } else {
@@ -248,7 +253,7 @@ class SequenceBuilder {
           in.instances = identify(c, in.panoptic, frame.shapes[c]);
         }
       }
-      add_association(watch.elapsed_ms());
+      add_time(&BuildTimes::association, watch.lap_ms());
       frame.features.reset();
       prepared_.push_back(std::move(frame));
       ++read_;
@@ -287,11 +292,13 @@ class SequenceBuilder {
   }
 
   void read_disparity_early(std::size_t t, const Pair& pair, Prepared& frame) {
+    Stopwatch watch;
     frame.disparity = disparities(t, pair);
-    const Stopwatch watch;
+    add_time(&BuildTimes::stereo, watch.lap_ms());
     complete(frame.disparity, frame.perception);
+    const double ms = watch.lap_ms();
     const std::lock_guard lock(mutex_);
-    summary_.times.depth += watch.elapsed_ms();
+    summary_.times.depth += ms;
     frame.by_disparity = links_by_disparity(frame.perception[0].panoptic,
                                             frame.perception[1].panoptic, frame.disparity[0]);
   }
@@ -308,9 +315,9 @@ class SequenceBuilder {
     if (!prepared_.empty()) prepared_.back().evidence = std::move(evidence);
   }
 
-  void add_association(double ms) {
+  void add_time(double BuildTimes::*stage, double ms) {
     const std::lock_guard lock(mutex_);
-    summary_.times.association += ms;
+    summary_.times.*stage += ms;
   }
 
   /// Numbers of segments as they go into the file. Stuff has one per class, below those of things.
@@ -500,17 +507,20 @@ class SequenceBuilder {
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
     std::array<ImageOf<float>, 2> disparity = std::move(prepared.disparity);
     if (disparity[0].empty()) {
+      Stopwatch watch;
       disparity = disparities(t, out.now);
-      const Stopwatch watch;
+      out.times.stereo = watch.lap_ms();
       complete(disparity, perception);
-      out.times.depth = watch.elapsed_ms();
+      out.times.depth = watch.lap_ms();
     }
     for (std::size_t c = 0; c < perception.size(); ++c) {
       CameraPerception& in = perception[c];
       const GrayImage& image = c == 0 ? out.now.first : out.now.second;
       const GrayImage& next_image = c == 0 ? next.first : next.second;
       in.disparity = std::move(disparity[c]);
+      const Stopwatch watch;
       in.flow = flow(c, t, in, image, next_image);
+      out.times.flow += watch.elapsed_ms();
       if (!next_image.empty()) {
         in.now = &image;
         in.next = &next_image;

@@ -55,6 +55,8 @@ struct BuildTimes {
   double association = 0, depth = 0;
   FusionTimes fusion;
   double encoding = 0;
+  /// Of what is estimated from the images, not part of total(): disparity, optical flow, keypoints.
+  double stereo = 0, flow = 0, keypoints = 0;
 
   [[nodiscard]] double total() const { return association + depth + fusion.total() + encoding; }
   BuildTimes& operator+=(const BuildTimes& other) {
@@ -62,6 +64,9 @@ struct BuildTimes {
     depth += other.depth;
     fusion += other.fusion;
     encoding += other.encoding;
+    stereo += other.stereo;
+    flow += other.flow;
+    keypoints += other.keypoints;
     return *this;
   }
 };

@@ -151,6 +151,8 @@ void print(const BuildSummary& s) {
       "residual %.2f, drift %.2f, statistics %.2f, export %.2f, encoding %.2f\n",
       s.times.total() / n, s.times.association / n, s.times.depth / n, f.fit / n, f.residual / n,
       f.drift / n, f.statistics / n, f.decide_export / n, s.times.encoding / n);
+  std::printf("estimates         disparity %.0f, flow %.0f, keypoints %.0f ms/frame\n",
+              s.times.stereo / n, s.times.flow / n, s.times.keypoints / n);
 }
 
 int run(int argc, char** argv) {
