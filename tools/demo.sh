@@ -30,7 +30,7 @@ track() {  # name, then arguments
 }
 track votes --mode stock --set tracking.balanced=false --set place.min_area=0
 track area --mode stock
-track priors --mode kys
+track priors --mode verified
 .venv/bin/python tools/plots/compare_runs.py "runs/demo-votes=most matches" \
   "runs/demo-area=most image area" "runs/demo-priors=with priors" --output runs/demo-street.png
 

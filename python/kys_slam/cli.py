@@ -64,7 +64,7 @@ def _add_run(commands) -> None:
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (python/README.md)")
     slam.add_argument("--mode", help="how descriptors are compared: " + ", ".join(kys_slam.modes()) +
-                      " (default: kys with --priors, stock without)")
+                      " (default: verified with --priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
                       help="defaults of the settings (default: by the recording)")
     slam.add_argument("--config", metavar="FILE", help="YAML file of settings")
@@ -232,7 +232,7 @@ def _make_settings(args, layout: str) -> kys_slam.Settings:
         settings["kys.mode"] = args.mode
     has_priors = args.priors or (args.masks and (Path(args.masks) / "classes.txt").exists())
     if has_priors and not args.mode and settings.get("kys.mode") == "stock":
-        settings["kys.mode"] = "kys"
+        settings["kys.mode"] = "verified"
     settings.check()
     mode = settings.get("kys.mode")
     if not has_priors and kys_slam.mode_needs_priors(mode):

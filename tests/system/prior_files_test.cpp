@@ -109,7 +109,7 @@ class PriorFilesInARun : public ::testing::Test {
 TEST_F(PriorFilesInARun, AllAreThere) {
   EXPECT_EQ(run("out"), 0) << err_;
   EXPECT_EQ(err_, "");
-  EXPECT_EQ(summary("out")["mode"], "kys");
+  EXPECT_EQ(summary("out")["mode"], "verified");
   EXPECT_EQ(summary("out")["missing_priors"], 0);
   EXPECT_EQ(summary("out")["frames_tracked"], kSmallFrames);
 }

@@ -70,7 +70,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "folder of this sequence's prior files (a feature file may bring its own)");
   app.add_option(
       "--mode", a.mode,
-      "how descriptors are compared: " + modes + " (default: kys with priors, stock without)");
+      "how descriptors are compared: " + modes + " (default: verified with priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
   one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
   app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
@@ -105,7 +105,7 @@ Settings effective_settings(Settings settings, const Arguments& a, bool with_pri
   if (!a.mode.empty()) {
     settings.set("kys.mode", a.mode);
   } else if (with_priors && settings.get("kys.mode") == "stock") {
-    settings.set("kys.mode", "kys");
+    settings.set("kys.mode", "verified");
   }
   settings.check();
   const std::string mode = settings.get("kys.mode");
