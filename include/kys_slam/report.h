@@ -45,7 +45,7 @@ struct FrameReport {
   std::string name;
   double timestamp = 0;  ///< s
   FrameStatus status = FrameStatus::kLost;
-  std::string reason;        ///< why it is lost, or how its pose was predicted
+  std::string reason;  ///< why it is lost, or how its pose was predicted
   /// What is wrong with one of the images or the motion, as a phrase that stays the same while it
   /// lasts; "": nothing.
   std::string warning;

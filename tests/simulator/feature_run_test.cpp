@@ -109,7 +109,7 @@ TEST_F(FeatureRun, PriorsInTheFileCountAsPriors) {
   }
   writer.finish();
   const auto summary = run("run_stereo_kitti", {"--overwrite"});
-  EXPECT_EQ(summary["mode"], "kys");
+  EXPECT_EQ(summary["mode"], "verified");
   EXPECT_EQ(summary["frames_tracked"], kFrames);
   run("run_stereo_kitti", {"--set", "kys.normalize=false", "--overwrite"});
   EXPECT_NE(read_text(output_ / "trajectory.tum"), without) << "priors change nothing";

@@ -67,10 +67,13 @@ int run(int argc, char** argv) {
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
-  app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)");
+  // What the struct takes for "all" or "none" is said by leaving these out.
+  app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
+      ->check(CLI::Range(1, 1024));
   app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
   app.add_option("--drop-camera", write_options.drop_camera,
-                 "hall: the camera (0 or 1) that loses frames");
+                 "hall: the camera (0 or 1) that loses frames")
+      ->check(CLI::Range(0, 1));
   auto* share = app.add_option("--drop-share", write_options.drop_share,
                                "hall: share of frames lost by --drop-camera (default 0.1)");
   app.add_flag("--quiet", write_options.quiet, "no progress");
