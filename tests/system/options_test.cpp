@@ -122,7 +122,7 @@ std::string refusal(Make&& make) {
 
 TEST(EveryOption, ClassesCheckWhatTheyAreMadeWith) {
   const StereoCamera camera{640, 480, 500, 500, 320, 240, 0.12};
-  const ScaleLevels scales(8, 1.2);
+  const ScaleLevels scales(1.2, 8);
   const kys::DistanceModel model{kys::ModeOptions()};
   BackEndOptions good;
   EXPECT_EQ(refusal([&] { BackEnd(camera, scales, good, model, false); }), "");
