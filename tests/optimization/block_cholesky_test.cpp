@@ -149,9 +149,9 @@ TEST(FrontKernels, EveryVariantIsTheTextbookToTheLastBit) {
     for (const front::Kernels* kernels : front::available_kernels()) {
       const int tiles = (rows + front::kTile - 1) / front::kTile;
       std::vector<front::TileColumn> work(static_cast<std::size_t>(front::tile_begin(tiles, rows)));
-      const auto element = [&](int r, int c) -> double& {
+      const auto element = [&, n = rows](int r, int c) -> double& {
         const int t = r / front::kTile;
-        return work[static_cast<std::size_t>(front::tile_begin(t, rows) + c)].row[r % front::kTile];
+        return work[static_cast<std::size_t>(front::tile_begin(t, n) + c)].row[r % front::kTile];
       };
       for (int c = 0; c < rows; ++c) {
         for (int r = c; r < rows; ++r) element(r, c) = A(r, c);
