@@ -5,6 +5,8 @@
 #include <tuple>
 #include <variant>
 
+#include "priors/builder/segment_grid.h"
+
 namespace kys_slam {
 namespace {
 
@@ -12,7 +14,6 @@ constexpr int kRadius = 3;  // px, of a patch
 constexpr int kSlack = 2;   // px, by which a prediction may be off
 constexpr int kMargin = kRadius + 1;
 constexpr std::size_t kPatches = 150;  // per segment
-constexpr double kCandidates = 2000;   // pixels per segment that are looked at
 constexpr double kCorner = 30;  // squared grey levels, least eigenvalue of the gradients' mean
 constexpr double kAlike = 0.8;  // correlation
 
@@ -82,20 +83,13 @@ std::vector<AppearanceEvidence> compare_appearance(const GrayImage& now, const G
                                                    const SegmentRuns& runs,
                                                    const std::vector<std::uint8_t>& is_stuff) {
   std::vector<std::vector<Patch>> patches(is_stuff.size());
-  std::vector<std::uint32_t> area(is_stuff.size(), 0);
-  for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
-  for (int y = 0; y < runs.rows(); ++y) {
-    for (const SegmentRun& run : runs.row(y)) {
-      if (run.segment == 0 || is_stuff[run.segment]) continue;
-      const int step = std::max(1, static_cast<int>(std::sqrt(area[run.segment] / kCandidates)));
-      if (y % step != 0) continue;
-      for (int x = (run.x0 + step - 1) / step * step; x < run.x1; x += step) {
-        if (!(disparity.at(x, y) > 0) || !inside(now, x, y, kMargin)) continue;
+  for_each_on_grid(
+      runs, is_stuff.size(), [&](auto segment) { return !is_stuff[segment]; },
+      [&](auto segment, int x, int y) {
+        if (!(disparity.at(x, y) > 0) || !inside(now, x, y, kMargin)) return;
         const double strength = corner_strength(now, x, y);
-        if (strength >= kCorner) patches[run.segment].push_back({x, y, strength});
-      }
-    }
-  }
+        if (strength >= kCorner) patches[segment].push_back({x, y, strength});
+      });
   std::vector<AppearanceEvidence> evidence(is_stuff.size());
   for (std::size_t k = 1; k < patches.size(); ++k) {
     std::vector<Patch>& all = patches[k];

@@ -5,11 +5,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "priors/builder/segment_grid.h"
+
 namespace kys_slam {
 namespace {
 
 constexpr int kSlack = 2;                            // px, by which a prediction may be off
-constexpr double kCandidates = 2000;                 // pixels per segment that are looked at
 constexpr double kSame = 1.0, kSameShare = 0.04;     // px and share of the disparity: its error
 constexpr double kBeyond = 2.0, kBeyondShare = 0.1;  // likewise: the place is free beyond it
 
@@ -47,7 +48,7 @@ struct Pixel {
   float disparity;  // px
 };
 
-/// Pixels of every thing, at most kCandidates or so, and how many of them have a disparity.
+/// Pixels of a thing that have a disparity, and how many were looked at.
 struct Samples {
   std::vector<Pixel> known;
   int looked_at = 0;
@@ -56,20 +57,13 @@ struct Samples {
 std::vector<Samples> sample(const ImageOf<float>& disparity, const SegmentRuns& runs,
                             const std::vector<bool>& is_thing) {
   std::vector<Samples> samples(is_thing.size());
-  std::vector<std::uint32_t> area(is_thing.size(), 0);
-  for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
-  for (int y = 0; y < runs.rows(); ++y) {
-    for (const SegmentRun& run : runs.row(y)) {
-      if (run.segment == 0 || !is_thing[run.segment]) continue;
-      const int step = std::max(1, static_cast<int>(std::sqrt(area[run.segment] / kCandidates)));
-      if (y % step != 0) continue;
-      for (int x = (run.x0 + step - 1) / step * step; x < run.x1; x += step) {
-        ++samples[run.segment].looked_at;
+  for_each_on_grid(
+      runs, is_thing.size(), [&](auto segment) { return is_thing[segment]; },
+      [&](auto segment, int x, int y) {
+        ++samples[segment].looked_at;
         const float d = disparity.at(x, y);
-        if (d > 0) samples[run.segment].known.push_back({x, y, d});
-      }
-    }
-  }
+        if (d > 0) samples[segment].known.push_back({x, y, d});
+      });
   return samples;
 }
 

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <kys_slam/segment_runs.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace kys_slam {
+
+/// Visits pixels of a regular grid in every segment that is looked at, row by row. Large segments
+/// have a coarser grid, so that about 2000 pixels of each are visited at most.
+/// \param segments one more than there are
+/// \param is_looked_at of a segment's number, from 1 on
+/// \param visit called with segment, x, y
+template <typename IsLookedAt, typename Visit>
+void for_each_on_grid(const SegmentRuns& runs, std::size_t segments, const IsLookedAt& is_looked_at,
+                      const Visit& visit) {
+  constexpr double kPixels = 2000;  // per segment
+  std::vector<std::uint32_t> area(segments, 0);
+  for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
+  for (int y = 0; y < runs.rows(); ++y) {
+    for (const SegmentRun& run : runs.row(y)) {
+      if (run.segment == 0 || !is_looked_at(run.segment)) continue;
+      const int step = std::max(1, static_cast<int>(std::sqrt(area[run.segment] / kPixels)));
+      if (y % step != 0) continue;
+      for (int x = (run.x0 + step - 1) / step * step; x < run.x1; x += step) {
+        visit(run.segment, x, y);
+      }
+    }
+  }
+}
+
+}  // namespace kys_slam
