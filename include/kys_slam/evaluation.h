@@ -7,11 +7,12 @@
 #include <span>
 #include <vector>
 
-/// Errors of an estimated trajectory against a reference; figures as evo's.
+/// Errors of an estimated trajectory against a reference. The figures equal those of evo.
 namespace kys_slam {
 
-/// Summary of a list of errors, in their unit. The standard deviation is the population's (divided
-/// by n), the median of an even count is the mean of the two middle ones. All zero for no errors.
+/// Summary of a list of errors, in their unit. The standard deviation is that of the population
+/// (divided by n). The median of an even count is the mean of the two middle values. All zero for
+/// no errors.
 struct Statistics {
   std::size_t count = 0;
   double rmse = 0, mean = 0, median = 0, std = 0, min = 0, max = 0;
@@ -19,7 +20,8 @@ struct Statistics {
 
 Statistics statistics(std::span<const double> errors);
 
-/// Poses of a reference and of an estimate, one to one and in order of time.
+/// Poses of a reference and of an estimate, one to one and in order of time. Both lists have the
+/// same length.
 struct TrajectoryPair {
   std::vector<TimedPose> reference;
   std::vector<TimedPose> estimate;
@@ -27,9 +29,9 @@ struct TrajectoryPair {
   [[nodiscard]] std::size_t size() const { return reference.size(); }
 };
 
-/// Pairs poses by time as evo does: every pose of the shorter trajectory takes the nearest of the
-/// longer one when it is at most `max_difference` (s) away. Stamps must not decrease; published
-/// trajectories do repeat some, and those count as often as they are there.
+/// Pairs poses by time as evo does: every pose of the shorter trajectory takes the nearest one of
+/// the longer when it is at most `max_difference` (s) away. Time stamps must not decrease. Repeated
+/// stamps, which some published trajectories have, count as often as they occur.
 TrajectoryPair associate_by_time(std::span<const TimedPose> reference,
                                  std::span<const TimedPose> estimate, double max_difference = 0.01);
 
@@ -39,15 +41,15 @@ enum class Alignment { kNone, kSe3, kSim3 };
 struct Similarity {
   double scale = 1;
   Rigid3 T;
-  /// The positions do not determine the rotation (fewer than three, all in one place, or all on
-  /// one line); it was taken from the first poses' orientations instead.
+  /// The positions do not determine the rotation: fewer than three, all in one place, or all on one
+  /// line. The rotation is then that of the first pair of poses.
   bool degenerate = false;
 };
 
 /// Least-squares alignment of the estimate's positions to the reference's (Umeyama, PAMI 1991).
 Similarity align(const TrajectoryPair& pair, Alignment alignment);
 
-/// Applies a similarity: positions are scaled, rotated and moved, orientations rotated.
+/// Applies a similarity: scales, rotates and translates positions (m), rotates orientations.
 void transform(std::vector<TimedPose>& poses, const Similarity& similarity);
 
 /// Distance of every pair of positions, m. The estimate must be aligned already.
@@ -61,12 +63,12 @@ struct RelativeErrors {
 };
 
 /// \param delta      frames (associated pairs) between the two poses of a step, at least 1
-/// \param all_steps  every i; else i = 0, delta, 2 delta, ... (evo's default)
+/// \param all_steps  true: every i; false: i = 0, delta, 2 delta, ... (evo's default)
 RelativeErrors relative_errors(const TrajectoryPair& pair, std::size_t delta,
                                bool all_steps = false);
 
-/// Mean errors over sub-sequences of 100, 200, .. 800 m that begin at every tenth frame, as the
-/// KITTI odometry benchmark counts them. Without any such sub-sequence `segments` is 0.
+/// Mean errors over sub-sequences of 100, 200, .. 800 m that begin at every tenth frame, as in the
+/// KITTI odometry benchmark. `segments` is 0 when there is no such sub-sequence.
 struct KittiErrors {
   std::size_t segments = 0;
   double translation_percent = 0;    ///< t_rel
@@ -101,12 +103,12 @@ struct Evaluation {
   double estimate_length = 0;   ///< m, over the pairs, after alignment
 };
 
-/// Associates, aligns, measures. Both trajectories must be of the same frame (left camera).
-/// With fewer than two associated poses, the figures are zero and `pairs` tells.
+/// Associates, aligns, measures. Both trajectories must be poses of the same frame (left camera).
+/// With fewer than two associated poses (`pairs`) all figures are zero.
 Evaluation evaluate(std::span<const TimedPose> reference, std::span<const TimedPose> estimate,
                     const EvaluationOptions& options = {});
 
-/// The same for poses that belong together already, index by index.
+/// The same for poses that are associated already, index by index.
 Evaluation evaluate_pairs(TrajectoryPair pair, const EvaluationOptions& options = {});
 
 }  // namespace kys_slam

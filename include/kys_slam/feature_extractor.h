@@ -8,20 +8,20 @@
 
 namespace kys_slam {
 
-/// Finds the features that the system finds in an image: oriented FAST corners with ORB
-/// descriptors (ORB-SLAM, Sec. III-C), as the settings `orb.*` say. For programs that look at
-/// features themselves, or feed them instead of images (`StereoFrame::left_features`). Keeps its
-/// buffers between calls; one instance per thread.
+/// Extracts the features that the system uses: oriented FAST corners with ORB descriptors
+/// (ORB-SLAM, Sec. III-C), by the settings `orb.*`. For programs that need the features themselves,
+/// or that feed features instead of images (`StereoFrame::left_features`). Keeps its buffers
+/// between calls: one instance per thread.
 class FeatureExtractor {
  public:
-  /// \throws InputError naming the setting that makes no sense.
+  /// \throws InputError naming the invalid setting.
   explicit FeatureExtractor(const Settings& settings = {});
   FeatureExtractor(FeatureExtractor&&) noexcept;
   FeatureExtractor& operator=(FeatureExtractor&&) noexcept;
   ~FeatureExtractor();
 
-  /// Ordered by octave. An image without texture gives none; it is not an error. The result depends
-  /// on the image and the settings alone.
+  /// Replaces the content of `features`, ordered by octave. An image without texture gives no
+  /// features and no error. The result depends on the image and the settings alone.
   void extract(const GrayImage& image, FeatureSet& features);
 
  private:

@@ -7,13 +7,13 @@
 
 namespace kys_slam {
 
-/// An oriented FAST corner. Coordinates are pixels of the rectified full-size image (level 0),
-/// whatever pyramid level the corner was found on.
+/// An oriented FAST corner. Coordinates are pixels of the rectified full-size image (level 0) for
+/// every octave.
 struct Keypoint {
   float x = 0;              ///< px, level 0
   float y = 0;              ///< px, level 0
   float angle = 0;          ///< rad in [0, 2 pi), intensity-centroid orientation
-  float response = 0;       ///< FAST score: the largest threshold at which it is still a corner
+  float response = 0;       ///< FAST score: largest threshold at which it is a corner
   std::uint8_t octave = 0;  ///< pyramid level
 
   friend bool operator==(const Keypoint&, const Keypoint&) = default;

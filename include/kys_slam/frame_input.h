@@ -18,7 +18,7 @@ class Settings;
 using OpenSequence =
     std::function<std::unique_ptr<Sequence>(const std::filesystem::path&, const SequenceOptions&)>;
 
-/// What a run is fed with: the images of a folder or the features of a file.
+/// Input of a run: the images of a folder or the features of a file.
 struct FrameInput {
   std::string name;    ///< for the output folder
   std::string layout;  ///< "KITTI odometry", "EuRoC", .., "features"
@@ -27,17 +27,17 @@ struct FrameInput {
   bool has_images = true;               ///< false: features, whose octaves are the file's
   double scale_factor = 0;              ///< of a feature file, between two octaves
   int levels = 0;                       ///< of a feature file
-  std::string label_space;              ///< of the priors in a feature file; "": it has none
+  std::string label_space;              ///< of the priors in a feature file; "": no priors
 };
 
-/// Opens a sequence folder with `open_folder` (`open_sequence`: any layout), or a feature file
-/// (tools/simulator/README.md), which is known by its first bytes, whatever its name.
-/// \throws InputError naming the path: neither, unreadable, damaged, nothing in the part asked for.
+/// Opens a sequence folder with `open_folder` (`open_sequence`: any layout) or a feature file
+/// (tools/simulator/README.md). The first bytes identify a feature file, not its name. \throws
+/// InputError naming the path: neither, unreadable, damaged, no frames in the requested part.
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
                             const OpenSequence& open_folder = open_sequence);
 
-/// \throws InputError when a feature file has other octaves, or priors of another label space, than
-/// `settings` say.
+/// \throws InputError when the octaves of a feature file or the label space of its priors differ
+/// from those in `settings`.
 void check_features(const FrameInput& input, const Settings& settings,
                     const std::filesystem::path& path);
 

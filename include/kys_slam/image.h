@@ -17,7 +17,7 @@ class ImageOf {
   ImageOf(int width, int height, T fill = T{}) : ImageOf(for_overwrite(width, height)) {
     std::fill_n(data(), size(), fill);
   }
-  /// An image whose pixels have no values yet: all that are read must be written first.
+  /// An image with uninitialised pixels: write a pixel before you read it.
   static ImageOf for_overwrite(int width, int height) {
     ImageOf image;
     image.width_ = width;

@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-/// Reading and writing of image files, told apart by content and not by name. Every reader throws
-/// InputError with one line naming the file when it is missing, truncated, corrupt (checksums are
-/// verified), of another kind than asked for, or larger than kMaxImageSide on either side (checked
-/// before anything is allocated).
+/// Reading and writing of image files. The content decides the format, not the name. Every reader
+/// throws InputError naming the file when it is missing, truncated, corrupt (checksums are
+/// verified), of another kind than requested, or larger than kMaxImageSide on a side. Sizes are
+/// checked before memory is allocated.
 namespace kys_slam {
 
 using RgbPixel = std::array<std::uint8_t, 3>;     ///< R, G, B
@@ -23,7 +23,7 @@ using Rgb16Image = ImageOf<Rgb16Pixel>;
 
 inline constexpr int kMaxImageSide = 16384;  ///< px
 
-/// What a file's header says.
+/// Header of an image file.
 struct ImageInfo {
   int width = 0;         ///< px
   int height = 0;        ///< px
@@ -43,14 +43,14 @@ GrayImage read_gray(const std::filesystem::path& path);
 /// PNG or JPEG as 8-bit R, G, B: grey is repeated, palettes are looked up, alpha dropped.
 RgbImage read_rgb(const std::filesystem::path& path);
 
-/// 16-bit grey PNG, host byte order. Other kinds are refused.
+/// 16-bit grey PNG, host byte order. Other kinds throw InputError.
 Image16 read_u16(const std::filesystem::path& path);
 
-/// 16-bit R, G, B PNG, host byte order. Other kinds are refused.
+/// 16-bit R, G, B PNG, host byte order. Other kinds throw InputError.
 Rgb16Image read_rgb16(const std::filesystem::path& path);
 
 /// Palette indices of an indexed PNG (not its colours), or the values of a grey PNG of at most 8
-/// bits. Other kinds are refused.
+/// bits. Other kinds throw InputError.
 ImageOf<std::uint8_t> read_indexed(const std::filesystem::path& path);
 
 /// The same from the bytes of a file; `name` is used in messages.

@@ -9,20 +9,21 @@
 
 namespace kys_slam {
 
-/// How the images of two folders belong together and when they were taken.
+/// How the images of two folders are paired and when they were taken.
 struct ImagePairOptions {
   SequenceOptions part;
-  /// Frames per second of images that say nothing about time. Not needed where the file names are
-  /// stamps in nanoseconds (13 digits or more) or there is a file of times.
+  /// Frame rate (Hz) of images without time stamps. Not needed when file names are time stamps in
+  /// ns (13 digits or more) or `times` is given.
   std::optional<double> rate;
   std::filesystem::path times;  ///< text, one time stamp (s) per left image; "": none
 };
 /// For check_options().
 void describe(kys::OptionList& list, ImagePairOptions& options);
 
-/// Opens the PNG or JPEG images of two folders, grey or colour, 8 or 16 bits. Names that are stamps
-/// are paired by time (part.pairing_tolerance), others by the numbers they end in. Images are
-/// rectified unless the rig says they are. \throws InputError naming the file and what is wrong.
+/// Opens the PNG or JPEG images of two folders, grey or colour, 8 or 16 bits. Names that are time
+/// stamps are paired by time (part.pairing_tolerance), others by the number they end in. Images are
+/// rectified unless the rig is a rectified pair (StereoRig::rectified()). \throws InputError naming
+/// the file and what is wrong.
 std::unique_ptr<Sequence> open_image_pair(const std::filesystem::path& left,
                                           const std::filesystem::path& right, StereoRig rig,
                                           const ImagePairOptions& options = {});

@@ -10,13 +10,13 @@ namespace kys_slam {
 /// How the pixels of a view are stored.
 enum class PixelFormat : std::uint8_t {
   kGray8,   ///< 8 bits
-  kGray16,  ///< 16 bits, host byte order; the high byte counts
+  kGray16,  ///< 16 bits, host byte order; the high byte is used
   kRgb8,    ///< three channels of 8 bits
-  kBgr8,    ///< the same in OpenCV's order
+  kBgr8,    ///< three channels of 8 bits, blue first (OpenCV)
 };
 
-/// Pixels of somebody else's memory: a camera driver's buffer, a cv::Mat, a NumPy array. Steps may
-/// be of any size and sign, so that crops, flips and views of every second pixel need no copy.
+/// Pixels in memory of the caller: a camera driver's buffer, a cv::Mat, a NumPy array. Steps may
+/// have any size and sign, so that crops, flips and views of every second pixel need no copy.
 struct ImageView {
   const void* data = nullptr;  ///< pixel (0, 0), first channel
   int width = 0;               ///< px
@@ -27,8 +27,8 @@ struct ImageView {
   std::ptrdiff_t channel_step = 1;  ///< bytes from one channel to the next
 };
 
-/// The view as 8-bit grey: 16 bits by their high byte, colour by ITU-R BT.601 weights, exactly as
-/// image files are read (read_gray).
+/// Converts a view to 8-bit grey: the high byte of 16 bits, ITU-R BT.601 weights for colour. The
+/// same conversion as read_gray().
 /// \throws InputError for a view without pixels or with a side above 16384 px.
 GrayImage to_gray(const ImageView& view);
 

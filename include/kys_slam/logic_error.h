@@ -5,7 +5,7 @@
 
 namespace kys_slam {
 
-/// A call at the wrong time, a mistake of the calling program: a frame fed after `finish`, a map
+/// A call in the wrong state, an error of the calling program: a frame fed after `finish`, a map
 /// loaded after the first frame.
 class LogicError : public std::logic_error {
  public:

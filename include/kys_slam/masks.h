@@ -4,9 +4,9 @@
 
 namespace kys_slam {
 
-/// Which pixels of a frame not to use: 0 use, anything else not (instance numbers do). Keypoints
-/// whose nearest pixel is masked are dropped after extraction, in every mode. Each is of the
-/// rectified images' size or empty (use all).
+/// Pixels of a frame that are not used: 0 means use, every other value (an instance number, for
+/// example) means do not use. Keypoints whose nearest pixel is masked are dropped after extraction,
+/// in every mode. Each mask has the size of the rectified images or is empty (use all pixels).
 struct StereoMasks {
   GrayImage left;
   GrayImage right;

@@ -5,12 +5,12 @@
 
 namespace kys_slam {
 
-/// A moving thing in one frame, from its stereo keypoints. The position belongs to a point that
-/// stays on the thing (near the middle of what was seen of it), not to the middle of its box.
-/// Position and velocity are smoothed over the whole time for which the thing was followed.
+/// A moving object in one frame, estimated from its stereo keypoints. The position is that of a
+/// point fixed to the object, near the centre of its visible part; it is not the centre of a box.
+/// Position and velocity are smoothed over the whole track.
 struct ObjectEstimate {
   std::int64_t frame = 0;     ///< index of the frame, as fed: 0, 1, ...
-  std::int32_t instance = 0;  ///< identity over time; the first one its priors gave it, if free
+  std::int32_t instance = 0;  ///< identity over time: the first one in its priors, if not used
   std::uint16_t label = 0;    ///< class index in the label space of the priors
   double p_moving = 0;        ///< 0..1
   int keypoints = 0;          ///< stereo keypoints on it in this frame

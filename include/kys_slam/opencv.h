@@ -1,6 +1,6 @@
 #pragma once
 
-// For programs that use OpenCV; the library itself does not show it.
+// For programs that use OpenCV. No other public header needs OpenCV.
 #include <kys_slam/error.h>
 #include <kys_slam/image_view.h>
 
@@ -8,8 +8,8 @@
 
 namespace kys_slam {
 
-/// A cv::Mat of type CV_8UC1, CV_16UC1 or CV_8UC3 (in OpenCV's order: blue first), without a copy:
-/// the matrix has to outlive the view. \throws InputError for other types.
+/// A view of a cv::Mat of type CV_8UC1, CV_16UC1 or CV_8UC3 (blue first), without a copy: the
+/// matrix must outlive the view. \throws InputError for other types.
 inline ImageView view_of(const cv::Mat& image) {
   ImageView view;
   switch (image.type()) {

@@ -8,7 +8,7 @@
 
 namespace kys_slam {
 
-/// Where the priors of keypoints come from. Called once per frame, in order.
+/// Source of the priors of keypoints (paper, Sec. 3.4). Called once per frame, in order.
 class PriorProvider {
  public:
   PriorProvider() = default;
@@ -16,8 +16,8 @@ class PriorProvider {
   PriorProvider& operator=(const PriorProvider&) = delete;
   virtual ~PriorProvider() = default;
 
-  /// Fills one prior per keypoint of either image; false: there are none for this frame.
-  /// \throws InputError when there are some and they are unusable.
+  /// Fills one prior per keypoint of each image. Returns false when the frame has no priors.
+  /// \throws InputError when the priors of the frame are unusable.
   virtual bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                        std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                        std::vector<kys::Prior>& right_priors) = 0;

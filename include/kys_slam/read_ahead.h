@@ -10,16 +10,15 @@
 
 namespace kys_slam {
 
-/// Reads the frames of another source in a thread of its own, a few ahead of the caller, so that
-/// decoding does not sit on the tracking path. Frames come in the source's order; an exception of
-/// the source is thrown by next() at the place of the frame it belongs to, after which the stream
-/// has ended.
+/// Reads the frames of another source in its own thread, a few frames ahead of the caller. So
+/// decoding does not delay tracking. Frames keep the order of the source. When the source throws,
+/// next() throws the same exception in place of that frame, and the stream ends.
 class ReadAhead : public FrameSource {
  public:
-  /// \param source  must outlive this object and not be read by anyone else
-  /// \param depth   frames held ready at most, at least 1
+  /// \param source  must outlive this object; only this object may read it
+  /// \param depth   largest number of frames held ready, at least 1
   explicit ReadAhead(FrameSource& source, std::size_t depth = 4);
-  /// Joins the thread; frames not taken are dropped.
+  /// Joins the thread. Frames that were not taken are dropped.
   ~ReadAhead() override;
 
   [[nodiscard]] const StereoCamera& camera() const override { return source_.camera(); }

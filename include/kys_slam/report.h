@@ -16,16 +16,16 @@ enum class FrameStatus : std::uint8_t {
 };
 const char* to_string(FrameStatus status);
 
-/// What loop closing made of a keyframe.
+/// Result of loop closing for a keyframe.
 enum class LoopEvent : std::uint8_t {
   kNone,
-  kClosed,  ///< drift within a sub-map taken away
+  kClosed,  ///< drift within a sub-map corrected
   kMerged,  ///< two sub-maps became one
 };
 const char* to_string(LoopEvent event);
 
-/// ms of the stages of one frame. `total` is what the caller of `feed` waits for; the back end's
-/// time is the one spent for the keyframe made of this frame, wherever it ran.
+/// Time of the stages of one frame, ms. `total` is the duration of `feed`. Times of the back end
+/// are those of the keyframe made from this frame, in whichever thread it ran.
 struct StageTimes {
   double total = 0;
   double extract = 0;  ///< both images
@@ -39,43 +39,43 @@ struct StageTimes {
   double loop = 0;
 };
 
-/// What came of one frame.
+/// Result of one frame.
 struct FrameReport {
   std::int64_t index = 0;
   std::string name;
   double timestamp = 0;  ///< s
   FrameStatus status = FrameStatus::kLost;
-  std::string reason;  ///< why it is lost, or how its pose was predicted
-  /// What is wrong with one of the images or the motion, as a phrase that stays the same while it
-  /// lasts; "": nothing.
+  std::string reason;  ///< why the frame is lost, or how its pose was predicted
+  /// What is wrong with an image or with the motion: a phrase that stays the same while the fault
+  /// lasts. "": nothing.
   std::string warning;
-  bool relocalised = false;  ///< tracking had lost it, but it was recognised in the map
-  Rigid3 T_w_c;              ///< as estimated at this frame; meaningless when lost
+  bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
+  Rigid3 T_w_c;              ///< as estimated at this frame; undefined when lost
   int keypoints = 0;         ///< left image
   int stereo_matches = 0;
   int matches = 0;  ///< landmarks matched
-  int inliers = 0;  ///< of these, after pose optimisation
+  int inliers = 0;  ///< inliers of these after pose optimisation
   bool keyframe = false;
   LoopEvent loop = LoopEvent::kNone;
-  std::int64_t loop_frame = -1;  ///< the frame it was closed with
-  double loop_distance_m = 0;    ///< between the two frames as verified
-  double loop_gap_m = 0;         ///< distance by which the loop was open
-  double prior_coverage = 0;     ///< share of keypoints with a valid label
-  int masked = 0;                ///< keypoints dropped by mode `mask`
-  kys::Statistics statistics;    ///< descriptor comparisons of this frame, back end included
+  std::int64_t loop_frame = -1;  ///< index of the earlier frame; -1: no loop
+  double loop_distance_m = 0;    ///< m, between the two frames, as verified
+  double loop_gap_m = 0;         ///< m, translation error before the correction
+  double prior_coverage = 0;     ///< share of keypoints with a valid label, 0..1
+  int masked = 0;                ///< keypoints dropped by masks or by mode `mask`
+  kys::Statistics
+      statistics;  ///< descriptor comparisons of this frame and of its keyframe in the back end
   StageTimes times;
   double resident_mb = 0;
 };
 
-/// Final estimate of one frame, after all optimisation.
+/// Estimate of one frame; final after `System::finish`.
 struct FrameEstimate {
   std::int64_t index = 0;
   double timestamp = 0;  ///< s
-  /// False: the frame was lost, or belongs to a sub-map that was never connected to the one with
-  /// most frames.
+  /// False: the frame is lost, or its sub-map is not connected to the one with most frames.
   bool connected = false;
   std::int64_t submap = -1;  ///< number of its sub-map, -1: lost
-  Rigid3 T_w_c;              ///< in the frame of its sub-map; meaningless when lost
+  Rigid3 T_w_c;              ///< in the world frame of its sub-map; undefined when lost
 };
 
 }  // namespace kys_slam

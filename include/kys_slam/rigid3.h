@@ -6,10 +6,10 @@
 
 namespace kys_slam {
 
-/// A rigid motion of 3-D space. `Rigid3 T_a_b` maps coordinates in frame b to frame a:
+/// A rigid transformation, SE(3). `Rigid3 T_a_b` maps coordinates in frame b to frame a:
 ///   p_a = T_a_b * p_b,   T_a_c = T_a_b * T_b_c,   T_b_a = T_a_b.inverse().
 /// Frames: w world, c left camera (x right, y down, z forward), r right camera, b body.
-/// Lengths in metres. The rotation is kept as a unit quaternion.
+/// Lengths are in m. The rotation is stored as a unit quaternion.
 struct Rigid3 {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
@@ -71,8 +71,8 @@ inline Eigen::Vector3d so3_log(const Eigen::Quaterniond& q_in) {
   return 2.0 * std::atan2(n, q.w()) / n * q.vec();
 }
 
-/// Increment of a pose (the other is plus_left() of src/geometry/so3.h), rotation and translation
-/// apart:
+/// Increment of a pose with decoupled rotation and translation (src/geometry/so3.h has plus_left(),
+/// the increment on SE(3)):
 ///   plus(T, [w; v]) = { exp(w) * R, t + v },   minus(A, B) = [log(R_A R_B^-1); t_A - t_B].
 /// The rotation comes first (rad), then the translation (m).
 inline Rigid3 plus(const Rigid3& T, const Eigen::Matrix<double, 6, 1>& delta) {

@@ -7,23 +7,24 @@
 
 namespace kys_slam {
 
-/// Exit statuses of all programs beside 0 (EX_SOFTWARE of sysexits.h for the last).
-inline constexpr int kBadInput = 2;        ///< usage, input, or what the machine does not give
+/// Exit statuses of all programs other than 0. kDefect is EX_SOFTWARE of sysexits.h.
+inline constexpr int kBadInput = 2;  ///< bad usage, bad input, or no memory, threads or disk space
 inline constexpr int kTrackingFailed = 3;  ///< fewer than half of the frames were tracked
 inline constexpr int kDefect = 70;         ///< a defect of the program
 
-/// What an exception comes to.
+/// Exit status and message of an exception.
 struct Failure {
   int status = kDefect;
   std::string message;  ///< one printable line
 };
 
-/// The outside's fault are InputError, kys::Error, what the operating system refuses (files,
-/// threads) and memory that is not there; everything else is a defect, and the message says so.
+/// Status kBadInput for InputError, kys::Error, errors of the operating system (files, threads) and
+/// lack of memory. Every other exception is a defect of the program, and the message says so.
 Failure describe_failure(const std::exception_ptr& exception) noexcept;
 
-/// `text` on one line that every terminal and every JSON reader takes: control characters and bytes
-/// that are not UTF-8 become backslash escapes. Of more than `max_bytes` the middle is left out.
+/// `text` on one line that is valid on every terminal and in JSON: control characters and bytes
+/// that are not UTF-8 become backslash escapes. A text longer than `max_bytes` loses its middle
+/// part.
 std::string printable(std::string_view text, std::size_t max_bytes = 2000);
 
 /// Writes a line "program: message" to stderr.
@@ -32,13 +33,12 @@ void print_failure(std::string_view program, const Failure& failure) noexcept;
 /// "KYS-SLAM 1.2.3".
 const char* version_text();
 
-/// Writes to stdout; what it does not take is reported at the end of run_main.
+/// Writes to stdout. run_main reports write errors at its end.
 void print_text(std::string_view text) noexcept;
 
-/// What every main() calls: runs `body` and returns its status. Whatever it throws becomes one line
-/// on stderr and a status. From here on a pipe that nobody reads and a file beyond the size limit
-/// are errors of writing and no longer end the process. What stdout did not take is reported,
-/// unless it was a pipe whose reader left.
+/// Every main() calls it: runs `body` and returns its status. An exception becomes one line on
+/// stderr and a status. A closed pipe and a file beyond the size limit become write errors; they do
+/// not end the process. Write errors of stdout are reported, except for a closed pipe.
 int run_main(std::string_view program, const std::function<int()>& body) noexcept;
 
 }  // namespace kys_slam

@@ -13,35 +13,34 @@
 
 namespace kys_slam {
 
-/// What a run's folder says beside the trajectory.
+/// Facts about a run that are written in addition to the trajectory.
 struct RunInfo {
   std::string sequence;
   std::string mode;
   std::vector<TimedPose> ground_truth;  ///< left camera; empty: none
-  double start_up_s = 0;                ///< from the program's start to the first frame
-  double wall_s = 0;                    ///< from the first frame to the end of the back end
-  double cpu_s = 0;                     ///< processor time in between
+  double start_up_s = 0;                ///< s, from the start of the program to the first frame
+  double wall_s = 0;                    ///< s, from the first frame to the end of the back end
+  double cpu_s = 0;                     ///< s, processor time within wall_s
   bool complete = true;                 ///< false: interrupted, or stopped by bad input
-  std::string end_reason;               ///< why, when it is not complete
+  std::string end_reason;               ///< reason, when `complete` is false
   std::int64_t missing_priors = 0;      ///< frames without a prior file
   std::vector<std::string> warnings;    ///< what the user was shown, e.g. by PairWatch
-  /// What the input holds and was not used, counts by what it is ("frames that came too fast").
+  /// Input that was not used: counts by description ("frames that came too fast").
   std::map<std::string, std::int64_t> left_out;
 };
 
-/// What came of a run, worked out once.
+/// Results of a run, computed once.
 struct RunOutcome {
   std::vector<FrameEstimate> trajectory;
-  std::vector<TimedPose> connected;  ///< frames with a pose in the common frame
-  std::optional<Evaluation>
-      accuracy;              ///< nothing when too little of the ground truth belongs to them
-  std::int64_t tracked = 0;  ///< frames
+  std::vector<TimedPose> connected;    ///< frames with a pose in the frame of the trajectory
+  std::optional<Evaluation> accuracy;  ///< empty when fewer than three poses have ground truth
+  std::int64_t tracked = 0;            ///< frames
   std::int64_t keyframes_made = 0;
   std::int64_t loops = 0;
   std::int64_t merges = 0;
   std::int64_t relocalised = 0;
 };
-RunOutcome judge_run(const System& system, const RunInfo& info);
+RunOutcome summarise_run(const System& system, const RunInfo& info);
 
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
 /// ground_truth.tum (when there is any), frames.csv, summary.json, config.yaml, map.ply. All but
@@ -51,7 +50,7 @@ RunOutcome judge_run(const System& system, const RunInfo& info);
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome);
 
-/// The table a run ends with: frames, accuracy, time per stage, memory.
+/// The table printed at the end of a run: frames, accuracy, time per stage, memory.
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome);
 
 }  // namespace kys_slam

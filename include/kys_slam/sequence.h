@@ -13,8 +13,8 @@
 
 namespace kys_slam {
 
-/// Of a sequence with two stereo pairs (KITTI odometry), the one to use. Their left cameras stand 6
-/// cm apart: perception of one pair does not fit the other.
+/// The stereo pair to use of a sequence with two pairs (KITTI odometry). The left cameras of the
+/// pairs are 6 cm apart: perception outputs of one pair do not fit the other.
 enum class CameraPair : std::uint8_t {
   kFirst,   ///< grey, else colour
   kGrey,    ///< image_0, image_1
@@ -26,19 +26,19 @@ CameraPair parse_camera_pair(const std::string& name);
 /// Which part of a sequence to use.
 struct SequenceOptions {
   std::int64_t start = 0;              ///< first frame, from 0
-  std::optional<std::int64_t> frames;  ///< how many; all that follow when not given
+  std::optional<std::int64_t> frames;  ///< number of frames; not given: to the end
   double pairing_tolerance = 0.003;    ///< s, EuRoC: largest difference of the two cameras' stamps
   CameraPair pair = CameraPair::kFirst;
 };
 /// For check_options().
 void describe(kys::OptionList& list, SequenceOptions& options);
 
-/// A recorded stereo sequence in a folder. Frames can be read in order (`next`) or by position, the
-/// latter from several threads at a time. Positions run from 0 to frame_count()-1 of the part in
-/// use; StereoFrame::index counts from the beginning of the whole sequence.
+/// A recorded stereo sequence in a folder. Frames are read in order (`next`) or by position; `read`
+/// may be called from several threads. Positions run from 0 to frame_count()-1 of the selected
+/// part. StereoFrame::index counts from the beginning of the whole sequence.
 class Sequence : public FrameSource {
  public:
-  /// Where the images of one frame are.
+  /// Files of one frame.
   struct Frame {
     std::string name;      ///< stem of the left image's file name
     double timestamp = 0;  ///< s, strictly increasing
@@ -46,7 +46,7 @@ class Sequence : public FrameSource {
     std::filesystem::path right;
   };
 
-  /// Everything about a sequence but its pixels; filled in by the readers of each layout.
+  /// Everything about a sequence except its pixels. The reader of each layout fills it in.
   struct Content {
     std::string name;
     std::string layout;  ///< "KITTI odometry", "KITTI Tracking", "Virtual KITTI 2", "EuRoC", ...
@@ -79,7 +79,7 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::vector<TimedPose>& ground_truth() const { return content_.ground_truth; }
   /// Rectified left camera to body (EuRoC), for results in the body frame.
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
-  /// Images that were left out because the other camera has none of that time.
+  /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
 
   /// The rectified grey pair at a position. Thread-safe.
@@ -94,7 +94,7 @@ class Sequence : public FrameSource {
   std::int64_t position_ = 0;
 };
 
-/// Opens a sequence in one of the KITTI layouts, told apart by what the folder holds:
+/// Opens a sequence in one of the KITTI layouts. The content of the folder decides which:
 /// - KITTI odometry: image_0/ and image_1/ (else image_2/ and image_3/; options.pair), calib.txt,
 /// times.txt;
 ///   ground truth in poses.txt, else in ../../poses/NAME.txt
@@ -105,18 +105,17 @@ class Sequence : public FrameSource {
 std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
-/// Opens an EuRoC or TUM-VI sequence (the folder that holds mav0/, or mav0/ itself; the latter has
-/// dso/camchain.yaml in place of sensor.yaml files). Images are
-/// rectified; the cameras are paired by time stamp, images without partner are left out and
-/// counted. Ground truth is moved from the body to the rectified left camera.
-/// \throws InputError naming the file and what is wrong with it.
+/// Opens an EuRoC or TUM-VI sequence: the folder that holds mav0/, or mav0/ itself. TUM-VI has
+/// dso/camchain.yaml in place of sensor.yaml files. Images are rectified and paired by time stamp;
+/// images without a partner are left out and counted. Ground truth is converted from the body to
+/// the rectified left camera. \throws InputError naming the file and what is wrong with it.
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
-/// True of a folder in EuRoC's layout, by the names of its folders.
+/// True when the folder has the EuRoC layout, by the names of its sub-folders.
 bool is_euroc_folder(const std::filesystem::path& folder);
 
-/// Opens a sequence folder of either kind, known by its layout. \throws InputError as those do.
+/// Opens a sequence folder of any layout above. \throws InputError as those functions do.
 std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
                                         const SequenceOptions& options = {});
 

@@ -10,8 +10,8 @@ namespace kys_slam {
 
 struct SettingsData;
 
-/// Every setting of the system, by dotted name ("orb.features"). Each has a default, so none needs
-/// to be given; `describe` lists them all.
+/// All settings of the system, by dotted key ("orb.features"). Each has a default. `describe` lists
+/// them all with unit, range and meaning.
 class Settings {
  public:
   Settings();  ///< defaults for driving (KITTI)
@@ -24,27 +24,27 @@ class Settings {
   /// Defaults for a drone or hand-held camera indoors (EuRoC).
   static Settings indoor();
 
-  /// Reads a YAML file of nested or dotted keys over the present values.
+  /// Reads a YAML file of nested or dotted keys. Keys that are not in the file keep their values.
   /// \throws InputError naming the file and the unknown key (and the nearest known one) or the
   ///         value that is not of the setting's type or not in its range.
   void load(const std::filesystem::path& file);
   /// \throws InputError as above.
   void set(std::string_view key, std::string_view value);
-  /// "KEY=VALUE". \throws InputError as above, or when it is no such thing.
+  /// Sets one setting from "KEY=VALUE". \throws InputError as above, or when there is no "=".
   void assign(std::string_view assignment);
   [[nodiscard]] std::string get(std::string_view key) const;
-  /// \throws InputError naming the first setting that makes no sense.
+  /// \throws InputError naming the first invalid setting.
   void check() const;
 
   struct Description {
     std::string key;
-    std::string value;  ///< present one
+    std::string value;  ///< current value
     std::string unit;   ///< "" for plain numbers
     std::string meaning;
-    std::string range;  ///< "1 to 60000"; "" when the value is no number
+    std::string range;  ///< "1 to 60000"; "" when the value is not a number
   };
   [[nodiscard]] std::vector<Description> describe() const;
-  /// The effective settings as an annotated YAML text that `load` reads back.
+  /// The effective settings as annotated YAML text, which `load` reads.
   [[nodiscard]] std::string to_yaml() const;
 
  private:

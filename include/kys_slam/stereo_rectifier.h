@@ -12,13 +12,13 @@
 
 namespace kys_slam {
 
-/// How a lens bends rays.
+/// Distortion model of a lens.
 enum class LensModel : std::uint8_t {
   kRadialTangential,  ///< Brown-Conrady: k1 k2 p1 p2 [k3 [k4 k5 k6]], as OpenCV's pinhole model
   kEquidistant,       ///< Kannala-Brandt: k1 k2 k3 k4, as OpenCV's fisheye model
 };
 
-/// A raw camera of a rig: pinhole with distortion.
+/// A camera of a rig before rectification: pinhole with distortion.
 struct RawCamera {
   int width = 0;                          ///< px
   int height = 0;                         ///< px
@@ -28,17 +28,17 @@ struct RawCamera {
   LensModel lens = LensModel::kRadialTangential;
 };
 
-/// Turns raw images of two cameras into a rectified pair of the same size, with maps computed once.
-/// Bouguet's rectification with equal principal points, scaled until every pixel of the result
-/// comes from inside the raw images (zoom "alpha" 0: what published EuRoC settings use, fx 435.2).
-/// Equidistant lenses: the same rotations, the principal point in the middle of the image, the
-/// smallest focal length at which the border comes from inside both raw images. Thread-safe once
-/// made.
+/// Rectifies the raw images of two cameras to a pair of the same size, with maps computed once.
+/// Radial-tangential lenses: Bouguet's rectification with equal principal points, scaled until
+/// every pixel of the result lies inside the raw images (OpenCV's alpha 0, as in published EuRoC
+/// settings, fx 435.2). Equidistant lenses: the same rotations, the principal point in the centre
+/// of the image, the smallest focal length at which the border lies inside both raw images.
+/// Thread-safe after construction.
 class StereoRectifier {
  public:
-  /// \param name  named in messages (the sequence)
-  /// \throws InputError when the rig cannot be rectified (non-finite or absurd numbers, cameras of
-  ///   different size or lens model, right camera not to the right of the left one).
+  /// \param name of the sequence, for messages \throws InputError when the rig cannot be rectified:
+  /// non-finite or implausible numbers, cameras of different size or lens model, right camera not
+  /// to the right of the left one.
   StereoRectifier(const RawCamera& left, const RawCamera& right, const std::string& name);
   StereoRectifier(StereoRectifier&&) noexcept;
   StereoRectifier& operator=(StereoRectifier&&) noexcept;
@@ -48,8 +48,8 @@ class StereoRectifier {
   /// Rectified left camera to body.
   [[nodiscard]] const Rigid3& T_b_c() const { return T_b_c_; }
 
-  /// Bilinear, positions rounded to 1/32 px. \throws InputError when `raw` has another size than
-  /// the raw cameras.
+  /// Bilinear interpolation, positions rounded to 1/32 px. \throws InputError when the size of
+  /// `raw` differs from that of the raw cameras.
   [[nodiscard]] GrayImage rectify_left(const GrayImage& raw) const;
   [[nodiscard]] GrayImage rectify_right(const GrayImage& raw) const;
 

@@ -11,20 +11,20 @@
 
 namespace kys_slam {
 
-/// Two raw cameras and where they are to each other, as a calibration tool wrote them down.
+/// Two raw cameras and their relative pose, as read from a calibration file.
 struct StereoRig {
   RawCamera left;
   RawCamera right;
   std::string name;  ///< the file, for messages
 
-  /// m, distance of the two cameras' centres.
+  /// Distance between the two camera centres, m.
   [[nodiscard]] double baseline() const;
-  /// The rectified pair when the cameras are one already: no distortion, parallel, equal
-  /// intrinsics, shifted along x. Otherwise a StereoRectifier makes one.
+  /// The camera of the pair when it is rectified already: no distortion, parallel axes, equal
+  /// intrinsics, shifted along x. Empty otherwise: use a StereoRectifier.
   [[nodiscard]] std::optional<StereoCamera> rectified() const;
-  /// \throws InputError when the calibration was made for another image size (unless it has none:
-  ///   then it takes this one), or when the baseline is not between 5 mm and 5 m.
-  void settle_size(int width, int height);
+  /// Sets the image size (px) when the calibration has none. \throws InputError when the
+  /// calibration has another image size, or when the baseline is not between 5 mm and 5 m.
+  void set_image_size(int width, int height);
 };
 
 /// ROS's sensor_msgs/CameraInfo.
@@ -36,7 +36,8 @@ struct CameraInfo {
   std::array<double, 9> R{};     ///< raw to rectified, row-major
   std::array<double, 12> P{};    ///< of the rectified image; P[3] = -fx baseline in the right one
 };
-/// \throws InputError when the two are no stereo pair (the right P[3] must be negative).
+/// \throws InputError when the two are not a stereo pair (P[3] of the right camera must be
+/// negative).
 StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
                                const std::string& name);
 
@@ -50,7 +51,7 @@ StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
 ///
 /// Two files: ROS camera_info of the left and the right camera, or OpenCV's intrinsics and
 /// extrinsics. \param unit  m per unit of the file's lengths (0.001 for mm)
-/// \throws InputError naming the file and what is missing or wrong, or that it is none of these.
+/// \throws InputError naming the file and what is missing or wrong, or that the format is unknown.
 StereoRig read_stereo_rig(std::span<const std::filesystem::path> files, double unit = 1);
 
 /// Our own YAML of a rig, lengths in m; read_stereo_rig reads it back.

@@ -43,10 +43,12 @@ Mobility mobility(const LabelClass& label_class) {
 
 void describe(OptionList& list, BeliefOptions& o) {
   list.add("belief.carried", o.carried, {-20, 20}, "nats",
-           "log-odds of standing still of things that others move (chairs, bags)");
-  list.add("belief.mobile", o.mobile, {-20, 20}, "nats", "of people, animals, vehicles");
-  list.add("belief.flagged", o.flagged, {-20, 20}, "nats", "added when the file calls it moving");
-  list.add("belief.unflagged", o.unflagged, {-20, 20}, "nats", "added when it does not");
+           "initial log-odds of being static, objects that people move (chairs, bags)");
+  list.add("belief.mobile", o.mobile, {-20, 20}, "nats", "the same, people, animals, vehicles");
+  list.add("belief.flagged", o.flagged, {-20, 20}, "nats",
+           "added when the prior file flags the instance as moving");
+  list.add("belief.unflagged", o.unflagged, {-20, 20}, "nats",
+           "added when the prior file does not flag it");
 }
 
 void BeliefOptions::check() const {
@@ -54,7 +56,7 @@ void BeliefOptions::check() const {
   if (!complaint.empty()) throw Error(complaint);
 }
 
-BeliefStart::BeliefStart(const BeliefOptions& options, const LabelSpace& space)
+InitialBelief::InitialBelief(const BeliefOptions& options, const LabelSpace& space)
     : options_(options) {
   options.check();
   mobility_.reserve(space.size());
@@ -63,14 +65,14 @@ BeliefStart::BeliefStart(const BeliefOptions& options, const LabelSpace& space)
   }
 }
 
-double BeliefStart::log_odds(const Prior& prior) const {
+double InitialBelief::log_odds(const Prior& prior) const {
   const double by_class =
       mobility(prior.label) == Mobility::kMobile ? options_.mobile : options_.carried;
   if (prior.dynamic != 0) return by_class + options_.flagged;
   return prior.unjudged != 0 ? by_class : by_class + options_.unflagged;
 }
 
-Prior believed(const Prior& prior, double p_static) {
+Prior with_belief(const Prior& prior, double p_static) {
   Prior out = prior;
   out.motion = static_cast<float>(100.0 * std::clamp(1.0 - p_static, 0.0, 1.0));
   out.log_motion = static_cast<float>(std::log1p(static_cast<double>(out.motion)));

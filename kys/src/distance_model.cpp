@@ -46,7 +46,7 @@ DistanceModel::DistanceModel(const ModeOptions& options, const LabelSpace* space
       table_mask_ = ~0u;
     }
   }
-  if (space != nullptr && wants_belief()) {
+  if (space != nullptr && uses_belief()) {
     for (const LabelClass& c : space->classes()) things_.push_back(c.thing ? 1 : 0);
   }
   native_ = options.mode == Mode::kStock || options.mode == Mode::kMask;
@@ -97,7 +97,8 @@ void DistanceModel::set_factors() {
       }
       break;
     case Mode::kVerified:
-      // What moves needs its depth to be judged: no gate in stereo. believed() gives mu in percent.
+      // What moves needs its depth to be judged: no gate in stereo. with_belief() gives mu in
+      // percent.
       if (o.gates) {
         gates_[index_of(Context::kTemporal)] = static_cast<float>(100.0 * o.gate_belief);
       }
@@ -166,7 +167,7 @@ Distance DistanceModel::modulate(int d, const Prior& pa, const Prior& pb, Contex
 }
 
 /// Smallest Hamming distance whose every value is above `value`; 257 when there is none.
-int DistanceModel::first_hopeless(float value) const {
+int DistanceModel::first_skipped(float value) const {
   if (!(value < 256.0f * floor_)) {
     return 257;
   }
@@ -327,13 +328,13 @@ BestTwo DistanceModel::best_two(const Descriptor& query, const Prior& query_prio
     if (chunk.size() > 1) {
       look_at(nearest.second_position);
     }
-    int hopeless = first_hopeless(search.second_value());
+    int hopeless = first_skipped(search.second_value());
     std::size_t skipped = chunk.size();
     for (std::size_t i = 0; i < chunk.size(); ++i) {
       if (distances[i] < hopeless) {
         --skipped;
         if (look_at(i)) {
-          hopeless = first_hopeless(search.second_value());
+          hopeless = first_skipped(search.second_value());
         }
       }
     }

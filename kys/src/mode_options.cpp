@@ -61,7 +61,7 @@ void describe(OptionList& list, ModeOptions& o) {
   list.add("kys.lambda_cross_instance", o.lambda[1], {0, kLimit}, "",
            "kys: the same, one class, instances differ");
   list.add("kys.lambda_same_instance", o.lambda[2], {0, kLimit}, "", "kys: the same, one instance");
-  list.add("kys.gates", o.gates, "kys: pairs with a moving end are rejected");
+  list.add("kys.gates", o.gates, "kys: pairs with motion above a gate are rejected");
   list.add("kys.gate_stereo", o.gate_stereo, {0, kLimit}, "",
            "kys: largest motion, 0 to 100, that is matched between the cameras");
   list.add("kys.gate_temporal", o.gate_temporal, {0, kLimit}, "",

@@ -12,12 +12,13 @@
 
 namespace kys_slam {
 
-/// Which of two flows the next image confirms, for every thing segment: that of a static scene or
-/// the observed one. Corner-like patches of 7x7 px are compared by normalised correlation where
-/// either flow puts them, up to 2 px around. Optical flow is often wrong in a consistent way where
-/// images differ much (near things, things behind a pole); what stands still then still looks the
-/// same where the static flow puts it.
-/// \param is_stuff by segment number. \return by segment number.
+/// For every thing segment: which of two flows the next image confirms, the flow of a static scene
+/// or the observed flow. Patches of 7x7 px at corners are compared by normalised correlation at the
+/// end of either flow, within 2 px. Optical flow is often consistently wrong where images differ
+/// much (near objects, objects behind a pole). A static object still matches at the end of the
+/// static flow.
+/// \param is_stuff by segment number
+/// \return by segment number
 std::vector<AppearanceEvidence> compare_appearance(const GrayImage& now, const GrayImage& next,
                                                    const EgoMotion& motion, const FlowField& flow,
                                                    const ImageOf<float>& disparity,

@@ -15,9 +15,9 @@ struct Detection {
   double v = 0;  ///< px
 };
 
-/// Gives thing segments of one camera's stream identities that persist (Sec. 3.2): minimum-cost
-/// assignment of centroid distances, pairs over `max_distance` rejected, tracks kept through
-/// `max_missed_frames` frames. Frames in order.
+/// Gives the thing segments of one camera identities over time (Sec. 3.2): assignment with least
+/// sum of centroid distances (px). Pairs beyond `max_distance` are rejected. Tracks survive
+/// `max_missed_frames` frames without a match. Frames in order.
 class InstanceAssociator {
  public:
   explicit InstanceAssociator(const BuilderOptions::Association& options) : options_(options) {}

@@ -18,7 +18,8 @@
 
 namespace kys_slam {
 
-/// The sequence priors are made for: rectified pairs, by position, from several threads at a time.
+/// The sequence that priors are made for. `read` returns the rectified pair at a position; it is
+/// called from several threads.
 struct BuildSequence {
   StereoCamera camera;
   std::vector<std::string> names;     ///< stems of the left images
@@ -27,15 +28,15 @@ struct BuildSequence {
   std::function<std::pair<GrayImage, GrayImage>(std::size_t)> read;
 };
 
-/// Where perception comes from. A source is a folder, "" (none), or the name of an estimator.
+/// Sources of perception outputs. A source is a folder, "" (none), or the name of an estimator.
 struct BuildInputs {
   std::array<std::filesystem::path, 2> panoptic;  ///< left, right; right may be empty
   PanopticEncoding panoptic_encoding = PanopticEncoding::kAuto;
   std::string disparity;            ///< folder, "sgbm" or ""
   std::string disparity_right;      ///< folder or "" (the left one is warped)
   std::array<std::string, 2> flow;  ///< folder, "dis" or ""
-  bool keypoints = false;           ///< stereo keypoints judge as well (detection.method: robust)
-  /// Flow from t+1 to t: folder or ""; for the check. File names: find_back_flow().
+  bool keypoints = false;           ///< also judge by stereo keypoints (detection.method: robust)
+  /// Flow from t+1 to t for the consistency check: folder or "". File names: find_back_flow().
   std::array<std::string, 2> flow_back;
   FieldEncoding disparity_encoding = FieldEncoding::kUnspecified;
   FieldEncoding flow_encoding = FieldEncoding::kUnspecified;
@@ -46,16 +47,16 @@ struct BuildSettings {
   std::filesystem::path output;
   int jobs = 1;
   bool debug_images = false;
-  bool rebuild = false;  ///< also what is complete and current
+  bool rebuild = false;  ///< build also files that are complete and current
   std::function<void(const std::string& stage, std::size_t done, std::size_t total)> progress;
 };
 
-/// Where the time went, ms, both cameras; reading and perception apart.
+/// Time of the stages, ms, both cameras, without reading and perception.
 struct BuildTimes {
   double association = 0, depth = 0;
   FusionTimes fusion;
   double encoding = 0;
-  /// Of what is estimated from the images, not part of total(): disparity, optical flow, keypoints.
+  /// Estimates from the images: disparity, optical flow, keypoints. Not part of total().
   double stereo = 0, flow = 0, keypoints = 0;
 
   [[nodiscard]] double total() const { return association + depth + fusion.total() + encoding; }
@@ -83,9 +84,9 @@ struct BuildSummary {
   BuildTimes times;                       ///< sums over built frames (association: all frames)
 };
 
-/// Makes the prior files of a sequence: <output>/<name>.kysp, segments.csv, background.csv.
-/// Frames that are complete and current are kept. The bytes do not depend on `jobs`.
-/// \throws InputError naming the file and what is wrong with it; files already made stay.
+/// Makes the prior files of a sequence: <output>/<name>.kysp, segments.csv, background.csv. Files
+/// that are complete and current are kept. The bytes do not depend on `jobs`. \throws InputError
+/// naming the file and what is wrong with it; files already written stay.
 BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::LabelSpace& labels,
                                    const BuildInputs& inputs, const BuildSettings& settings);
 

@@ -6,9 +6,9 @@
 
 namespace kys_slam {
 
-/// A picture of one camera's stages like the paper's pipeline figure: the image with its segments,
-/// predicted flow, residual, drift, decisions (Corr, Radial, Cov, Scale of each thing), exported
-/// score.
+/// An image of the stages of one camera, like the pipeline figure of the paper: the input image
+/// with its segments, predicted flow, residual, drift, decisions (Corr, Radial, Cov, Scale of each
+/// thing), exported score.
 RgbImage draw_stages(const GrayImage& image, const CameraFusion& fusion,
                      const FusionImages& images);
 

@@ -40,22 +40,23 @@ struct ClassImage {
   const ImageOf<std::uint16_t>* segment_map = nullptr;
   std::vector<std::uint16_t> class_of;  ///< by segment number
 };
-/// The map must outlive what is returned. Void is a class of its own, 65535.
+/// The map must outlive the result. Void is class 65535.
 ClassImage class_image(const PanopticMap& map);
 
-/// The right view's disparity from the left one: each pixel moves to u - disparity (rounded), the
-/// nearest surface wins; pixels nothing arrives at are NaN, and so are those where a farther
-/// surface shows through a gap of at most 2 px in a nearer one, or lies behind the one at the left
-/// view's right border, of which the right view sees more. \param left_classes,right_classes
-/// Given both, a pixel arrives only at one of its own class: what is hidden in the right view by
-/// something the left view gives no disparity of (too near, or unmatched) would otherwise land on
-/// that.
+/// Warps the left disparity to the right view: each pixel moves to u - disparity (rounded), and the
+/// nearest surface wins. Pixels without a source are NaN. So are pixels where a farther surface
+/// shows through a gap of at most 2 px in a nearer one, and pixels behind the surface at the right
+/// border of the left view.
+/// \param left_classes,right_classes if both are given, a pixel keeps its class: an object without
+///   left disparity (too near, or unmatched) would otherwise get the disparity of the background it
+///   occludes
 ImageOf<float> warp_disparity_to_right(const ImageOf<float>& left,
                                        const ClassImage* left_classes = nullptr,
                                        const ClassImage* right_classes = nullptr);
 
-/// Sets to NaN what the other view's disparity contradicts by more than `tolerance` px or cannot
-/// confirm. `sign` -1 for the left view (its pixel u is at u - d in the right), +1 for the right.
+/// Left-right check: sets to NaN the pixels whose disparity differs by more than `tolerance` px
+/// from that of the other view, or has no counterpart there. `sign`: -1 for the left view (its
+/// pixel u is at u - d in the right view), +1 for the right.
 void check_left_right(ImageOf<float>& disparity, const ImageOf<float>& other, int sign,
                       double tolerance);
 

@@ -7,42 +7,42 @@
 
 namespace kys_slam {
 
-/// What most pixels of a segment say; nothing of it is moved by a few wrong ones.
+/// Medians over the pixels of a segment, robust against outliers.
 struct MedianResidual {
   double length = 0;     ///< px, median length of the corrected residual
   double coherent = 0;   ///< px, length of the residual whose components are the medians
   double scatter = 0;    ///< px, median distance from that
-  double parallax = 0;   ///< px, median length of the flow that is due to depth
+  double parallax = 0;   ///< px, median length of the depth-dependent flow
   double disparity = 0;  ///< px, median
 };
 
-/// What stereo keypoints say about one thing segment, comparing its frame with earlier ones.
+/// Evidence of stereo keypoints for one thing segment, from its frame and earlier ones.
 struct KeypointEvidence {
-  int matches = 0;       ///< keypoints of the segment that were followed; 0: not compared
+  int matches = 0;       ///< keypoints of the segment tracked over time; 0: not compared
   int inliers = 0;       ///< of these, those that fit one rigid motion
-  double log_ratio = 0;  ///< nats, > 0: stands still (src/motion/README.md), this frame's share
+  double log_ratio = 0;  ///< nats, > 0: static (src/motion/README.md); share of this frame
   double span = 0;       ///< s between the two frames compared
-  double shift = 0;      ///< m over the span, of the segment's middle
+  double shift = 0;      ///< m over the span, motion of the segment's centre
   double pixels = 0;     ///< px, the same across the line of sight
 };
 
-/// What the next image confirms (appearance.h).
+/// Evidence of the next image (appearance.h).
 struct AppearanceEvidence {
-  int patches = 0;       ///< looked for where they are if they stand still
-  int flow_patches = 0;  ///< of these, looked for where the observed flow puts them
-  double still = 0;      ///< 0..1, share of the former that look the same there
-  double flow = 0;       ///< 0..1, share of the latter
+  int patches = 0;       ///< compared at the end of the static flow
+  int flow_patches = 0;  ///< of these, compared at the end of the observed flow
+  double still = 0;      ///< 0..1, share of `patches` that match there
+  double flow = 0;       ///< 0..1, share of `flow_patches` that match there
 };
 
-/// What the depth of earlier frames says about where a thing is now (free_space.h).
+/// Evidence of the depth of an earlier frame at the present position of an object (free_space.h).
 struct FreeSpaceEvidence {
-  int occupied = 0;  ///< pixels whose place was occupied
-  int free = 0;      ///< was free
-  int hidden = 0;    ///< was behind something
+  int occupied = 0;  ///< pixels whose position was occupied
+  int free = 0;      ///< pixels whose position was free
+  int hidden = 0;    ///< pixels whose position was occluded
   double span = 0;   ///< s, back to that frame
 };
 
-/// What was measured over one segment's pixels.
+/// Measurements over the pixels of one segment.
 struct SegmentStatistics {
   std::uint32_t area = 0;         ///< px
   std::uint32_t depth_count = 0;  ///< px with depth
@@ -65,18 +65,18 @@ struct BackgroundReferences {
   double pixels = 0;
 };
 
-/// What Eqs. 7 and 8 say about one thing segment.
+/// Result of Eqs. 7 and 8 for one thing segment.
 struct MotionDecision {
   double omega = 1;  ///< threshold multiplier of the coverage
   bool magnitude_test = false;
   bool radial_test = false;
   bool dynamic = false;
   bool radial_only = false;
-  double rho = 0;       ///< residual over background, 0..100
-  double score = 0;     ///< m_k, 0..100; of detection.method robust: 100 times probability
-  bool judged = false;  ///< false: nothing was measured that could tell
-  double log_odds = 0;  ///< of moving, robust only; and what this frame said, nats:
-  double evidence = 0;  ///< of its object, all cameras and sources together; and of this segment:
+  double rho = 0;    ///< residual over background, 0..100
+  double score = 0;  ///< m_k, 0..100; detection.method robust: 100 times the probability of moving
+  bool judged = false;  ///< false: no measurement of its motion
+  double log_odds = 0;  ///< nats, of moving, robust only; evidence of this frame, nats:
+  double evidence = 0;  ///< of its object, all cameras and sources; of this segment:
   double evidence_flow = 0, evidence_appearance = 0, evidence_keypoints = 0, evidence_space = 0;
 };
 

@@ -7,11 +7,11 @@
 
 namespace kys_slam {
 
-/// The drift field and the coverage of Sec. 3.3: stuff-pixel residuals smoothed with a wide
-/// Gaussian, divided by the identically smoothed stuff mask. Residuals are averaged in cells first,
-/// over two of a cell's rows, the Gaussian runs over cells, and rows are interpolated bilinearly:
-/// at sigma 60 px and cells of 8 px the field differs from the full-size one by well under a
-/// hundredth of the drift. Cells of 1 px leave nothing out.
+/// The drift field and the coverage of Sec. 3.3: residuals of stuff pixels smoothed with a wide
+/// Gaussian, divided by the stuff mask smoothed alike. Residuals are averaged in cells, over two
+/// rows of each cell. The Gaussian runs over cells, and rows are interpolated bilinearly. At sigma
+/// 60 px and cells of 8 px the field differs from the full-size one by less than a hundredth of the
+/// drift. Cells of 1 px use every pixel.
 class DriftField {
  public:
   DriftField(const BuilderOptions::Drift& options, int width, int height);
@@ -22,10 +22,10 @@ class DriftField {
     float* v;      ///< px
     float* count;  ///< of these pixels
   };
-  /// Whether the residuals of row y are needed: two rows of a cell, as far above its middle as
-  /// below.
+  /// Whether the residuals of row y are needed: two rows of a cell, at equal distance above and
+  /// below its centre.
   [[nodiscard]] bool uses(int y) const;
-  /// Where the residuals of a row are to be added, if it is needed. Rows in ascending order.
+  /// The sums to which the residuals of a row are added. For rows with uses(y), in ascending order.
   Columns columns(int y);
   /// After the last row.
   void smooth();

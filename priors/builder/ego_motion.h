@@ -30,7 +30,8 @@ struct EgoMotion {
 };
 
 /// Fits the static-scene flow to the stuff pixels by iteratively re-weighted least squares with
-/// Huber weights on the residual's length in px. Nothing when there are too few usable pixels.
+/// Huber weights on the length of the residual in px. Nothing when there are fewer than
+/// `min_samples` usable pixels.
 /// \param is_stuff by segment number, [0] (void) is false.
 std::optional<EgoMotion> fit_ego_motion(const BuilderOptions::EgoMotion& options,
                                         const StereoCamera& camera, const FlowField& flow,

@@ -9,11 +9,11 @@
 
 namespace kys_slam {
 
-/// PNG encodings that a file does not tell apart by itself.
+/// PNG encodings that a file does not identify itself.
 enum class FieldEncoding {
   kKitti,        ///< disparity u16/256; flow u = (R - 32768)/64, B valid
   kVkitti,       ///< depth u16 in cm, 65535 sky; flow u = (2 R/65535 - 1)(w - 1), B 0 invalid
-  kUnspecified,  ///< kKitti; refused for PNGs that are named as those of Virtual KITTI 2
+  kUnspecified,  ///< as kKitti; InputError for PNGs with names of Virtual KITTI 2
 };
 
 /// The disparity or the flow of a frame in a folder: <name>.png, .pfm, .npy or .flo, or
@@ -22,8 +22,8 @@ enum class FieldEncoding {
 std::filesystem::path find_disparity(const std::filesystem::path& folder, const std::string& name);
 std::filesystem::path find_flow(const std::filesystem::path& folder, const std::string& name);
 
-/// The file with the flow from frame `next` back to frame `name`: Virtual KITTI 2 files it under
-/// `next` (backwardFlow_<number>.png), everybody else under `name`. \throws InputError.
+/// The file with the flow from frame `next` back to frame `name`. Virtual KITTI 2 names it by
+/// `next` (backwardFlow_<number>.png), other data by `name`. \throws InputError when there is none.
 std::filesystem::path find_back_flow(const std::filesystem::path& folder, const std::string& name,
                                      const std::string& next);
 

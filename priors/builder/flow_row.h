@@ -8,7 +8,7 @@
 namespace kys_slam {
 
 /// The flow (px) a static scene has along one row of the image: at column x (px) and inverse depth
-/// rho (1/m). Of the exact rigid motion: where the point is next, less where it is.
+/// rho (1/m). This one is for the exact rigid motion: next position minus present position.
 struct Se3FlowRow {
   float ux, u0, ut;  ///< next column times depth ratio: ux x + u0 + ut rho
   float vx, v0, vt;  ///< next row times depth ratio
@@ -25,7 +25,7 @@ struct Se3FlowRow {
   }
 };
 
-/// Of the two models of eight parameters.
+/// The same for the two models of eight parameters.
 struct LinearFlowRow {
   float inverse_width;
   float u0, ux, uxx, ur, urx;  ///< u = u0 + ux x + uxx x^2 + rho (ur + urx x), x in -0.5..0.5

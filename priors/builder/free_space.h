@@ -12,13 +12,17 @@
 
 namespace kys_slam {
 
-/// Was a thing where it is now at another time? Its pixels go to the other frame as a still scene's
-/// do. Where that frame sees farther than the pixel is (px of disparity, with a margin for its
-/// error), the place was free: the thing was not there. Where it sees the same depth the place was
-/// occupied; where it sees something nearer, or nothing, it says nothing. Needs neither optical
-/// flow nor keypoints on the thing, and hiding cannot be mistaken for moving. \param T_other_now
-/// left camera  \param right the disparities are those of the right view \param disparity,other px,
-/// NaN unknown. \param is_thing by segment number. \return by segment number
+/// Was an object at its present position at another time? Its pixels are projected to the other
+/// frame as static points. Where that frame measures a larger depth (disparity compared in px, with
+/// a margin for its error), the position was free: the object was not there. Where it measures the
+/// same depth, the position was occupied. Where it measures a smaller depth, or none, it gives no
+/// evidence. The test needs neither optical flow nor keypoints on the object, and does not take
+/// occlusion for motion.
+/// \param T_other_now of the left camera
+/// \param right true: the disparities are those of the right view
+/// \param disparity,other px, NaN: not known
+/// \param is_thing by segment number
+/// \return by segment number
 std::vector<FreeSpaceEvidence> compare_space(const StereoCamera& camera, const Rigid3& T_other_now,
                                              bool right, const ImageOf<float>& disparity,
                                              const ImageOf<float>& other, const SegmentRuns& runs,

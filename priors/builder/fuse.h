@@ -23,16 +23,16 @@ struct CameraPerception {
   std::vector<std::int32_t> instances;  ///< of the segments, as they go into the file
   ImageOf<float> disparity;             ///< px, NaN where unknown; empty: no depth
   std::optional<FlowField> flow;        ///< to the next frame, px; none at the last frame
-  const GrayImage* now = nullptr;       ///< with `next`: appearance is compared
+  const GrayImage* now = nullptr;       ///< if `now` and `next` are given, appearance is compared
   const GrayImage* next = nullptr;
 };
 
-/// What fusion found out, for the tables and the pictures.
+/// Result of fusion, for tables and images.
 struct CameraFusion {
   CameraPriors priors;
-  std::vector<InputSegment> segments;         ///< as they were given
+  std::vector<InputSegment> segments;         ///< of the input
   std::vector<SegmentStatistics> statistics;  ///< per segment
-  std::vector<MotionDecision> decisions;      ///< per segment; of stuff: nothing
+  std::vector<MotionDecision> decisions;      ///< per segment; default values for stuff
   std::optional<EgoMotion> ego_motion;        ///< none: no flow, or too few pixels
   BackgroundReferences background;
   FusionTimes times;
@@ -40,24 +40,24 @@ struct CameraFusion {
 
 /// One camera and frame, measured but not decided.
 struct MeasuredCamera {
-  CameraFusion fusion;     ///< priors and decisions are still to come
-  CameraPerception input;  ///< what is left of it
+  CameraFusion fusion;     ///< without priors and decisions
+  CameraPerception input;  ///< the parts that export_camera() needs
   ImageOf<float> lengths;  ///< px, of the corrected residuals of things
 };
 
 /// Secs. 3.2 and 3.3 up to the statistics of the segments.
-/// \param images when given, what the stages in between gave.
+/// \param images if given, receives the results of the intermediate stages
 MeasuredCamera measure_camera(const BuilderOptions& options, const StereoCamera& camera,
                               CameraPerception perception, FusionImages* images = nullptr);
-/// Eqs. 7 and 8, every segment by itself.
+/// Eqs. 7 and 8, each segment separately.
 void decide_segments(const BuilderOptions& options, CameraFusion& fusion);
-/// From decisions to priors. A pixel of a flagged segment without a residual of its own gets the
-/// segment's mean. (detection.method robust: every pixel has the segment's score.)
+/// Converts decisions to priors. A pixel of a flagged segment without a residual gets the mean of
+/// the segment. With detection.method robust every pixel gets the score of the segment.
 CameraFusion export_camera(const BuilderOptions& options, MeasuredCamera measured);
 
-/// Secs. 3.2 (scale) and 3.3 for one camera and frame: perception in, priors out. A pixel of a
-/// flagged segment without a residual of its own gets the segment's mean.
-/// \param images when given, what the stages in between gave.
+/// Secs. 3.2 (scale) and 3.3 for one camera and frame: perception in, priors out: measure_camera(),
+/// decide_segments() and export_camera().
+/// \param images if given, receives the results of the intermediate stages
 CameraFusion fuse_camera(const BuilderOptions& options, const StereoCamera& camera,
                          CameraPerception perception, FusionImages* images = nullptr);
 

@@ -2,7 +2,7 @@
 
 namespace kys_slam {
 
-/// Where the time of one camera went, ms.
+/// Time of the stages for one camera, ms.
 struct FusionTimes {
   double fit = 0, residual = 0, drift = 0, statistics = 0, decide_export = 0;
 

@@ -8,8 +8,8 @@
 
 namespace kys_slam {
 
-/// A member that has to be a whole number which `Integer` can hold: nlohmann::json converts any
-/// number to any other, whatever is lost (from a floating-point number out of range, undefined).
+/// A member that must be a whole number in the range of `Integer`. nlohmann::json converts between
+/// number types without a check (undefined behaviour for a floating-point number out of range).
 /// \param name of the file, for the message
 /// \throws InputError; nlohmann::json::exception when there is no such member
 template <typename Integer>

@@ -29,9 +29,9 @@ struct CameraSegments {
   const PanopticMap* panoptic = nullptr;
 };
 
-/// Judges thing segments by stereo keypoints that are followed from frame to frame: the camera's
-/// motion comes from those on stuff, every segment is compared with it by the test that the tracker
-/// uses for its own verification of priors (motion/instance_motion.h). Optical flow is not used.
+/// Judges thing segments by stereo keypoints tracked from frame to frame. The keypoints on stuff
+/// give the motion of the camera. The motion of each segment is tested against it with the test of
+/// the tracker (motion/instance_motion.h). Optical flow is not used.
 class KeypointMotion {
  public:
   /// Evidence by camera and segment.
@@ -44,15 +44,16 @@ class KeypointMotion {
                                                              const GrayImage& right) const;
 
   /// The next frame, in order. \param cameras left, and right if there is one
-  /// \return what it says about the segments of the frame before; of the first frame: nothing. Of
-  /// stuff, and of what cannot be compared, there is none.
-  /// \param links filled in: keypoints that were found on two segments
+  /// \return evidence for the segments of the frame before; empty for the first frame. Default
+  /// values for stuff and for segments that cannot be compared.
+  /// \param links receives the keypoints found on two segments
   Evidence next_frame(double timestamp, std::shared_ptr<const FrameFeatures> features,
                       std::span<const CameraSegments> cameras, SegmentLinks& links);
 
-  /// Frames before the last one whose camera pose is known in relation to it.
+  /// Number of frames before the last one whose relative camera pose is known.
   [[nodiscard]] std::size_t frames_back() const { return frames_.empty() ? 0 : frames_.size() - 1; }
-  /// Of the left camera, `back` <= frames_back() frames before the last one.
+  /// Pose of the left camera relative to the frame `back` <= frames_back() frames before the last
+  /// one.
   [[nodiscard]] Rigid3 T_before_last(std::size_t back) const {
     return frames_[back].T_c_w * frames_[0].T_c_w.inverse();
   }
@@ -80,7 +81,7 @@ class KeypointMotion {
                                                 double radius) const;
   struct Candidate {
     std::size_t keypoint = 0;  // of the last frame
-    Eigen::Vector3d still;     // m, where it is now if it stands still
+    Eigen::Vector3d still;     // m, in the camera now, if it is static
   };
   [[nodiscard]] std::vector<SearchMatch> search(const Frame& now,
                                                 const std::vector<Candidate>& candidates,

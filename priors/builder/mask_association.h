@@ -13,7 +13,7 @@
 
 namespace kys_slam {
 
-/// Keypoints that were found on two segments (numbers from 1), and how they moved.
+/// Keypoints found on two segments (numbers from 1), and their shift in the image.
 struct SegmentLinks {
   using Votes = std::map<std::pair<std::uint16_t, std::uint16_t>, int>;
   struct Shift {
@@ -23,23 +23,23 @@ struct SegmentLinks {
   std::array<Votes, 2> in_time;                          ///< by camera; (last frame, this frame)
   std::array<std::map<std::uint16_t, Shift>, 2> shifts;  ///< by camera; of the last frame's segment
   Votes in_stereo;                                       ///< this frame; (left, right)
-  Votes by_disparity;  ///< likewise, pixels of the left segment whose disparity leads to the right
+  Votes by_disparity;  ///< this frame; (left, right), counted in pixels linked by disparity
 };
 
-/// Pixels of left things that end on a thing of the right view by their disparity (px, NaN
-/// unknown).
+/// Counts the pixels of left things that fall on a thing of the right view by their disparity (px,
+/// NaN: not known).
 SegmentLinks::Votes links_by_disparity(const PanopticMap& left, const PanopticMap& right,
                                        const ImageOf<float>& disparity);
 
-/// Gives thing segments of both cameras identities that persist, and one object the same identity
-/// in both: assignment by the overlap of masks, those of the past moved to where they are expected,
-/// and by keypoints found on both. A track is remembered over `max_missed_frames` frames and moves
-/// on with its last speed in the image. Two tracks, one of each view, that turn out to be one
-/// object become the older one. Whatever moves by itself may change its class (networks call a far
-/// car a person), other things may not.
+/// Gives the thing segments of both cameras identities over time, and an object the same identity
+/// in both cameras. Assignment is by the overlap of masks, those of earlier frames shifted to their
+/// predicted position, and by common keypoints. A track survives `max_missed_frames` frames without
+/// a match and moves with its last image velocity. Two tracks, one of each view, that prove to be
+/// one object are merged into the older one. Classes that move by themselves may change (networks
+/// label a far car as a person); other classes may not.
 class MaskAssociator {
  public:
-  /// \param pooled by label: classes that one object may change between
+  /// \param pooled by label: true for classes between which an object may change
   MaskAssociator(const BuilderOptions::Association& options, std::vector<bool> pooled)
       : options_(options), pooled_(std::move(pooled)) {}
 

@@ -94,10 +94,10 @@ double MotionBelief::expected(std::int32_t object, double timestamp) const {
 }
 
 void MotionBelief::add(Frame frame) {
-  for (auto& [object, said] : frame.said) {
-    said.log_odds = std::clamp(expected(object, frame.timestamp) + said.evidence,
-                               -options_.max_log_odds, options_.max_log_odds);
-    states_[object] = {said.log_odds, frame.timestamp};
+  for (auto& [object, of_frame] : frame.evidence) {
+    of_frame.log_odds = std::clamp(expected(object, frame.timestamp) + of_frame.evidence,
+                                   -options_.max_log_odds, options_.max_log_odds);
+    states_[object] = {of_frame.log_odds, frame.timestamp};
   }
   frames_.push_back(std::move(frame));
 }
@@ -105,40 +105,40 @@ void MotionBelief::add(Frame frame) {
 void MotionBelief::restore_frame(double timestamp,
                                  const std::vector<std::pair<std::int32_t, double>>& evidence) {
   Frame frame{timestamp, {}};
-  for (const auto& [instance, nats] : evidence) frame.said[object_of(instance)].evidence = nats;
+  for (const auto& [instance, nats] : evidence) frame.evidence[object_of(instance)].evidence = nats;
   add(std::move(frame));
 }
 
 /// What the frames after the first say about an object, nats: the backward pass of the chain whose
 /// forward pass is after_time().
 double MotionBelief::later(std::int32_t object) const {
-  const double settled = probability(options_.start_log_odds);
-  // Likelihoods of what comes after, if it moves and if it stands still.
-  double moves = 1, stands = 1, time = 0;
+  const double steady = probability(options_.start_log_odds);
+  // Likelihoods of what comes after, if it moves and if it stays still.
+  double moves = 1, stays = 1, time = 0;
   bool any = false;
   const auto go_back = [&](double to) {
     const double share =
         1 - std::exp(-BeliefUpdateOptions{}.change_rate * std::max(time - to, 0.0));
-    const double mean = settled * moves + (1 - settled) * stands;
+    const double mean = steady * moves + (1 - steady) * stays;
     moves += share * (mean - moves);
-    stands += share * (mean - stands);
+    stays += share * (mean - stays);
     time = to;
   };
   for (std::size_t i = frames_.size() - 1; i > 0; --i) {
     const Frame& frame = frames_[i];
-    const auto said = frame.said.find(object);
-    if (said == frame.said.end()) continue;
+    const auto at = frame.evidence.find(object);
+    if (at == frame.evidence.end()) continue;
     if (any) go_back(frame.timestamp);
     any = true;
     time = frame.timestamp;
-    moves *= std::exp(said->second.evidence);
-    const double sum = moves + stands;
+    moves *= std::exp(at->second.evidence);
+    const double sum = moves + stays;
     moves /= sum;
-    stands /= sum;
+    stays /= sum;
   }
   if (!any) return 0;
   go_back(frames_.front().timestamp);
-  return std::log(moves / stands);
+  return std::log(moves / stays);
 }
 
 void MotionBelief::add_frame(double timestamp, std::span<CameraFusion* const> cameras,
@@ -170,7 +170,7 @@ void MotionBelief::add_frame(double timestamp, std::span<CameraFusion* const> ca
   Frame frame{timestamp, {}};
   for (const auto& [object, sum] : sums) {
     const double evidence = sum.cameras / sum.count + sum.keypoints;
-    frame.said[object] = {std::clamp(evidence, -kMaxFrame, kMaxFrame), 0, sum.any};
+    frame.evidence[object] = {std::clamp(evidence, -kMaxFrame, kMaxFrame), 0, sum.any};
   }
   add(std::move(frame));
 }
@@ -183,11 +183,11 @@ void MotionBelief::decide(std::span<CameraFusion* const> cameras,
       if (!fusion.segments[k].thing) continue;
       MotionDecision& decision = fusion.decisions[k];
       const std::int32_t object = object_of((*instances[c])[k]);
-      const Said& said = frames_.front().said.at(object);
-      decision.evidence = said.evidence;
-      decision.log_odds =
-          std::clamp(said.log_odds + later(object), -options_.max_log_odds, options_.max_log_odds);
-      decision.judged = said.any;
+      const FrameEvidence& of_frame = frames_.front().evidence.at(object);
+      decision.evidence = of_frame.evidence;
+      decision.log_odds = std::clamp(of_frame.log_odds + later(object), -options_.max_log_odds,
+                                     options_.max_log_odds);
+      decision.judged = of_frame.any;
       decision.dynamic = decision.log_odds > 0;
       decision.magnitude_test = decision.dynamic;
       decision.omega = coverage_scale(options_, fusion.statistics[k].coverage);

@@ -11,41 +11,43 @@
 
 namespace kys_slam {
 
-/// What one frame says about a segment, nats; > 0: it moves.
+/// Evidence of one frame for a segment, nats; > 0: it moves.
 struct MotionEvidence {
   double flow = 0;        ///< median residual against its threshold
-  double appearance = 0;  ///< where the next image looks the same
-  double keypoints = 0;   ///< stereo keypoints followed in time
-  double space = 0;       ///< its place was free before; never < 0
+  double appearance = 0;  ///< the next image confirms the static flow or the observed one
+  double keypoints = 0;   ///< stereo keypoints tracked over time
+  double space = 0;       ///< its position was free before; never < 0
   [[nodiscard]] bool any() const {
     return flow != 0 || appearance != 0 || keypoints != 0 || space != 0;
   }
 };
 
-/// detection.method: robust. Each source is limited, and a source that another contradicts is not
-/// counted: optical flow that the next image does not confirm says nothing, and a place that only
-/// looks different (something came in front of it) does not make a thing move.
+/// Evidence of detection.method robust. The evidence of each source is limited, and a source that
+/// another one contradicts is not used: optical flow that the next image does not confirm gives no
+/// evidence, and a changed appearance alone (an occlusion, for example) is no evidence of motion.
 MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
                                const SegmentStatistics& segment,
                                const BackgroundReferences& background);
 
-/// Log-odds of moving of every thing, over time: evidence of both cameras adds up, and belief
-/// returns to where it began as the tracker's does (motion/belief.h). A frame's decision also looks
-/// at the evidence of `detection.lag` later frames (fixed-lag smoothing of a chain of two states).
-/// Frames are added in order, and decided in the same order.
+/// Log-odds of moving of every object over time. Evidence of both cameras is added, and without
+/// evidence the belief returns to its initial value (motion/belief.h). The decision of a frame also
+/// uses the evidence of `detection.lag` later frames (fixed-lag smoothing of a two-state Markov
+/// chain). Frames are added in order and decided in the same order.
 class MotionBelief {
  public:
   explicit MotionBelief(const BuilderOptions::Detection& options) : options_(options) {}
 
-  /// What a frame says. \param timestamp s  \param cameras left, right; the evidence goes into
-  /// their decisions  \param instances of their segments
+  /// Adds the evidence of a frame.
+  /// \param timestamp s
+  /// \param cameras left, right; the evidence goes into their decisions
+  /// \param instances of their segments
   void add_frame(double timestamp, std::span<CameraFusion* const> cameras,
                  std::span<const std::vector<std::int32_t>* const> instances);
-  /// Instead, for a frame that was decided before: its instances and their `evidence`, nats.
+  /// The same for a frame decided in an earlier run: its instances and their `evidence`, nats.
   void restore_frame(double timestamp,
                      const std::vector<std::pair<std::int32_t, double>>& evidence);
-  /// Decides the earliest frame that is not decided, by it and all those that were added after it.
-  /// Of a restored frame there is nothing to decide: `cameras` is empty.
+  /// Decides the earliest undecided frame, from it and all frames added after it. For a restored
+  /// frame `cameras` is empty.
   void decide(std::span<CameraFusion* const> cameras,
               std::span<const std::vector<std::int32_t>* const> instances);
 
@@ -54,14 +56,14 @@ class MotionBelief {
     double log_odds = 0;   // of moving, by the frames so far
     double timestamp = 0;  // s
   };
-  struct Said {
+  struct FrameEvidence {
     double evidence = 0;  // nats
     double log_odds = 0;  // of moving, by the frames so far and this one
     bool any = false;     // something was measured
   };
   struct Frame {
-    double timestamp = 0;               // s
-    std::map<std::int32_t, Said> said;  // by object
+    double timestamp = 0;                            // s
+    std::map<std::int32_t, FrameEvidence> evidence;  // by object
   };
   [[nodiscard]] double expected(std::int32_t object, double timestamp) const;
   void add(Frame frame);

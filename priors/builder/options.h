@@ -6,28 +6,28 @@
 
 namespace kys_slam {
 
-/// Which static-scene flow is fitted (Eq. 6 and its two alternatives).
+/// Model of the static-scene flow (Eq. 6 and two alternatives).
 enum class EgoMotionModel {
   kSe3,        ///< exact finite rigid motion, six parameters
   kRigid,      ///< instantaneous rigid flow, eight parameters, consistent signs and aspect terms
-  kAsPrinted,  ///< Eq. 6 to the letter
+  kAsPrinted,  ///< Eq. 6 as printed
 };
 
-/// How the per-frame references of Eq. 7 are taken over the stuff pixels.
+/// Estimators of the per-frame references of Eq. 7 over the stuff pixels.
 enum class References {
   kMoments,  ///< mean, mean, standard deviation (paper)
   kRobust,   ///< median, median, 1.4826 MAD
 };
 
-/// How thing segments get identities that persist.
+/// Method that gives thing segments identities over time.
 enum class AssociationMethod {
-  kCentroid,  ///< nearest centroids, each camera for itself (paper)
+  kCentroid,  ///< nearest centroids, each camera separately (paper)
   kOverlap,   ///< overlap of masks and common keypoints, both cameras together
 };
 
 /// How segments are judged.
 enum class DetectionMethod {
-  kPaper,   ///< Eq. 7: means over the segment, each frame for itself
+  kPaper,   ///< Eq. 7: means over the segment, each frame separately
   kRobust,  ///< medians with their error, keypoints, evidence over time
 };
 
@@ -37,13 +37,13 @@ struct BuilderOptions {
     AssociationMethod method = AssociationMethod::kCentroid;
     double max_distance = 100;    ///< px between centroids
     int max_missed_frames = 5;    ///< a track unmatched in more consecutive frames is dropped
-    bool class_agnostic = false;  ///< let a car continue as a truck (literal reading)
+    bool class_agnostic = false;  ///< let a car continue as a truck (paper, literally)
   } association;
 
   struct Depth {
     double max_depth = 255;           ///< m, larger depths are set to it
     double left_right_tolerance = 1;  ///< px, where both disparities exist
-    bool match_labels = true;         ///< warping to the right view keeps what has the class there
+    bool match_labels = true;         ///< pixels warped to the right view must keep their class
   } depth;
 
   struct FlowCheck {
@@ -53,23 +53,23 @@ struct BuilderOptions {
   } flow_check;
 
   struct FlowEstimate {     // of flow "dis"
-    bool seeded = true;     ///< start also from the static scene's flow
+    bool seeded = true;     ///< also start from the flow of the static scene
     int finest_level = -1;  ///< halvings of the images it is refined on; -1: to about 640 px width
   } flow_estimate;
 
   struct EgoMotion {
     EgoMotionModel model = EgoMotionModel::kSe3;
-    int border = 20;          ///< px left out of the fit on every side
-    double huber_delta = 1;   ///< px
-    int iterations = 5;       ///< re-weighted solutions, at most
-    int grid_samples = 6000;  ///< pixels of a regular grid that are looked at, more where few
-                              ///< are of the scene; 0: all
-    int min_samples = 200;    ///< fewer usable pixels: no motion is estimated for the frame
+    int border = 20;         ///< px excluded from the fit on every side
+    double huber_delta = 1;  ///< px
+    int iterations = 5;      ///< re-weighted solutions, at most
+    int grid_samples =
+        6000;  ///< pixels sampled on a regular grid, more where few are of the static scene; 0: all
+    int min_samples = 200;  ///< with fewer usable pixels, no motion is estimated for the frame
   } ego_motion;
 
   struct Drift {
     double sigma = 60;  ///< px
-    int cell = 8;       ///< px, side of the cells that residuals are averaged in first
+    int cell = 8;       ///< px, side of the cells in which residuals are averaged
     bool enabled = true;
   } drift;
 
@@ -77,30 +77,31 @@ struct BuilderOptions {
     DetectionMethod method = DetectionMethod::kPaper;
     References references = References::kMoments;
     double reference_floor = 0.1;      ///< px, of m_bg and sigma_par; 1e-9: none (paper)
-    double robust_factor = 1.7;        ///< robust: times background median
-    double start_log_odds = -0.8;      ///< robust: of moving, of what was never seen before
-    double max_log_odds = 5;           ///< robust: belief never gets surer than this
-    int lag = 3;                       ///< robust: later frames that a frame's decision looks at
-    double min_coverage = 0.05;        ///< below: static, unless:
-    double uncovered_factor = 10;      ///< below min_coverage the magnitude test is this many times
-                                       ///< harder; 0: static (paper)
+    double robust_factor = 1.7;        ///< robust: factor on the median of the background
+    double start_log_odds = -0.8;      ///< robust: nats, of moving, of a new object
+    double max_log_odds = 5;           ///< robust: nats, limit of the absolute log-odds
+    int lag = 3;                       ///< robust: later frames used by the decision of a frame
+    double min_coverage = 0.05;        ///< below: static, except:
+    double uncovered_factor = 10;      ///< factor on the threshold of the magnitude test below
+                                       ///< min_coverage; 0: static (paper)
     double min_radial_coverage = 0.3;  ///< below: no radial test
     double magnitude_factor = 2;
     double radial_factor = 2;
     double max_omega = 4;
     double max_psi = 5;
-    int min_radial_area = 0;           ///< px, smaller segments get no radial test (paper: 0)
-    double min_valid_fraction = 0;     ///< of a segment's pixels with a residual (paper: 0)
-    double standard_error_factor = 0;  ///< adds this many sigma_par / sqrt(area / 100 px) to the
-                                       ///< radial threshold: small means scatter more (paper: 0)
+    int min_radial_area = 0;        ///< px, no radial test for smaller segments (paper: 0)
+    double min_valid_fraction = 0;  ///< share of a segment's pixels with a residual (paper: 0)
+    double standard_error_factor =
+        0;  ///< adds this times sigma_par / sqrt(area / 100 px) to the radial threshold, for the
+            ///< larger scatter of small segments (paper: 0)
   } detection;
 
   struct Keypoints {
     int features = 4000;                   ///< per image
-    double max_speed = 30;                 ///< m/s, of things
-    int max_frames = 5;                    ///< frames back over which a segment is compared
-    double common_error = 0.5;             ///< px, shared by all keypoints of a segment
-    double common_disparity_error = 0.25;  ///< px, likewise
+    double max_speed = 30;                 ///< m/s, of objects
+    int max_frames = 5;                    ///< largest number of frames between the two compared
+    double common_error = 0.5;             ///< px, error common to all keypoints of a segment
+    double common_disparity_error = 0.25;  ///< px, the same of their disparities
   } keypoints;
 
   struct Score {
@@ -112,14 +113,14 @@ struct BuilderOptions {
     int motion_tolerance_steps = 2;  ///< see MotionCoding
   } exported;
 
-  /// \throws InputError naming the setting that makes no sense.
+  /// \throws InputError naming the invalid setting.
   void check() const;
 };
 
 /// For check_options().
 void describe(kys::OptionList& list, BuilderOptions& options);
 
-/// Everything as the paper states it: configs/priors_paper.yaml.
+/// The values of the paper: configs/priors_paper.yaml.
 BuilderOptions paper_options();
 
 /// Sets one option by its dotted name ("ego_motion.model", "rigid").

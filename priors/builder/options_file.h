@@ -6,7 +6,8 @@
 
 namespace kys_slam {
 
-/// Sets what a YAML file of two levels (section: {name: value}) gives; other options stay.
+/// Sets the options in a YAML file of two levels (section: {name: value}). Other options keep their
+/// values.
 /// \throws InputError naming the file and the setting.
 void load_options(const std::filesystem::path& path, BuilderOptions& options);
 

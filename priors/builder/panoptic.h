@@ -8,22 +8,22 @@
 
 namespace kys_slam {
 
-/// A segment as a network (or an annotator) gave it.
+/// A segment of the input segmentation.
 struct InputSegment {
   std::uint32_t input_id = 0;  ///< its number in the input file; 0 for merged stuff
   std::uint16_t label = 0;     ///< dense index in the label space
   bool thing = false;
 };
 
-/// A panoptic map in one convention, whatever it was read from: every stuff class is one segment,
-/// every thing segment is one, none is empty, in order of (label, input id).
+/// A panoptic map in one convention for all input encodings: one segment per stuff class, one per
+/// thing segment, none empty, in order of (label, input id).
 struct PanopticMap {
   ImageOf<std::uint16_t> map;  ///< 0 void, k = segments[k-1]
   std::vector<InputSegment> segments;
-  SegmentRuns runs;  ///< of the map; fusion finds them when empty
+  SegmentRuns runs;  ///< of the map; if empty, fusion computes them
 };
 
-/// What association needs of a segment.
+/// Size and position of a segment.
 struct SegmentShape {
   std::uint32_t area = 0;  ///< px
   double u = 0;            ///< px, centroid

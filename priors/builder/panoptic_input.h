@@ -15,7 +15,7 @@ namespace kys_slam {
 
 /// How a folder of segmentations is encoded.
 enum class PanopticEncoding {
-  kAuto,        ///< kCoco where a JSON lies beside the folder, else by the first picture
+  kAuto,        ///< kCoco when DIR.json exists, else by the first image
   kCoco,        ///< DIR/<name>.png with id = R + 256 G + 65536 B, 0 void, and DIR.json
   kTwoChannel,  ///< R category id of the data set, G instance; category 0 void
   kClassMap,    ///< 8-bit: category id of the data set, 255 void, and 0 unless a class has that id;
@@ -24,25 +24,25 @@ enum class PanopticEncoding {
                 ///< .../classSegmentation/Camera_c/classgt_*.png
 };
 
-/// Reads the segmentation of one frame after the other from a folder, into one convention.
-/// Category ids are those of the data set and are looked up in the label space; stuff is merged by
-/// class, thing segments are kept apart.
+/// Reads segmentations from a folder, frame by frame, and converts them to one convention. Category
+/// ids are those of the data set and are looked up in the label space. Stuff is merged by class;
+/// thing segments stay separate.
 class PanopticReader {
  public:
-  /// Reads the JSON, if there is one. \throws InputError naming file and reason.
+  /// Reads DIR.json, if it exists. \throws InputError naming file and reason.
   PanopticReader(std::filesystem::path folder, const kys::LabelSpace& labels,
                  PanopticEncoding encoding = PanopticEncoding::kAuto);
 
-  /// \throws InputError for a missing or corrupt picture, another size than `width` x `height`, a
+  /// \throws InputError for a missing or corrupt image, another size than `width` x `height`, a
   /// segment or category that is not declared.
   [[nodiscard]] PanopticMap read(const std::string& name, int width, int height) const;
 
-  /// The picture of a frame; `name` is the stem of its image.
+  /// The segmentation file of a frame; `name` is the stem of the camera image.
   [[nodiscard]] std::filesystem::path path_of(const std::string& name) const;
-  /// The other picture of a frame, kVkitti only: its classes. Else empty.
+  /// kVkitti: the file with the classes of a frame. Empty for other encodings.
   [[nodiscard]] std::filesystem::path class_path_of(const std::string& name) const;
   [[nodiscard]] PanopticEncoding encoding() const { return encoding_; }
-  /// Of the JSON; empty without one.
+  /// Path of the JSON; empty without one.
   [[nodiscard]] const std::filesystem::path& json() const { return json_; }
 
  private:

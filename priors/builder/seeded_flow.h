@@ -8,23 +8,23 @@
 
 namespace kys_slam {
 
-/// Disparity (px) with every gap of a row filled by the farther of its two sides, as behind an
-/// occluding edge; rows without any get `least` px.
+/// Disparity (px) with every gap of a row filled with the smaller disparity of its two ends, as
+/// behind an occluding edge. Rows without any disparity get `least` px.
 ImageOf<float> fill_disparity(const ImageOf<float>& disparity, float least);
 
-/// The flow (px) that a static scene of these disparities has. 0 where it has none (behind the
-/// camera, or beyond `limit` px).
+/// The flow (px) of a static scene with these disparities. 0 where it is not defined (behind the
+/// camera) or longer than `limit` px.
 FlowField static_flow(const EgoMotion& motion, const InverseDepth& inverse_depth,
                       const ImageOf<float>& disparity, float limit);
 
-/// The flow back, from where the pixels of `forward` end: of two that end at one place the nearer
-/// (larger disparity) counts; where none ends the gap is filled by the farther of its two sides.
+/// The backward flow (px) at the end points of `forward`. Of two pixels with the same end point the
+/// nearer one (larger disparity) is used. Gaps get the flow of the farther of their two ends.
 FlowField reverse_flow(const FlowField& forward, const ImageOf<float>& disparity);
 
 /// Dense inverse search flow from `now` to `next`, px, with the forward-backward check of the
-/// options. With flow_estimate.seeded the search also starts from the flow that the static scene
-/// has: the camera's motion comes from a flow at a quarter of the size, depth from `disparity`
-/// (may be empty: not seeded).
+/// options. With flow_estimate.seeded the search also starts from the flow of the static scene: the
+/// motion of the camera is fitted to a flow at a quarter of the size, depth comes from `disparity`
+/// (if empty, not seeded).
 FlowField estimate_checked_flow(const BuilderOptions& options, const StereoCamera& camera,
                                 const GrayImage& now, const GrayImage& next,
                                 const ImageOf<float>& disparity,

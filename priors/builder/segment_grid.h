@@ -10,10 +10,10 @@
 
 namespace kys_slam {
 
-/// Visits pixels of a regular grid in every segment that is looked at, row by row. Large segments
-/// have a coarser grid, so that about 2000 pixels of each are visited at most.
-/// \param segments one more than there are
-/// \param is_looked_at of a segment's number, from 1 on
+/// Visits pixels of a regular grid in every selected segment, row by row. Large segments have a
+/// coarser grid, so that at most about 2000 pixels of each are visited.
+/// \param segments number of segments plus one
+/// \param is_looked_at whether a segment is selected, by its number from 1 on
 /// \param visit called with segment, x, y
 template <typename IsLookedAt, typename Visit>
 void for_each_on_grid(const SegmentRuns& runs, std::size_t segments, const IsLookedAt& is_looked_at,

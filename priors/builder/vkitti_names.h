@@ -10,7 +10,7 @@ inline bool is_vkitti_frame(const std::string& name) {
   return name.starts_with("rgb_");
 }
 
-/// Virtual KITTI 2 names a frame's files by what they hold: rgb_00012.jpg, depth_00012.png,
+/// Virtual KITTI 2 names the files of a frame by their content: rgb_00012.jpg, depth_00012.png,
 /// flow_00012.png, backwardFlow_00013.png, instancegt_00012.png, classgt_00012.png. This is the
 /// file of the frame whose image has the stem `name`.
 inline std::string vkitti_name(const std::string& prefix, const std::string& name) {

@@ -21,8 +21,9 @@ inline float load_f32(const std::uint8_t* p) {
   return std::bit_cast<float>(load_u32(p));
 }
 
-/// Numbers of the run streams: 7 bits per byte, lowest first, the top bit set on all but the last
-/// byte; at most three bytes. Moves `p` on. False when it would read beyond `end` or needs more.
+/// Reads a number of a run stream: 7 bits per byte, lowest first, the top bit set on all but the
+/// last byte, at most three bytes. Advances `p`. False when the number is longer or `end` is
+/// reached.
 inline bool load_varint(const std::uint8_t*& p, const std::uint8_t* end, std::uint32_t& value) {
   if (p != end && *p < 0x80) {  // most are short
     value = *p++;
@@ -38,7 +39,7 @@ inline bool load_varint(const std::uint8_t*& p, const std::uint8_t* end, std::ui
   return false;
 }
 
-/// The same in a stream that has been checked.
+/// The same for a stream that has been checked.
 inline std::uint32_t load_checked_varint(const std::uint8_t*& p) {
   std::uint32_t byte = *p++;
   if (byte < 0x80) return byte;

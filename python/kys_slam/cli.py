@@ -41,7 +41,7 @@ def _add_run(commands) -> None:
     p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
     camera = p.add_argument_group("camera")
     camera.add_argument("--calibration", nargs="+", metavar="FILE",
-                        help="Kalibr camchain, OpenCV stereo calibration, own YAML, or the "
+                        help="Kalibr camchain, OpenCV stereo calibration, our YAML, or the "
                         "camera_info files of the left and the right camera")
     camera.add_argument("--calibration-unit", type=float, default=1, metavar="M",
                         help="metres per unit of the calibration's lengths (mm: 0.001)")
@@ -53,17 +53,17 @@ def _add_run(commands) -> None:
                         help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
                         "for bags)")
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
-                        help="of a KITTI odometry sequence: image_0 and image_1 (default where they "
-                        "are there), or image_2 and image_3")
+                        help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
+                        "exist), or image_2 and image_3")
     camera.add_argument("--no-check", action="store_true",
-                        help="do not look whether the pair is swapped or not rectified")
+                        help="do not check whether the pair is swapped or not rectified")
     slam = p.add_argument_group("tracking")
     slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
-    slam.add_argument("--strict-priors", action="store_true", help="a missing one is an error")
+    slam.add_argument("--strict-priors", action="store_true", help="a missing prior file is an error")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (python/README.md)")
-    slam.add_argument("--mode", help="how descriptors are compared: " + ", ".join(kys_slam.modes()) +
+    slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
                       " (default: verified with --priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
                       help="defaults of the settings (default: by the recording)")
@@ -73,7 +73,7 @@ def _add_run(commands) -> None:
     slam.add_argument("--schedule", default="pipelined",
                       choices=("pipelined", "sequential", "realtime"))
     slam.add_argument("--late", default="wait", choices=POLICIES, metavar="POLICY",
-                      help="with --schedule realtime: what becomes of frames that come faster than "
+                      help="with --schedule realtime: policy for frames that arrive faster than "
                       "they are tracked: wait (default), drop-oldest, drop-newest")
     slam.add_argument("--queue", type=int, default=2, metavar="N",
                       help="with --late: frames that may wait (default: 2)")
@@ -81,16 +81,17 @@ def _add_run(commands) -> None:
                       help="with --schedule realtime: play X times as fast as recorded")
     slam.add_argument("--start", type=int, default=0, metavar="N", help="first frame")
     slam.add_argument("--frames", type=int, metavar="N", help="number of frames")
-    slam.add_argument("--load-map", metavar="FILE", help="go on with this map")
+    slam.add_argument("--load-map", metavar="FILE", help="continue with this map")
     slam.add_argument("--save-map", metavar="FILE", help="write the map at the end")
-    slam.add_argument("--localize-only", action="store_true", help="leave the map as it is")
+    slam.add_argument("--localize-only", action="store_true", help="do not change the map")
     out = p.add_argument_group("output")
     out.add_argument("--output", metavar="DIR", help="default: runs/NAME-MODE")
-    out.add_argument("--overwrite", action="store_true", help="write over another run's folder")
+    out.add_argument("--overwrite", action="store_true", help="allow an output folder with another run")
     out.add_argument("--view", action="store_true",
-                     help="show what the system sees while it runs (needs rerun-sdk)")
+                     help="show the observations while it runs (needs rerun-sdk)")
     out.add_argument("--record", action="append", default=[], metavar="FILE",
-                     help="record that to FILE.rrd (Rerun) or FILE.mcap (Foxglove); may be repeated")
+                     help="record the observations to FILE.rrd (Rerun) or FILE.mcap (Foxglove); may "
+                     "be repeated")
     out.add_argument("--quiet", action="store_true", help="no progress, no table")
     p.set_defaults(command=_run)
 
@@ -127,15 +128,15 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
     p.set_defaults(command=_view)
 
-    p = commands.add_parser("calibrate", help="what a calibration file says, rectified; import it")
+    p = commands.add_parser("calibrate", help="show a calibration after rectification; convert it")
     p.add_argument("files", nargs="+", metavar="FILE")
     p.add_argument("--calibration-unit", type=float, default=1, metavar="M")
-    p.add_argument("--size", metavar="WxH", help="of the images, for files that do not say")
-    p.add_argument("--output", metavar="FILE", help="write it as own YAML, lengths in m")
-    p.add_argument("--overwrite", action="store_true", help="also where FILE is there")
+    p.add_argument("--size", metavar="WxH", help="size of the images, for files without it")
+    p.add_argument("--output", metavar="FILE", help="write it as our YAML, lengths in m")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
     p.set_defaults(command=_calibrate)
 
-    p = commands.add_parser("priors", help="what prior files hold")
+    p = commands.add_parser("priors", help="content of prior files")
     p.add_argument("files", nargs="+", metavar="FILE|DIR")
     p.set_defaults(command=_priors)
 
@@ -149,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("shell", choices=("bash", "zsh", "tcsh"))
     p.set_defaults(command=_completion)
 
-    p = commands.add_parser("demo", help="track a small simulated corridor: does it work here?")
+    p = commands.add_parser("demo", help="test the installation on a small simulated corridor")
     p.add_argument("--frames", type=int, default=40)
     p.set_defaults(command=_demo)
     return parser
@@ -289,10 +290,10 @@ class _PairWatch:
     def __init__(self) -> None:
         self.history = kys_slam.PairHistory()
 
-    def look_at(self, frame, index: int) -> None:
+    def check(self, frame, index: int) -> None:
         before = self.history.warning
         if self.history.count_frame() and frame.left is not None:
-            self.history.look_at(frame.left, frame.right, index)
+            self.history.check(frame.left, frame.right, index)
         self._tell(before)
 
     def finish(self) -> list:
@@ -364,7 +365,7 @@ def _run(args) -> int:
         for frame in frames:
             if done == 0 and not args.no_check and frame.left is not None:
                 _check_pair(frame)
-            watch.look_at(frame, args.start + done)
+            watch.check(frame, args.start + done)
             mask = masks(frame.name) if masks else None
             segments = None
             if mask and masks.classes:
@@ -513,7 +514,7 @@ def _calibrate(args) -> int:
             raise InputError(f"'{args.size}' is no size: WxH") from None
     if width == 0:
         raise InputError(f"{rig.name}: does not say the size of the images; give --size WxH")
-    rig.settle_size(width, height)
+    rig.set_image_size(width, height)
     camera = rig.rectified()
     print(f"  raw images   {width}x{height} px, cameras {rig.baseline:.5f} m apart"
           + (", rectified already" if camera else ""))

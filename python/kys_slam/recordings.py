@@ -46,7 +46,7 @@ class Recording:
         if self._first is None:
             raise InputError(f"{name}: holds no stereo pair")
         height, width = self._first[2].shape[:2]
-        rig.settle_size(width, height)
+        rig.set_image_size(width, height)
         camera = rig.rectified()
         self._rectifier = None if camera else StereoRectifier(rig)
         self.camera: StereoCamera = camera or self._rectifier.camera

@@ -56,7 +56,7 @@ inline nb::ndarray<nb::numpy, double> pose_to_numpy(const Rigid3& T) {
   return to_numpy(std::move(values), {4, 4});
 }
 
-/// (N, 4, 4) of things that have a pose.
+/// (N, 4, 4) array of the poses of all items.
 template <typename List, typename Pose>
 nb::ndarray<nb::numpy, double> poses_to_numpy(const List& list, Pose&& pose_of) {
   std::vector<double> values;
@@ -65,7 +65,7 @@ nb::ndarray<nb::numpy, double> poses_to_numpy(const List& list, Pose&& pose_of) 
   return to_numpy(std::move(values), {list.size(), 4, 4});
 }
 
-/// (N,) of a number that every item has.
+/// (N,) array of one number per item.
 template <typename T, typename List, typename Value>
 nb::ndarray<nb::numpy, T> column(const List& list, Value&& value_of) {
   std::vector<T> values;
@@ -79,7 +79,7 @@ nb::ndarray<nb::numpy, T> column(const List& list, Value&& value_of) {
 using Times = nb::ndarray<const double, nb::ndim<1>, nb::device::cpu, nb::c_contig>;
 using Poses = nb::ndarray<const double, nb::shape<-1, 4, 4>, nb::device::cpu, nb::c_contig>;
 
-/// \throws InputError when they differ in length, are not finite or no rigid transformations.
+/// \throws InputError when they differ in length, are not finite or are not rigid transformations.
 inline std::vector<TimedPose> to_poses(const Times& times, const Poses& poses) {
   if (times.shape(0) != poses.shape(0)) {
     throw InputError(std::to_string(times.shape(0)) + " time stamps, but " +
@@ -98,7 +98,8 @@ inline std::vector<TimedPose> to_poses(const Times& times, const Poses& poses) {
   return result;
 }
 
-/// The pixels of an array as they lie in memory. \param bgr  order of three channels
+/// A view of the pixels of an array, without a copy.
+/// \param bgr true: three channels are in the order blue, green, red
 /// \throws nb::type_error for other types than uint8 and uint16, InputError for other shapes than
 ///   (H, W), (H, W, 1) and, with uint8, (H, W, 3).
 ImageView view_of(const AnyArray& array, const char* what, bool bgr);

@@ -78,7 +78,7 @@ void bind_camera(nb::module_& m) {
           "size", [](const StereoRig& r) { return nb::make_tuple(r.left.width, r.left.height); },
           nb::for_getter(nb::sig("def size(self) -> tuple[int, int]")),
           "(width, height) of the raw images, px; (0, 0): the file does not say")
-      .def("settle_size", &StereoRig::settle_size, "width"_a, "height"_a,
+      .def("set_image_size", &StereoRig::set_image_size, "width"_a, "height"_a,
            "Raises InputError when the calibration was made for another image size, or when the "
            "baseline is not between 5 mm and 5 m.")
       .def("rectified", &StereoRig::rectified,
@@ -167,13 +167,13 @@ void bind_camera(nb::module_& m) {
       .def("count_frame", &PairHistory::count_frame,
            "The next frame; whether its pair is to be looked at.")
       .def(
-          "look_at",
+          "check",
           [](PairHistory& history, const AnyArray& left, const AnyArray& right, std::int64_t index,
              bool bgr) {
             const ImageView l = view_of(left, "left image", bgr);
             const ImageView r = view_of(right, "right image", bgr);
             const nb::gil_scoped_release released;
-            history.look_at(to_gray(l), to_gray(r), index);
+            history.check(to_gray(l), to_gray(r), index);
           },
           "left"_a, "right"_a, "index"_a, nb::kw_only(), "bgr"_a = false,
           "The pair of that frame; about 20 ms.")

@@ -155,7 +155,7 @@ class Slam {
     std::string text;
     {
       const nb::gil_scoped_release released;
-      outcome = judge_run(*system_, info);
+      outcome = summarise_run(*system_, info);
       kys_slam::write_run(folder, *system_, settings_, schedule_, info, outcome);
       text = describe_run(*system_, info, outcome);
     }

@@ -16,38 +16,38 @@
 
 namespace kys_slam {
 
-/// What the system sees, frame by frame, written to a file descriptor for another process: the
-/// thread that feeds copies numbers into a buffer and shares the image, a thread of its own makes
-/// the image a JPEG and writes both. Python takes no part in either.
+/// Writes the observation of every frame to a file descriptor, for another process. The thread that
+/// feeds copies the numbers and shares the image. A thread of this object encodes the image as JPEG
+/// and writes both. Neither runs Python code.
 ///
 /// A frame is the byte 'F', the length of the rest (u64), the length of a header (u32), the header
-/// (JSON), then the arrays whose sizes the header tells (kys_slam/record_process.py reads them).
+/// (JSON), then the arrays, with sizes from the header (kys_slam/record_process.py reads them).
 class ObservationPipe {
  public:
   /// \param descriptor  duplicated; the caller keeps its own
-  /// \param wait  whether feeding waits when the reader is kCapacity frames behind; false: frames
-  ///   are skipped then. Who is waited for works at a low priority: tracking goes first.
+  /// \param wait  true: feeding waits when the reader is kCapacity frames behind; false: frames are
+  /// skipped. The reader runs at a low priority, so that tracking has precedence.
   /// \param jpeg_quality  of the images, 1 to 100; 0: no images
   ObservationPipe(int descriptor, bool wait, int jpeg_quality);
   ObservationPipe(const ObservationPipe&) = delete;
   ObservationPipe& operator=(const ObservationPipe&) = delete;
   virtual ~ObservationPipe();
 
-  /// \param left  may be empty; must not change any more. The writing thread lets go of it.
-  /// \param segments  bytes of the prior file that came with the frame; empty: none
+  /// \param left  may be empty; must not change afterwards. The writing thread releases it.
+  /// \param segments  bytes of the frame's prior file; empty: none
   void put(const FrameObservation& seen, std::shared_ptr<const GrayImage> left,
            std::span<const std::uint8_t> segments);
 
-  /// Returns when all frames are written, or the reader is gone.
+  /// Returns when all frames are written or the reader has closed the pipe.
   void finish();
 
-  [[nodiscard]] bool broken() const;           ///< the reader is gone
+  [[nodiscard]] bool broken() const;           ///< the reader has closed the pipe
   [[nodiscard]] std::int64_t skipped() const;  ///< frames
 
   static constexpr std::size_t kCapacity = 16;
 
  protected:
-  /// Ends the writing thread. What is not written yet is not written any more.
+  /// Ends the writing thread. Frames not written yet are dropped.
   void stop();
 
  private:
@@ -73,7 +73,7 @@ class ObservationPipe {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Item> queue_;
-  std::vector<Item> spare_;  // their memory is used again
+  std::vector<Item> spare_;  // items whose memory is reused
   std::int64_t skipped_ = 0;
   bool writing_ = false;
   bool broken_ = false;

@@ -102,7 +102,7 @@ def rectified(tmp_path, *texts, unit=1.0):
         files.append(tmp_path / f"{i}.yaml")
         files[-1].write_text(text)
     rig = kys_slam.read_stereo_rig(files, unit)
-    rig.settle_size(*SIZE)
+    rig.set_image_size(*SIZE)
     return kys_slam.StereoRectifier(rig).camera
 
 
@@ -212,7 +212,7 @@ def test_wrong_calibrations_say_so(tmp_path):
     fails("rigid", kalibr(T=2 * T_RIGHT_LEFT))
     with pytest.raises(kys_slam.InputError, match="100x100"):
         rig = kys_slam.rig_from_camera_info(infos, "bag")
-        rig.settle_size(100, 100)
+        rig.set_image_size(100, 100)
 
 
 def test_pair_check(corridor):

@@ -89,7 +89,7 @@ class StereoNode : public rclcpp::Node {
     info.sequence = "ros";
     info.mode = settings_.get("kys.mode");
     kys_slam::write_run(output, *slam_, settings_, kys_slam::Schedule::kRealtime, info,
-                        kys_slam::judge_run(*slam_, info));
+                        kys_slam::summarise_run(*slam_, info));
   }
 
  private:

@@ -6,8 +6,8 @@
 
 namespace kys_slam {
 
-/// What no camera has, or "": a focal length (px) far from the image's size, a principal point far
-/// outside the image, a baseline of more than 1 km.
+/// What is not plausible, or "": a focal length (px) far from the image size, a principal point far
+/// outside the image, a baseline above 1 km.
 std::string implausible_camera(const StereoCamera& camera);
 
 }  // namespace kys_slam

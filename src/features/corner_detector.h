@@ -19,23 +19,23 @@ struct Corner {
 
 struct CornerOptions {
   int threshold = 20;     ///< grey levels
-  int min_threshold = 7;  ///< grey levels, used in cells where the first finds nothing
+  int min_threshold = 7;  ///< grey levels, for cells without a corner at `threshold`
   int margin = 19;        ///< px without corners along the border, at least 4
   int cell = 35;          ///< px, about the side of a cell
 };
 /// For check_options().
 void describe(kys::OptionList& list, CornerOptions& options);
 
-/// FAST-9/16 corners with 3x3 non-maximum suppression and two thresholds (ORB-SLAM): cells in which
-/// a corner reaches `threshold` keep such corners alone, the others those of `min_threshold`. One
-/// pass over the image serves both. Of equal neighbours the first in reading order wins.
+/// FAST-9/16 corners with 3x3 non-maximum suppression and two thresholds (ORB-SLAM): cells with a
+/// corner at `threshold` keep only such corners, other cells the corners at `min_threshold`. One
+/// pass over the image computes both. Of equal neighbours the first in raster order is kept.
 class CornerDetector {
  public:
-  /// Fills `corners`, ordered by row, then column. The image's sides are below 32768.
+  /// Replaces `corners`, ordered by row, then column. The sides of the image are below 32768 px.
   void detect(const GrayImage& image, const CornerOptions& options, std::vector<Corner>& corners);
 
-  /// Where, relative to one of the corners last detected, the paraboloid fitted by least squares to
-  /// the 3x3 scores around it peaks, px; within half a pixel.
+  /// Sub-pixel offset (x, y), px, of a corner of the last detect(): the peak of the paraboloid
+  /// fitted by least squares to its 3x3 scores; at most half a pixel.
   [[nodiscard]] std::array<float, 2> subpixel(const Corner& corner) const;
 
  private:
@@ -60,12 +60,12 @@ class CornerDetector {
   std::vector<std::uint8_t> strong_;       // per cell: a corner reaches the threshold
   std::vector<std::uint32_t> column_of_;   // cell column by x - origin_; none outside the margin
   std::vector<std::size_t> column_begin_;  // the first x - origin_ of each, and one past the last
-  std::vector<std::uint64_t> weak_cells_;  // of a row of cells, a bit per pixel: none does
+  std::vector<std::uint64_t> weak_cells_;  // of a row of cells, a bit per pixel: no corner does
 };
 
 /// FAST-9/16 score of every pixel: the largest threshold t at which nine contiguous pixels of the
-/// circle of radius 3 are all brighter than the centre by more than t, or all darker; 0 where it is
-/// no corner at `min_threshold`, and in the outer `margin` (at least 3) pixels.
+/// circle of radius 3 are all brighter than the centre by more than t, or all darker; 0 where there
+/// is no corner at `min_threshold`, and in the outer `margin` (at least 3) pixels.
 GrayImage fast_score_map(const GrayImage& image, int min_threshold, int margin);
 
 }  // namespace kys_slam

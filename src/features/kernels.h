@@ -4,21 +4,21 @@
 #include <cstdint>
 #include <span>
 
-/// The inner loops of the ORB extractor over plain memory, compiled once per instruction set from
-/// kernels.inc. Every variant gives the same bytes; kernels() picks the fastest this machine runs.
+/// The inner loops of the ORB extractor, compiled once per instruction set from kernels.inc. Every
+/// variant gives the same bytes; kernels() returns the fastest one for this machine.
 namespace kys_slam::kernels {
 
 /// Pixels of a row that are scored and suppressed together.
 inline constexpr int kScoreGroup = 64;
-/// Output pixels that one reduction group (see ResizeGroup) makes.
+/// Output pixels of one reduction group (see ResizeGroup).
 inline constexpr int kResizeGroup = 8;
 /// Radius of the patch whose intensity centroid orients a keypoint, px (ORB).
 inline constexpr int kPatchRadius = 15;
 /// Point pairs of a descriptor.
 inline constexpr int kPairs = 256;
 
-/// How eight neighbouring output pixels of a row are made from at most 16 input pixels:
-/// out[i] = (in[first + left[2 i]] w[2 i] + in[first + left[2 i + 1]] w[2 i + 1]) / 256.
+/// Taps of eight neighbouring output pixels of a row, from at most 16 input pixels: out[i] =
+/// (in[first + left[2 i]] w[2 i] + in[first + left[2 i + 1]] w[2 i + 1]) / 256.
 struct ResizeGroup {
   std::uint8_t tap[16];     ///< offsets of the two taps of each output, from `first`
   std::uint8_t weight[16];  ///< their weights, which add up to 256
@@ -36,8 +36,8 @@ struct Kernels {
   /// FAST-9/16 score of `count` pixels of a row from `row`: the largest threshold t for which nine
   /// contiguous circle pixels are all > I + t or all < I - t, or 0 where that is below
   /// `min_threshold`. Reads three pixels beyond on each side and three rows above and below.
-  /// `groups[i]` tells whether the i-th group of kScoreGroup pixels has a non-zero score. `score`
-  /// must have room for whole groups; what lies beyond `count` is set to 0.
+  /// `groups[i]` is non-zero when the i-th group of kScoreGroup pixels has a non-zero score.
+  /// `score` must have room for whole groups; scores beyond `count` are set to 0.
   void (*fast_score)(const std::uint8_t* row, std::ptrdiff_t stride, int count, int min_threshold,
                      std::uint8_t* score, std::uint8_t* groups);
 
@@ -76,9 +76,9 @@ struct Kernels {
                    float cosine, float sine, std::uint64_t* words);
 };
 
-/// The fastest variant this machine runs.
+/// The fastest variant for this machine.
 const Kernels& kernels();
-/// All variants this machine runs, the plain one first.
+/// All variants for this machine, the portable one first.
 std::span<const Kernels* const> available_kernels();
 
 }  // namespace kys_slam::kernels

@@ -20,8 +20,8 @@ void describe(kys::OptionList& list, OrbOptions& o) {
   list.add("orb.levels", o.levels, {1, 32}, "", "pyramid levels");
   list.add("orb.fast_threshold", o.fast_threshold, {1, 254}, "grey levels", "FAST threshold");
   list.add("orb.fast_min_threshold", o.fast_min_threshold, {1, 254}, "grey levels",
-           "FAST threshold where a cell finds nothing with the first");
-  list.add("orb.subpixel", o.subpixel, "corners placed to a fraction of a pixel");
+           "FAST threshold for cells without a corner at fast_threshold");
+  list.add("orb.subpixel", o.subpixel, "sub-pixel positions of corners");
   list.require(o.fast_threshold >= o.fast_min_threshold,
                "orb.fast_threshold must be at least orb.fast_min_threshold");
 }

@@ -16,10 +16,10 @@ struct OrbOptions {
   double scale_factor = 1.2;   ///< between two pyramid levels
   int levels = 8;              ///< pyramid levels
   int fast_threshold = 20;     ///< grey levels
-  int fast_min_threshold = 7;  ///< grey levels, used in cells where the first finds nothing
-  /// Positions to a fraction of a pixel, from the scores around a corner (halves the error of
-  /// matched corners: 0.45 to 0.26 px rms on KITTI images moved by known amounts, 0.49 to 0.32 on
-  /// EuRoC). Orientation and descriptor stay at the pixel.
+  int fast_min_threshold = 7;  ///< grey levels, for cells without a corner at fast_threshold
+  /// Sub-pixel positions from the scores around a corner. Reduces the error of matched corners from
+  /// 0.45 to 0.26 px rms on KITTI images shifted by known amounts, from 0.49 to 0.32 px on EuRoC.
+  /// Orientation and descriptor are computed at whole pixels.
   bool subpixel = true;
 };
 /// For check_options().
@@ -36,8 +36,8 @@ class OrbExtractor {
   OrbExtractor(OrbExtractor&&) noexcept;
   OrbExtractor& operator=(OrbExtractor&&) noexcept;
 
-  /// Fills `features`, ordered by octave and then as the quadtree leaves them. An image without
-  /// texture gives none; it is not an error.
+  /// Replaces `features`, ordered by octave, then in the order of the quadtree. An image without
+  /// texture gives no features and no error.
   void extract(const GrayImage& image, FeatureSet& features);
 
   /// Pyramid of the last image extracted; valid until the next call.

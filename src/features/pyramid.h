@@ -11,21 +11,21 @@
 namespace kys_slam {
 
 /// Grey image pyramid: level l is the input reduced by scale_factor^l (bilinear), not blurred. A
-/// level too small to hold a pixel is empty.
+/// level below one pixel is empty.
 struct ImagePyramid {
   std::vector<GrayImage> levels;
 
-  /// Pixel of a level from a pixel of the full image, and back. Levels show the same field of view,
-  /// so it is the corners of the images that coincide, not the centres of their first pixels.
+  /// Pixel of a level from a pixel of the full image, and back. All levels have the same field of
+  /// view: the corners of the images coincide, not the centres of their first pixels.
   [[nodiscard]] Eigen::Vector2f to_level(std::size_t octave, float x, float y) const;
   [[nodiscard]] Eigen::Vector2f to_full(std::size_t octave, float x, float y) const;
 };
 
-/// Reduces images by bilinear interpolation (pixel areas aligned, edges repeated), in fixed point:
+/// Reduces images by bilinear interpolation (pixel areas aligned, edges repeated) in fixed point,
 /// within one grey level of the exact value. Keeps its tables between calls with the same sizes.
 class Reducer {
  public:
-  /// Fills `to`, whose size is set, from `from`..
+  /// Fills `to`, whose size is set by the caller, from `from`.
   void reduce(const GrayImage& from, GrayImage& to);
 
  private:

@@ -13,10 +13,10 @@ struct PointAlignment {
   Rigid3 T;
 };
 
-/// The motion with least sum of weights * |points_a - (scale * R * points_b + t)|^2 (Umeyama, PAMI
-/// 1991). `weights` may be empty (all one); otherwise non-negative, one each. The scale stays one
-/// unless asked for. Nothing if there are fewer than three points, or they lie on a line (their
-/// second singular value is no more than `min_spread` of the first), or one is not finite.
+/// The alignment with least sum of weights * |points_a - (scale * R * points_b + t)|^2 (Umeyama,
+/// PAMI 1991); points in m. `weights` is empty (all one) or has one non-negative value per point.
+/// The scale is 1 unless `with_scale`. Nothing if there are fewer than three points, if they lie on
+/// a line (second singular value at most `min_spread` times the first), or if one is not finite.
 /// \throws std::invalid_argument if the lengths differ.
 std::optional<PointAlignment> align_points(std::span<const Eigen::Vector3d> points_a,
                                            std::span<const Eigen::Vector3d> points_b,

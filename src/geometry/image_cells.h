@@ -8,7 +8,7 @@
 
 namespace kys_slam {
 
-/// Square cells over the left image, for counting area in the place of features.
+/// Square cells over the left image, to count image area instead of features.
 class ImageCells {
  public:
   /// \param columns across the image's width, at least one
@@ -21,7 +21,8 @@ class ImageCells {
   [[nodiscard]] std::size_t size() const {
     return static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_);
   }
-  /// Cell of a pixel, row-major; the nearest cell outside of the image. Coordinates are finite.
+  /// Cell of a pixel (px), row-major; outside the image the nearest cell. Coordinates must be
+  /// finite.
   [[nodiscard]] std::size_t index(float u, float v) const {
     const int column =
         static_cast<int>(std::clamp(u / side_, 0.0f, static_cast<float>(columns_ - 1)));
@@ -35,9 +36,9 @@ class ImageCells {
   int rows_;
 };
 
-/// Cells across the image's width. Coarse cells count area best: measured on tuning streets, a
-/// truck with most matches holds 0.27-0.44 of the area at 6 to 12 columns, the street 0.56-0.68; at
-/// 32 columns the two are equal.
+/// Cells across the image width. Coarse cells measure area best. On streets of the tuning seeds, a
+/// truck with most matches holds 0.27-0.44 of the area at 6 to 12 columns, the static scene
+/// 0.56-0.68. At 32 columns the two are equal.
 inline constexpr int kAreaColumns = 10;
 
 }  // namespace kys_slam

@@ -7,7 +7,7 @@
 
 namespace kys_slam {
 
-/// A sum of squares around a pose T_a_b, by the increment of plus_left().
+/// Normal equations of a least-squares problem at a pose T_a_b, over the increment of plus_left().
 struct PoseNormalEquations {
   Eigen::Matrix<double, 6, 6> hessian;   ///< J^T W J
   Eigen::Matrix<double, 6, 1> gradient;  ///< J^T W r
@@ -16,15 +16,15 @@ struct PoseNormalEquations {
 
 struct PoseMinimisation {
   int iterations = 10;
-  double damping = 1e-6;         ///< of the first step, share of the hessian's diagonal
-  double cost_tolerance = 1e-7;  ///< stop when the cost falls by less than this share
-  double step_tolerance = 1e-9;  ///< rad and m: far below what a pixel can tell
+  double damping = 1e-6;         ///< of the first step, relative to the diagonal of the Hessian
+  double cost_tolerance = 1e-7;  ///< stop when the relative decrease of the cost is smaller
+  double step_tolerance = 1e-9;  ///< rad and m
 };
 
-/// Levenberg-Marquardt over one pose. It stands where Ceres' TinySolver could: that one asks for
-/// residuals and a Jacobian as matrices, where our problems sum up their 6x6 equations at once.
-/// \param linearise Rigid3 to PoseNormalEquations
-/// \returns the best pose met
+/// Levenberg-Marquardt over one pose. Ceres' TinySolver is not used because it needs residuals and
+/// Jacobian as matrices, while our problems accumulate their 6x6 equations directly.
+/// \param linearise function from Rigid3 to PoseNormalEquations
+/// \returns the pose with the least cost found
 template <typename Linearise>
 Rigid3 minimise_pose(Rigid3 T_a_b, const PoseMinimisation& options, const Linearise& linearise) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;

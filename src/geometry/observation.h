@@ -4,7 +4,7 @@
 
 namespace kys_slam {
 
-/// Where a point is seen in a rectified stereo pair.
+/// Observation of a point in a rectified stereo pair.
 struct StereoPixel {
   float u = 0;                                              ///< px, left image
   float v = 0;                                              ///< px

@@ -33,8 +33,8 @@ class SampleGenerator {
   std::mt19937_64 engine_;
 };
 
-/// Samples of `size` needed to meet one without outliers with probability `confidence` when
-/// `inliers` of `count` are good (Fischler and Bolles), no more than `limit`.
+/// Number of samples of `size` that contain one without outliers with probability `confidence`,
+/// when `inliers` of `count` are inliers (Fischler and Bolles 1981); at most `limit`.
 inline int ransac_iterations(std::size_t inliers, std::size_t count, int size, double confidence,
                              int limit) {
   if (count == 0 || inliers == 0) return limit;

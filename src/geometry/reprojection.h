@@ -7,9 +7,9 @@
 
 namespace kys_slam {
 
-/// Nearer than this a point counts as behind the camera. Inverse depth goes on linearly below it
-/// (value and slope continuous), so that no step of an optimiser meets an infinity or a NaN and a
-/// point that strays behind the camera is pushed back in front.
+/// Points nearer than this count as behind the camera. Below it inverse depth continues linearly
+/// (value and slope continuous). So no step of an optimiser gives an infinity or a NaN, and a point
+/// behind the camera is moved back in front of it.
 inline constexpr double kMinDepth = 0.05;  // m
 
 /// 1/z and its derivative for z >= kMinDepth, continued linearly below.
@@ -29,22 +29,22 @@ struct InverseDepth {
   }
 };
 
-/// False for a position that is not finite, or so far off that its square could overflow.
+/// False for a position (m) that is not finite, or so far away that its square could overflow.
 inline bool is_usable(const Eigen::Vector3d& p_w) {
   return (p_w.array().abs() < 1e9).all();  // false for NaN
 }
-/// False for a measurement that is not finite or absurd; `u_right` may be NaN (monocular).
+/// False for a measurement that is not finite or not plausible; `u_right` may be NaN (monocular).
 inline bool is_usable(double u, double v, double u_right, double inv_sigma) {
   constexpr double kFarthest = 1e7;  // px
   return std::abs(u) < kFarthest && std::abs(v) < kFarthest &&
          (std::isnan(u_right) || std::abs(u_right) < kFarthest) && inv_sigma > 0 && inv_sigma < 1e6;
 }
 
-/// Predicted minus observed (u, v, disparity) of point `p_c` in the left camera frame, in px; the
-/// third is meaningless for a monocular observation. The disparity, and not u_right, because its
-/// error is nearly independent of that of u: stereo matching slides the patch around the left
-/// keypoint, so where that lies in the world shifts both columns alike (measured on exact
-/// disparities: the errors of u and u_right have a correlation of 0.95).
+/// Reprojection error: predicted minus observed (u, v, disparity), px, of a point `p_c` (m) in the
+/// left camera frame. The third is undefined for a monocular observation. It is the disparity and
+/// not u_right because the error of the disparity is nearly independent of that of u: stereo
+/// matching shifts the patch around the left keypoint, so an error of u shifts both columns alike.
+/// Measured on exact disparities, the errors of u and u_right have a correlation of 0.95.
 inline Eigen::Vector3d reprojection_error(const StereoCamera& camera, const Eigen::Vector3d& p_c,
                                           double u, double v, double u_right) {
   const InverseDepth inverse(p_c.z());

@@ -2,13 +2,12 @@
 
 #include <kys_slam/rigid3.h>
 
-/// Derivatives on SO(3), and the increment of a pose that most solvers use. There are two:
-///   plus_left()  on the left, x_a -> exp(w) x_a + v: bundle adjustment, poses of frames and of
-///                loops, moving things
-///   plus()       rotation and translation apart (rigid3.h): pose graph, flow of the prior builder,
-///                and what the public API tells of uncertainty
-/// Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
-/// robotics", arXiv 1812.01537, eqs. 145-146.
+/// Derivatives on SO(3), and the pose increment that most solvers use. Two increments are in use:
+/// plus_left()  on the left, x_a -> exp(w) x_a + v: bundle adjustment, poses of frames and of
+/// loops, motion of instances plus()       rotation and translation decoupled (rigid3.h): pose
+/// graph, ego-motion of the prior builder, covariances in the public API Formulas: Sola, Deray and
+/// Atchuthan, "A micro Lie theory for state estimation in robotics", arXiv 1812.01537, eqs.
+/// 145-146.
 namespace kys_slam {
 
 /// Left Jacobian of SO(3): exp(w + d) = exp(J_l(w) d) exp(w) to first order in d.
@@ -33,8 +32,8 @@ inline Eigen::Matrix3d so3_left_jacobian_inverse(const Eigen::Vector3d& w) {
   return Eigen::Matrix3d::Identity() - 0.5 * W + c * W * W;
 }
 
-/// The increment on the left, p_a -> exp(w) p_a + v: for solvers whose derivatives are those of the
-/// points in frame a, [-hat(p_a), I] whatever T_a_b is. With that of plus(): v = v_plus + hat(t) w.
+/// The increment on the left, p_a -> exp(w) p_a + v: the derivative of a point in frame a is
+/// [-hat(p_a), I], independent of T_a_b. Relation to plus(): v = v_plus + hat(t) w.
 inline Rigid3 plus_left(const Rigid3& T_a_b, const Eigen::Matrix<double, 6, 1>& delta) {
   const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
   return {turn * T_a_b.rotation, turn * T_a_b.translation + delta.tail<3>()};

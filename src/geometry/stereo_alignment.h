@@ -13,7 +13,7 @@
 
 namespace kys_slam {
 
-/// A landmark of keyframe a taken to be the same as one of keyframe b.
+/// A landmark of keyframe a matched to a landmark of keyframe b.
 struct PointMatch {
   Eigen::Vector3d p_a;  ///< m, frame of camera a
   Eigen::Vector3d p_b;  ///< m, frame of camera b
@@ -23,16 +23,16 @@ struct PointMatch {
 
 struct RansacOptions {
   std::uint64_t seed = 0;
-  int iterations = 300;       ///< at most; fewer as soon as `confidence` is reached
-  double confidence = 0.999;  ///< of having met a sample without outliers
-  int min_inliers = 10;       ///< fewer is no success
+  int iterations = 300;       ///< largest number; fewer when `confidence` is reached
+  double confidence = 0.999;  ///< probability of a sample without outliers
+  int min_inliers = 10;       ///< with fewer, no success
   double chi2_mono = kChi2Mono99;
   double chi2_stereo = kChi2Stereo99;
 };
 /// For check_options().
 void describe(kys::OptionList& list, RansacOptions& options);
 
-/// What a RANSAC over matches found. Without success T is the identity and there is no inlier.
+/// Result of RANSAC over matches. Without success T is the identity and there are no inliers.
 struct RansacResult {
   bool success = false;
   Rigid3 T;
@@ -41,11 +41,11 @@ struct RansacResult {
   int iterations = 0;
 };
 
-/// T_a_b between two keyframes from matched landmarks, for closing loops over SE(3): samples of
-/// three (Horn's solution), inliers by the reprojection error in both cameras (the landmark of each
-/// seen by the other; ORB-SLAM Sec. VII-B without scale), refined over both errors. A landmark is
-/// taken to be as uncertain as its stereo pixel makes it, which matters for far ones seen from
-/// places apart. Monocular pixels are tested in the left image alone. Same seed, same answer.
+/// T_a_b between two keyframes from matched landmarks, to close loops over SE(3): samples of three
+/// (Horn's solution), inliers by the reprojection error in both cameras (ORB-SLAM Sec. VII-B
+/// without scale), refinement over both errors. The uncertainty of a landmark is that of its stereo
+/// pixel, which matters for far landmarks. Monocular pixels are tested in the left image only. The
+/// same seed gives the same result.
 RansacResult align_se3_ransac(const StereoCamera& camera, std::span<const PointMatch> matches,
                               const RansacOptions& options);
 

@@ -96,7 +96,7 @@ StereoRectifier read_rectifier(const fs::path& mav, const fs::path& first) {
     StereoRig rig = read_stereo_rig(camchain);
     if (!first.empty()) {
       const ImageInfo image = read_image_info(first);
-      rig.settle_size(image.width, image.height);
+      rig.set_image_size(image.width, image.height);
     }
     return {rig.left, rig.right, rig.name};
   }

@@ -374,7 +374,7 @@ FeatureObject decode_object(ByteReader& r, std::int64_t frames) {
   }
   o.first_frame = r.u32();
   const std::uint32_t poses = r.u32();
-  const bool stands = o.kind == FeatureObject::Kind::kStanding;
+  const bool stands = o.kind == FeatureObject::Kind::kStatic;
   require(poses > 0 && (stands ? poses == 1 : o.first_frame + poses <= frames),
           "an object's poses leave the sequence");
   require(poses <= r.left() / 56, "too short");

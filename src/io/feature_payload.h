@@ -8,20 +8,21 @@
 #include <span>
 #include <vector>
 
-/// What version 2 of the feature file packs: frames and truth, as bytes before and after deflate.
-/// Byte by byte in tools/simulator/README.md. Every decoder treats its bytes as hostile and throws
-/// std::runtime_error saying what is wrong; the caller names the file.
+/// Frames and ground truth in version 2 of the feature file, as bytes before and after deflate.
+/// tools/simulator/README.md describes them byte by byte. Decoders do not trust their input: they
+/// throw std::runtime_error with what is wrong, and the caller adds the file name.
 namespace kys_slam {
 
 std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t seed);
 FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t seed);
 
 std::vector<std::uint8_t> encode_truth(const FeatureTruth& truth);
-/// \param frames  of the file: poses of objects must lie within
+/// \param frames  number of frames; the poses of objects must lie within
 FeatureTruth decode_truth(std::span<const std::uint8_t> bytes, std::int64_t frames);
 
 std::vector<std::uint8_t> deflate(std::span<const std::uint8_t> bytes);
-/// \param size  of the result. \throws std::runtime_error when the bytes do not give that
+/// \param size  bytes of the result
+/// \throws std::runtime_error when the input does not decode to that size
 std::vector<std::uint8_t> inflate(std::span<const std::uint8_t> bytes, std::size_t size);
 
 }  // namespace kys_slam

@@ -106,7 +106,7 @@ std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::
     set_times(left, options, content.frames);
   }
   const ImageInfo info = read_image_info(content.frames.front().left);
-  rig.settle_size(info.width, info.height);
+  rig.set_image_size(info.width, info.height);
   if (const auto camera = rig.rectified()) {
     content.camera = *camera;
   } else {

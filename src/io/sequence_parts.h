@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-/// Pieces shared by the readers of the sequence layouts. All throw InputError naming the file.
+/// Functions shared by the readers of the sequence layouts. All throw InputError naming the file.
 namespace kys_slam {
 
-/// Of KITTI Tracking and Virtual KITTI, which come without time stamps.
+/// Of KITTI Tracking and Virtual KITTI 2, which have no time stamps.
 inline constexpr double kFrameRate = 10.0;  // Hz
 
 /// The folder as given, without a trailing slash, made absolute.
@@ -20,8 +20,8 @@ std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 /// PNG and JPEG files of a folder, sorted by name. Throws when there are none.
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
-/// Pairs left and right images by the digits their stems end in; every left image must have its
-/// right one and the other way round. Time stamps are left at zero.
+/// Pairs left and right images by the digits their stems end in; every image must have its partner
+/// in the other camera. Time stamps are 0.
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
 
@@ -39,8 +39,8 @@ StereoCamera kitti_camera(const std::filesystem::path& calibration, const std::s
 /// Poses relative to the first one: T_w_c(i) <- T_w_c(0)^-1 T_w_c(i).
 void make_relative_to_first(std::vector<TimedPose>& poses);
 
-/// Cuts frames (and, when there is one per frame, ground truth) to the part asked for.
-/// \throws InputError when nothing is left.
+/// Selects the part given by `options`, of frames and of ground truth that has one pose per frame.
+/// \throws InputError when the part is empty.
 std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
                                         const std::filesystem::path& folder);
 

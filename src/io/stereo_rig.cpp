@@ -385,7 +385,7 @@ std::optional<StereoCamera> StereoRig::rectified() const {
   return StereoCamera{left.width, left.height, left.fx, left.fy, left.cx, left.cy, t.x()};
 }
 
-void StereoRig::settle_size(int width, int height) {
+void StereoRig::set_image_size(int width, int height) {
   for (RawCamera* camera : {&left, &right}) {
     if (camera->width == 0) camera->width = width;
     if (camera->height == 0) camera->height = height;

@@ -11,9 +11,9 @@ namespace kys_slam {
 void describe(kys::OptionList& list, FullBundleOptions& o) {
   list.add("full_bundle.enabled", o.enabled, "bundle adjustment of the whole map after a loop");
   list.add("full_bundle.min_delay", o.min_delay, {0, 1e9}, "keyframes",
-           "after which its result is taken over ...");
+           "after which its result is applied ...");
   list.add("full_bundle.keyframes_per_step", o.keyframes_per_step, {1, 1e9}, "",
-           "... and one more for every so many keyframes of the map");
+           "... plus one per this many keyframes of the map");
   describe(list, o.bundle, "full_bundle.");
 }
 
@@ -107,7 +107,7 @@ void FullBundle::take_over(Map& map, const Job& job) const {
   IdTable<KeyFrameId, Rigid3> corrected;
   for (std::size_t k = 0; k < job.keyframes.size(); ++k) {
     const KeyFrameId id = job.keyframes[k];
-    if (!map.has(id) || job.summary.loose[k] != 0) continue;
+    if (!map.has(id) || job.summary.unconstrained[k] != 0) continue;
     // What local mapping did meanwhile stays: the correction comes on top.
     const Rigid3& now = map.keyframe(id).T_c_w;
     corrected.put(id, same(now, job.T_c_w[k])
@@ -134,7 +134,7 @@ void FullBundle::take_over(Map& map, const Job& job) const {
   }
   std::vector<std::uint8_t> held(job.landmarks.size(), 0);
   for (const BundleProblem::Observation& o : job.problem.observations) {
-    if (job.summary.loose[o.pose] == 0) held[o.point] = 1;
+    if (job.summary.unconstrained[o.pose] == 0) held[o.point] = 1;
   }
   std::vector<std::pair<LandmarkId, Eigen::Vector3d>> positions;
   for (std::size_t k = 0; k < job.landmarks.size(); ++k) {

@@ -15,34 +15,34 @@ namespace kys_slam {
 
 struct FullBundleOptions {
   bool enabled = true;
-  int min_delay = 5;            ///< keyframes after its start that the result is taken over ...
-  int keyframes_per_step = 20;  ///< ... and one more for so many keyframes of the map
+  int min_delay = 5;            ///< keyframes from its start until the result is applied ...
+  int keyframes_per_step = 20;  ///< ... and one more per this many keyframes of the map
   BundleOptions bundle;
 };
 /// For check_options().
 void describe(kys::OptionList& list, FullBundleOptions& options);
 
-/// Bundle adjustment of a whole sub-map beside the running system. It works on a copy; the result
-/// is taken over a number of keyframes later that depends on the map alone, so that the answer does
-/// not depend on how fast it was. What was made or moved meanwhile keeps its place relative to what
-/// it hangs on (ORB-SLAM2, Sec. III-D).
+/// Bundle adjustment of a whole sub-map in parallel with the running system (ORB-SLAM2, Sec.
+/// III-D). It works on a copy. The result is applied after a number of keyframes that depends on
+/// the map alone, so that results do not depend on speed. Keyframes and landmarks added or moved
+/// since the start keep their pose relative to their parent or reference keyframe.
 class FullBundle {
  public:
-  /// \param threaded false: `start` does the work itself
+  /// \param threaded false: `start` runs the adjustment in the caller's thread
   FullBundle(const FullBundleOptions& options, bool threaded);
   FullBundle(const FullBundle&) = delete;
   FullBundle& operator=(const FullBundle&) = delete;
   ~FullBundle();
 
-  /// Begins with a sub-map as it is now; a job under way is dropped.
+  /// Starts with a copy of the sub-map. A running job is dropped.
   void start(const Map& map, KeyFrameId submap, KeyFrameId current);
-  /// Takes the result over when it is due at this keyframe, waiting for it if need be. Returns
-  /// whether it did.
+  /// Applies the result when it is due at this keyframe, and waits for it if necessary. Returns
+  /// whether the map was changed.
   bool take_over_if_due(Map& map, KeyFrameId current);
-  /// Takes over what is under way, waiting for it.
+  /// Waits for a running job and applies its result. Returns whether the map was changed.
   bool finish(Map& map);
   void cancel();
-  /// Stops the work and all later work early; nothing is taken over any more. From any thread.
+  /// Stops this job and all later jobs early; no result is applied any more. Thread-safe.
   void interrupt();
 
  private:

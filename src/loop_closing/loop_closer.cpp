@@ -14,19 +14,22 @@ void describe(kys::OptionList& list, LoopOptions& o) {
   list.add("loop.min_gap", o.min_gap, {0, 1e9}, "keyframes", "between two loops");
   list.add("loop.candidates", o.candidates, {0, 100}, "", "places verified per keyframe");
   list.add("loop.min_votes", o.min_votes, {0, 60000}, "",
-           "features voting for a place below which it is skipped");
-  list.add("loop.neighbours", o.neighbours, {0, 1000}, "", "covisible keyframes asked to confirm");
-  list.add("loop.min_confirming", o.min_confirming, {0, 1000}, "", "of these have to");
+           "votes of features below which a place is skipped");
+  list.add("loop.neighbours", o.neighbours, {0, 1000}, "",
+           "covisible keyframes tested for confirmation");
+  list.add("loop.min_confirming", o.min_confirming, {0, 1000}, "",
+           "number of these that must confirm");
   list.add("loop.min_neighbour_inliers", o.min_neighbour_inliers, {0, 60000}, "",
-           "landmarks of the place each of them has to see");
+           "landmarks of the place that each of them must match");
   list.add("loop.max_neighbour_shift", o.max_neighbour_shift, {0, 1000}, "m, and m/m",
-           "between where one is found and where it should be: this much and this share of its "
-           "distance");
+           "between the verified and the expected position of one: this much plus this share of "
+           "its distance");
   list.add("loop.max_neighbour_turn", o.max_neighbour_turn, {0, 180}, "deg",
-           "between where one is found and where it should be");
+           "between the verified and the expected orientation of one");
   list.add("loop.essential_weight", o.essential_weight, {1, 1e6}, "",
-           "shared landmarks that make an edge of the pose graph");
-  list.add("loop.graph_iterations", o.graph_iterations, {0, 1000}, "", "of the pose graph at most");
+           "shared landmarks of an edge of the essential graph");
+  list.add("loop.graph_iterations", o.graph_iterations, {0, 1000}, "",
+           "largest number of iterations of the pose graph");
   const kys::OptionList::Fixed fixed(list);
   describe(list, o.verification);  // set as place.*
   describe(list, o.fusion, "loop.");

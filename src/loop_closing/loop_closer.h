@@ -19,14 +19,14 @@ namespace kys_slam {
 struct LoopOptions {
   bool enabled = true;
   int min_gap = 10;                  ///< keyframes between two loops
-  std::size_t candidates = 3;        ///< of the place index, verified in this order
+  std::size_t candidates = 3;        ///< number of candidates of the place index that are verified
   int min_votes = 15;                ///< features that vote for a candidate; fewer: not verified
-  std::size_t neighbours = 5;        ///< covisible keyframes that are asked to confirm
-  int min_confirming = 2;            ///< of these have to
-  int min_neighbour_inliers = 25;    ///< landmarks of the place each has to see
-  double max_neighbour_shift = 0.1;  ///< m, and as a share of its distance from the keyframe
-  double max_neighbour_turn = 2;     ///< deg, between where it is found and where it should be
-  int essential_weight = 100;        ///< shared landmarks that make an edge of the pose graph
+  std::size_t neighbours = 5;        ///< covisible keyframes that are tested for confirmation
+  int min_confirming = 2;            ///< number of these that must confirm
+  int min_neighbour_inliers = 25;    ///< landmarks of the place that each must match
+  double max_neighbour_shift = 0.1;  ///< m, and share of its distance from the keyframe
+  double max_neighbour_turn = 2;     ///< deg, between its verified and its expected orientation
+  int essential_weight = 100;        ///< shared landmarks of an edge of the essential graph
   int graph_iterations = 20;
   PlaceVerificationOptions verification;
   FusionOptions fusion{10, 0, 4, 50};
@@ -34,7 +34,7 @@ struct LoopOptions {
 /// For check_options().
 void describe(kys::OptionList& list, LoopOptions& options);
 
-/// ms of the steps, and what came of one keyframe.
+/// Times (ms) and result of loop closing for one keyframe.
 struct LoopReport {
   double query = 0;
   double verify = 0;
@@ -44,7 +44,7 @@ struct LoopReport {
   std::int64_t closed_frame = 0;     ///< its frame
   bool merged = false;               ///< ... which belonged to another sub-map
   double distance = 0;               ///< m, between the two keyframes as verified
-  double gap = 0;                    ///< m, translation the loop took away
+  double gap = 0;                    ///< m, translation error that the loop corrected
   double gap_deg = 0;
   int fused = 0;  ///< landmarks
   kys::Statistics statistics;
@@ -52,16 +52,17 @@ struct LoopReport {
 };
 
 /// Recognises that a new keyframe is at a known place and corrects the map: drift within a sub-map
-/// is spread over the essential graph; two sub-maps that meet become one (ORB-SLAM, Sec. VII;
-/// ORB-SLAM3, Sec. VI). All over SE(3), as stereo fixes scale. Owns no thread.
+/// is distributed over the essential graph, and two sub-maps are merged (ORB-SLAM, Sec. VII;
+/// ORB-SLAM3, Sec. VI). Over SE(3), because stereo observes scale. Owns no thread.
 class LoopCloser {
  public:
-  /// \param model has to outlive the closer
+  /// \param model must outlive the closer
   LoopCloser(const LoopOptions& options, const LocalBundleOptions& bundle,
              const kys::DistanceModel& model)
       : options_(checked(options)), bundle_(checked(bundle)), model_(&model) {}
 
-  /// After local mapping of the keyframe. \param index holds the map's landmarks
+  /// Call it after local mapping of the keyframe.
+  /// \param index of the landmarks of the map
   LoopReport process(Map& map, KeyFrameId current, const PlaceIndex& index,
                      const std::atomic<bool>* stop = nullptr);
 

@@ -19,22 +19,24 @@ void describe(kys::OptionList& list, PlaceVerificationOptions& o) {
   list.add("place.descriptor_ratio", o.descriptor_ratio, {0.1, 10}, "",
            "best over second best distance");
   list.add("place.min_descriptor_matches", o.min_descriptor_matches, {3, 60000}, "",
-           "such matches below which it is another place");
-  list.add("place.min_aligned", o.min_aligned, {3, 60000}, "", "matches that agree on one motion");
+           "such matches below which the place is rejected");
+  list.add("place.min_aligned", o.min_aligned, {3, 60000}, "",
+           "inliers of the alignment below which the place is rejected");
   list.add("place.wide_radius", o.wide_radius, {0.5, 1000}, "px",
            "search radius after the alignment, octave 0");
   list.add("place.narrow_radius", o.narrow_radius, {0.5, 1000}, "px", "after the first refinement");
   list.add("place.search_distance", o.search_distance, {1, 1e6}, "bits",
            "largest distance of a match there");
   list.add("place.min_inliers", o.min_inliers, {3, 60000}, "",
-           "landmarks that fit the refined pose");
-  list.add("place.min_share", o.min_share, {0, 1}, "", "of the landmarks that should be in view");
+           "inlier landmarks of the refined pose below which the place is rejected");
+  list.add("place.min_share", o.min_share, {0, 1}, "",
+           "least share of inliers in the landmarks predicted in view");
   list.add("place.min_area", o.min_area, {0, 1}, "",
-           "share of the image area with landmarks in view that has matches");
+           "least share of the image area with landmarks in view that has matches");
   list.add("place.min_observers", o.min_observers, {0, 1000}, "",
-           "keyframes of the place that ...");
+           "least number of keyframes of the place that ...");
   list.add("place.min_observed", o.min_observed, {0, 60000}, "",
-           "... see this many of those that fit");
+           "... observe at least this many of the inliers");
   list.add("place.seed", o.seed, {0, 1e9}, "", "of the samples of the alignment");
   const kys::OptionList::Fixed fixed(list);
   list.add("place.first_window", o.first_window, {0, 1000});

@@ -9,7 +9,7 @@ void describe(kys::OptionList& list, RelocalizationOptions& o) {
            "look for lost frames in the whole map, start a new sub-map when that fails");
   list.add("relocalization.candidates", o.candidates, {0, 100}, "", "places verified per frame");
   list.add("relocalization.patience", o.patience, {1, 1e9}, "frames",
-           "not recognised before one of them starts a new sub-map");
+           "that are not recognised until one of them starts a new sub-map");
   const kys::OptionList::Fixed fixed(list);
   describe(list, o.verification);  // set as place.*
 }

@@ -13,14 +13,14 @@ namespace kys_slam {
 struct RelocalizationOptions {
   bool enabled = true;
   std::size_t candidates = 5;  ///< places verified
-  int patience = 10;  ///< frames that could start a map but are not recognised, until one does
+  int patience = 10;  ///< unrecognised frames that could start a map, until one starts a sub-map
   PlaceVerificationOptions verification;
 };
 /// For check_options().
 void describe(kys::OptionList& list, RelocalizationOptions& options);
 
-/// Where a frame of unknown pose is in the map: the place of the index's candidates that fits it
-/// best, verified (ORB-SLAM, Sec. V-C). Nothing when none does.
+/// Relocalises a frame in the map: the verified candidate of the index with most inliers (ORB-SLAM,
+/// Sec. V-C). Nothing when no candidate is verified.
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
                                         const FrameFeatures& features,
                                         const RelocalizationOptions& options,

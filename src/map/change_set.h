@@ -13,7 +13,7 @@
 
 namespace kys_slam {
 
-/// What the tracker knows of a landmark.
+/// The part of a landmark that the tracker uses.
 struct LandmarkView {
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
@@ -25,7 +25,7 @@ struct LandmarkView {
   friend bool operator==(const LandmarkView&, const LandmarkView&) = default;
 };
 
-/// Of a landmark, what moves with the map.
+/// The part of a landmark that changes when the map moves.
 struct LandmarkGeometry {
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
@@ -33,36 +33,38 @@ struct LandmarkGeometry {
   float max_distance = 0;
 };
 
-/// What the tracker knows of a keyframe.
+/// The part of a keyframe that the tracker uses.
 struct KeyFrameView {
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
   std::vector<LandmarkId> landmarks;   ///< per feature
-  std::vector<KeyFrameId> neighbours;  ///< best covisible ones, heaviest first
+  std::vector<KeyFrameId> neighbours;  ///< best covisible ones, largest weight first
   KeyFrameId parent;
   std::vector<KeyFrameId> children;
-  KeyFrameId submap;  ///< keyframe that began its sub-map
+  KeyFrameId submap;  ///< first keyframe of its sub-map
 };
 
-/// A keyframe that was culled: frames that refer to it go on through its parent.
+/// A culled keyframe: poses relative to it are resolved through its parent.
 struct CulledKeyFrame {
   KeyFrameId id;
   KeyFrameId parent;
   Rigid3 T_c_parent;  ///< fixed at the time of culling
 };
 
-/// Everything that changed in the map since the last change set, as the tracker needs it. Applied
-/// to a replica of the earlier state it gives a replica of the later one.
+/// Changes of the map since the last change set, as far as the tracker uses them. Applied to a
+/// replica of the earlier state, it gives a replica of the later state.
 struct ChangeSet {
   std::vector<std::pair<LandmarkId, LandmarkView>> landmarks;  ///< new or changed, by id
-  /// Those of which nothing else changed, by id: most, as every adjustment moves all it sees.
+  /// Landmarks with changed geometry only, by id. Most are of this kind, since bundle adjustment
+  /// moves every landmark.
   std::vector<std::pair<LandmarkId, LandmarkGeometry>> moved_landmarks;
-  std::vector<LandmarkId> erased_landmarks;                    ///< by id
-  std::vector<std::pair<LandmarkId, LandmarkId>> replaced;     ///< old (erased) -> its successor
+  std::vector<LandmarkId> erased_landmarks;  ///< by id
+  std::vector<std::pair<LandmarkId, LandmarkId>>
+      replaced;  ///< old (erased) id -> id of its successor
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id
   std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
-  bool moved = false;          ///< keyframes as a whole, as when a loop closes
-  float disparity_offset = 0;  ///< px, what new frames should add to their disparities
+  bool moved = false;          ///< many keyframes moved together, as by a loop
+  float disparity_offset = 0;  ///< px, added to the disparities of new frames
 };
 
 }  // namespace kys_slam

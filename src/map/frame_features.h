@@ -15,16 +15,15 @@
 
 namespace kys_slam {
 
-/// px at octave 0, and px of their octave elsewhere: standard deviation that is assumed of a
-/// keypoint's coordinates and of its disparity, everywhere. Measured against exact flow and
-/// disparity of simulated sequences: 0.11-0.17 and 0.08-0.12 px, the same at all octaves. Real
-/// lenses and calibrations add theirs.
+/// Assumed standard deviation of a keypoint's coordinates and of its disparity, px of its octave.
+/// Measured against exact flow and disparity of simulated sequences: 0.11-0.17 and 0.08-0.12 px,
+/// the same at all octaves. The rest is a margin for real lenses and calibrations.
 inline constexpr float kPixelSigma = 0.35f;
 
-/// The same of keypoints that are aligned with their landmark's patch (LandmarkPatches). Measured
+/// The same for keypoints aligned with the patch of their landmark (LandmarkPatches). Measured
 /// against exact poses and depths, as the distance of a later keypoint of a landmark from its first
-/// one: 0.08-0.12 px along the column, 0.12-0.23 px along the row, where two corners as they are
-/// found differ by 0.27-0.31 and 0.29-0.36 px.
+/// one: 0.08-0.12 px along the column, 0.12-0.23 px along the row. Detected corners differ by
+/// 0.27-0.31 and 0.29-0.36 px.
 inline constexpr float kAlignedSigma = 0.175f;
 
 /// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.
@@ -38,10 +37,10 @@ struct ScaleLevels {
   [[nodiscard]] float inv_sigma(int octave, float sigma = kPixelSigma) const {
     return 1.0f / (sigma * scale[static_cast<std::size_t>(octave)]);
   }
-  /// Octave at which a landmark of this largest distance appears when seen from `distance`.
+  /// Octave at which a landmark with this `max_distance` (m) is detected from `distance` (m).
   [[nodiscard]] int predict_octave(float max_distance, float distance) const;
-  /// Distances (m) between which a landmark can be matched that was seen at `octave` from
-  /// `distance`.
+  /// Range of distances (m) in which a landmark observed at `octave` from `distance` (m) can be
+  /// matched.
   struct DistanceRange {
     float min, max;
   };
@@ -51,9 +50,8 @@ struct ScaleLevels {
   }
 };
 
-/// Features of the left image of one frame with what stereo and priors add to them. Made once by
-/// the front end, never changed afterwards, shared by frame, keyframe and replica. Old keyframes
-/// have a subset of theirs.
+/// Features of the left image of one frame with disparities and priors. Made once by the front end,
+/// immutable, shared by frame, keyframe and replica. Thinned keyframes have a subset.
 class FrameFeatures {
  public:
   FrameFeatures() = default;
@@ -63,7 +61,7 @@ class FrameFeatures {
   FrameFeatures(const StereoCamera& camera, FeatureSet left, std::vector<float> u_right,
                 std::vector<kys::Prior> priors, float disparity_offset = 0);
 
-  /// Features as they were kept on disk: `u_right` contains the offset already.
+  /// Features read from a map file: `u_right` contains the offset already.
   [[nodiscard]] static FrameFeatures restore(const StereoCamera& camera, FeatureSet left,
                                              std::vector<float> u_right,
                                              std::vector<kys::Prior> priors,
@@ -72,19 +70,19 @@ class FrameFeatures {
 
   /// The same features with another disparity offset.
   [[nodiscard]] FrameFeatures with_disparity_offset(float offset) const;
-  /// A keypoint whose place is as exact as its landmark's patch can tell.
+  /// A keypoint position aligned with the patch of its landmark.
   struct Aligned {
     std::uint32_t feature = 0;
     float u = 0;  ///< px
     float v = 0;  ///< px
   };
-  /// The same features, some of them at these places; their disparities stay.
+  /// The same features with new positions for some; disparities do not change.
   [[nodiscard]] FrameFeatures with_aligned(std::span<const Aligned> aligned) const;
   [[nodiscard]] std::span<const std::uint8_t> aligned() const { return aligned_; }  ///< or empty
   [[nodiscard]] bool is_aligned(std::size_t i) const {
     return !aligned_.empty() && aligned_[i] != 0;
   }
-  /// Those of the features whose place in the list is not zero, in the same order.
+  /// The features with a non-zero flag, in the same order.
   /// \param keep one per feature
   [[nodiscard]] FrameFeatures subset(std::span<const std::uint8_t> keep) const;
   /// The same features with other priors, one per keypoint or none.
@@ -113,7 +111,7 @@ class FrameFeatures {
     return {k.x, k.y, has_stereo(i) ? u_right(i) : StereoPixel{}.u_right,
             scales.inv_sigma(k.octave, is_aligned(i) ? kAlignedSigma : kPixelSigma)};
   }
-  /// m, along the optical axis; negative without stereo match.
+  /// m, along the optical axis; negative without a stereo match.
   [[nodiscard]] float depth(std::size_t i) const {
     return has_stereo(i) ? static_cast<float>(bf_ / (keypoint(i).x - u_right_[i])) : -1.0f;
   }
@@ -132,7 +130,7 @@ class FrameFeatures {
   void fill_cells();
 
   std::vector<Keypoint> keypoints_;
-  // What the variants of one frame have in common they share; first elements of lists.
+  // Lists shared by the variants of one frame; pointers to their first elements.
   std::shared_ptr<const kys::Descriptor> descriptors_;
   std::shared_ptr<const kys::Prior> priors_;  // null: no priors for this frame
   std::vector<float> u_right_;

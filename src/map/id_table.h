@@ -8,9 +8,9 @@
 
 namespace kys_slam {
 
-/// Objects owned by value, found by their id in constant time, visited in id order. Slots of erased
-/// objects are used again, so memory follows the number of living objects (plus four bytes per id
-/// ever used). References stay valid until their object is erased.
+/// Objects stored by value, found by id in constant time, visited in id order. Slots of erased
+/// objects are reused: memory depends on the number of present objects, plus four bytes per id ever
+/// used. References stay valid until their object is erased.
 template <typename IdType, typename T>
 class IdTable {
  public:
@@ -67,7 +67,7 @@ class IdTable {
 
   void clear() { *this = IdTable{}; }
 
-  /// Counts ids below `end` as having been in the table.
+  /// Marks all ids below `end` as used.
   void skip_ids(std::uint32_t end) {
     if (end > slot_.size()) slot_.resize(end, -1);
   }
@@ -79,7 +79,7 @@ class IdTable {
       if (slot_[i] >= 0) f(IdType{i}, objects_[static_cast<std::size_t>(slot_[i])]);
     }
   }
-  /// Ids of the living objects, increasing.
+  /// Ids of the present objects, increasing.
   [[nodiscard]] std::vector<IdType> ids() const {
     std::vector<IdType> all;
     all.reserve(size_);
@@ -94,7 +94,8 @@ class IdTable {
   std::size_t size_ = 0;
 };
 
-/// Follows replaced objects to the one alive: `id` itself when it is, invalid when nothing is left.
+/// Resolves a replaced object to its present successor: `id` itself when present, invalid when
+/// there is none.
 template <typename IdType, typename T>
 [[nodiscard]] IdType resolve_replaced(const IdTable<IdType, T>& alive,
                                       const IdTable<IdType, IdType>& successor, IdType id) {

@@ -7,7 +7,7 @@
 
 namespace kys_slam {
 
-/// A typed index: handed out in increasing order, never used twice. Default-constructed: no object.
+/// A typed index: assigned in increasing order, never reused. Default-constructed: no object.
 template <typename Tag>
 struct Id {
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();

@@ -4,11 +4,11 @@
 
 namespace kys_slam {
 
-/// What is believed of one thing of the prior files, as the tracker tells the map.
+/// Belief about one instance of the prior files, sent from the tracker to the map.
 struct InstanceBelief {
   std::int32_t instance = -1;
-  float p_static = 1;    ///< probability of standing still
-  float moving_for = 0;  ///< s, for which it has been believed to move without a doubt
+  float p_static = 1;    ///< probability of being static
+  float moving_for = 0;  ///< s, since p_static fell below 0.2; 0: it has not
   friend bool operator==(const InstanceBelief&, const InstanceBelief&) = default;
 };
 

@@ -11,7 +11,7 @@
 
 namespace kys_slam {
 
-/// Another keyframe and the number of landmarks seen by both.
+/// Another keyframe and the number of shared landmarks.
 struct Covisible {
   KeyFrameId keyframe;
   int weight = 0;
@@ -21,7 +21,7 @@ struct Covisible {
 /// A frame kept in the map.
 struct KeyFrame {
   KeyFrameId id;
-  KeyFrameId submap;  ///< keyframe that began the sub-map it belongs to
+  KeyFrameId submap;  ///< first keyframe of its sub-map
   std::int64_t frame_index = 0;
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;

@@ -26,19 +26,19 @@ struct VisibilityCount {
   std::uint32_t found = 0;
 };
 
-/// What the tracker tells the back end: a keyframe, what it saw, what it made.
+/// Message from the tracker to the back end: a keyframe, its observations and its new landmarks.
 struct KeyFrameMessage {
   KeyFrameId id;
   std::int64_t frame_index = 0;
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
-  std::vector<LandmarkId> tracked;         ///< per feature; landmarks seen again
+  std::vector<LandmarkId> tracked;         ///< per feature; landmarks matched
   std::vector<NewLandmark> new_landmarks;  ///< by feature
   std::vector<VisibilityCount> counts;     ///< by landmark
   std::vector<InstanceBelief> beliefs;     ///< those that changed since the last message
-  KeyFrameId reference;  ///< the keyframe tracked against; parent if none covisible
-  Rigid3 T_c_reference;  ///< measured motion from it: poses may have moved meanwhile
+  KeyFrameId reference;  ///< reference keyframe of tracking; parent if none is covisible
+  Rigid3 T_c_reference;  ///< measured relative pose: the map may have changed since
 };
 
 }  // namespace kys_slam

@@ -11,7 +11,7 @@
 
 namespace kys_slam {
 
-/// Feature number `feature` of a keyframe sees the landmark.
+/// Feature number `feature` of a keyframe observes the landmark.
 struct Observation {
   KeyFrameId keyframe;
   std::uint32_t feature = 0;
@@ -23,15 +23,15 @@ struct Landmark {
   LandmarkId id;
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();     ///< m
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< mean viewing direction, camera to point
-  float min_distance = 0;                            ///< m, nearest distance it can be matched from
-  float max_distance = 0;                            ///< m, farthest
-  kys::Descriptor descriptor;                        ///< least median distance to the others
-  kys::Prior prior;           ///< label, instance, scale of the representative observation;
-                              ///< motion of the most recent one
-  KeyFrameId reference;       ///< keyframe whose view fixes the distance range
-  KeyFrameId first_keyframe;  ///< keyframe that made it
-  std::uint32_t visible = 1;  ///< frames in whose view it was predicted
-  std::uint32_t found = 1;    ///< frames in which it was matched
+  float min_distance = 0;                            ///< m, least distance from which it is matched
+  float max_distance = 0;                            ///< m, largest distance
+  kys::Descriptor descriptor;  ///< representative: least median distance to the others
+  kys::Prior prior;            ///< label, instance, scale of the representative observation;
+                               ///< motion of the most recent one
+  KeyFrameId reference;        ///< keyframe that defines the distance range
+  KeyFrameId first_keyframe;   ///< keyframe that made it
+  std::uint32_t visible = 1;   ///< frames in which it was predicted in view
+  std::uint32_t found = 1;     ///< frames in which it was matched
   std::vector<Observation> observations;  ///< by keyframe id
 };
 

@@ -388,7 +388,7 @@ void Map::refresh_landmark(LandmarkId id) {
   landmark.prior = kys::landmark_prior(keyframe(best.keyframe).features->prior(best.feature),
                                        keyframe(recent.keyframe).features->prior(recent.feature));
   if (const auto known = beliefs_.find(landmark.prior.instance); known != beliefs_.end()) {
-    landmark.prior = kys::believed(landmark.prior, known->second.p_static);
+    landmark.prior = kys::with_belief(landmark.prior, known->second.p_static);
   }
   touch(id);
   refresh_geometry(id);
@@ -411,7 +411,7 @@ int Map::set_beliefs(std::span<const InstanceBelief> beliefs, double patience) {
       gone.push_back(id);
       continue;
     }
-    const kys::Prior prior = kys::believed(landmark.prior, known->second.p_static);
+    const kys::Prior prior = kys::with_belief(landmark.prior, known->second.p_static);
     if (prior == landmark.prior) continue;
     landmark.prior = prior;
     touch(id);

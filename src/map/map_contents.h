@@ -12,9 +12,9 @@
 
 namespace kys_slam {
 
-/// Everything a map consists of, by value and by id: what is kept of it on disk. What follows from
-/// the rest (landmarks, covisible and children of a keyframe) is empty in it and not looked at.
-/// Successors of replaced landmarks are not part of it: only messages under way refer to them.
+/// The contents of a map, by value and by id, as stored on disk. Derived data (landmarks, covisible
+/// and children of a keyframe) is empty and ignored. Successors of replaced landmarks are not
+/// included: only messages in transit refer to them.
 struct MapContents {
   StereoCamera camera;
   ScaleLevels scales;

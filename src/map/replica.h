@@ -5,8 +5,8 @@
 
 namespace kys_slam {
 
-/// The tracker's copy of the map: only what tracking reads. Changes when a change set is applied at
-/// a frame boundary, and when the tracker itself makes a keyframe.
+/// The tracker's copy of the map: only the data that tracking reads. It changes when a change set
+/// is applied between two frames, and when the tracker creates a keyframe.
 class Replica {
  public:
   [[nodiscard]] const IdTable<LandmarkId, LandmarkView>& landmarks() const { return landmarks_; }
@@ -15,16 +15,17 @@ class Replica {
   void apply(ChangeSet changes);
   void put(LandmarkId id, LandmarkView view) { landmarks_.put(id, std::move(view)); }
   void put(KeyFrameId id, KeyFrameView view) { keyframes_.put(id, std::move(view)); }
-  /// A keyframe that the tracker has made and no change set brings yet. Where a loop is closed
-  /// meanwhile, it follows its parent, and landmarks that it is the first to see follow it: else
-  /// the tracker would go on beside the corrected map for as long as every frame is a keyframe.
+  /// Adds a keyframe of the tracker that no change set contains yet. When a loop is closed before
+  /// that, the keyframe moves with its parent, and the landmarks it observes first move with it.
+  /// Otherwise the tracker would continue in the uncorrected map as long as every frame is a
+  /// keyframe.
   void put_pending(KeyFrameId id, KeyFrameView view);
 
-  /// Where a landmark that a change set took away went: itself when alive, its successor when it
-  /// was replaced, invalid when gone.
+  /// The landmark itself when present, its successor when it was replaced, invalid when erased.
   [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
 
-  /// A keyframe that is alive and the motion from it to the given (perhaps culled) one: {k, T_c_k}.
+  /// A present keyframe k and the pose of the given (perhaps culled) keyframe relative to it: {k,
+  /// T_c_k}.
   struct Anchor {
     KeyFrameId keyframe;
     Rigid3 T_c_k;

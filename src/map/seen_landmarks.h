@@ -7,7 +7,7 @@
 
 namespace kys_slam {
 
-/// Landmarks that at least one of the keyframes sees, by id, each once.
+/// Landmarks observed by at least one of the keyframes, by id, each once.
 inline std::vector<LandmarkId> landmarks_seen_by(const Map& map,
                                                  const std::vector<KeyFrameId>& keyframes) {
   std::vector<LandmarkId> seen;

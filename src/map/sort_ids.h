@@ -8,8 +8,8 @@
 
 namespace kys_slam {
 
-/// Sorts ids and drops repetitions. Ids of one neighbourhood lie close together: a bit for each id
-/// between the least and the greatest is then less work than comparisons.
+/// Sorts ids and removes duplicates. Ids of covisible keyframes are close together, so one bit per
+/// id between the least and the greatest is faster than comparisons.
 template <typename IdType>
 void sort_unique(std::vector<IdType>& ids) {
   if (ids.empty()) return;

@@ -12,7 +12,7 @@ namespace kys_slam {
 
 /// Writes the map to a file that `load_map` reads back to an equal map (format: README.md of this
 /// folder), atomically.
-/// \param label_space what the labels of its priors mean: the name in the prior files, "" without
+/// \param label_space label space of its priors, as named in the prior files; "" without priors
 /// \throws InputError when the file cannot be written
 /// \throws std::invalid_argument for a map with priors and no label space, or a name of more than
 ///   255 printable characters without blanks
@@ -20,13 +20,13 @@ void save_map(const Map& map, const std::filesystem::path& path, std::string_vie
 
 /// Reads a map. Everything in it counts as changed, so that the first change set taken from it
 /// makes a full replica.
-/// \param label_space that of the priors of this run; it has to be the file's if the map contains
-///   priors, which mean nothing in another one
+/// \param label_space of the priors of this run; if the map contains priors, it must equal the
+/// label space of the file
 /// \throws InputError, one line naming the file and what is wrong: missing, damaged, truncated,
 ///   newer, not a map, of another label space
 Map load_map(const std::filesystem::path& path, std::string_view label_space = "");
 
-/// The same in memory; `name` stands for the file in messages.
+/// The same in memory; `name` is used in messages.
 std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_space = "");
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
               std::string_view label_space = "");

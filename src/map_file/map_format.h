@@ -7,7 +7,7 @@
 
 #include "util/byte_stream.h"
 
-/// The numbers of the map file format, version 1, described byte by byte in README.md.
+/// Constants of the map file format, version 1, which README.md describes byte by byte.
 namespace kys_slam::map_format {
 
 using byte_stream::ByteReader;
@@ -35,7 +35,8 @@ inline constexpr float kMaxPixel = 65536;        ///< px, of any coordinate
 inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
 inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
 inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
-/// Ids may run this far ahead of what is in the file: tables by id are made of their size.
+/// Limit of ids beyond the number of objects in the file, because tables are allocated by the
+/// largest id.
 inline constexpr std::uint64_t kIdsAtLeast = 65536;
 inline constexpr std::uint64_t kIdsPerObject = 1024;  ///< features or keyframe records
 
@@ -44,7 +45,7 @@ std::uint32_t checksum(std::span<const std::uint8_t> bytes);
 
 /// Appends a chunk: its size, its bytes.
 void append_chunk(ByteWriter& file, std::span<const std::uint8_t> content);
-/// Takes a chunk off the front. \throws Damage.
+/// Reads the next chunk. \throws Damage when it is incomplete.
 std::span<const std::uint8_t> take_chunk(ByteReader& file);
 
 }  // namespace kys_slam::map_format

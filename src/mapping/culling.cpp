@@ -5,13 +5,14 @@ namespace kys_slam {
 void describe(kys::OptionList& list, LandmarkCullingOptions& o) {
   list.add("mapping.min_found_ratio", o.min_found_ratio, {0, 1}, "",
            "share of frames in view that must match a new landmark");
-  list.add("mapping.min_observation_weight", o.min_observation_weight, {0, 100}, "",
-           "observations (stereo counts twice) a landmark needs two keyframes after its making");
+  list.add(
+      "mapping.min_observation_weight", o.min_observation_weight, {0, 100}, "",
+      "observations (stereo counts twice) that a landmark needs two keyframes after its creation");
 }
 
 void describe(kys::OptionList& list, KeyFrameCullingOptions& o) {
   list.add("mapping.redundant_share", o.redundant_share, {0, 1}, "",
-           "share of redundant landmarks above which a keyframe goes");
+           "share of redundant landmarks above which a keyframe is culled");
   list.add("mapping.redundant_observers", o.min_observers, {1, 1000}, "",
            "other keyframes that make a landmark redundant");
   const kys::OptionList::Fixed fixed(list);

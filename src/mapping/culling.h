@@ -9,18 +9,20 @@
 namespace kys_slam {
 
 struct LandmarkCullingOptions {
-  double min_found_ratio = 0.25;   ///< frames in which it was matched of those that should see it
-  int min_observation_weight = 4;  ///< after two keyframes; a stereo observation counts twice
+  double min_found_ratio = 0.25;  ///< share of the frames with the landmark in view that match it
+  int min_observation_weight =
+      4;  ///< required after two keyframes; a stereo observation counts twice
 };
 /// For check_options().
 void describe(kys::OptionList& list, LandmarkCullingOptions& options);
 
-/// Landmarks made by the last few keyframes: they have to prove themselves (ORB-SLAM, Sec. VI-B).
+/// Landmarks created by the last keyframes, which are culled by stricter rules (ORB-SLAM, Sec.
+/// VI-B).
 class RecentLandmarks {
  public:
   void add(LandmarkId id) { recent_.push_back(id); }
-  /// Erases those that are rarely found, or that two keyframes later too few keyframes see; three
-  /// keyframes later a landmark has passed. Returns how many were erased.
+  /// Erases landmarks that are rarely matched, or that have too few observations after two
+  /// keyframes. After three keyframes a landmark is no longer tested. Returns the number erased.
   int cull(Map& map, KeyFrameId current, const LandmarkCullingOptions& options);
 
  private:
@@ -28,15 +30,16 @@ class RecentLandmarks {
 };
 
 struct KeyFrameCullingOptions {
-  double redundant_share = 0.9;  ///< of its close landmarks, seen by other keyframes as well
-  int min_observers = 3;         ///< other keyframes that see a landmark as finely
-  double close_baselines = 40;   ///< landmarks farther than this do not count
+  double redundant_share = 0.9;  ///< share of its close landmarks that other keyframes observe
+  int min_observers = 3;  ///< other keyframes that observe a landmark at the same or a finer scale
+  double close_baselines = 40;  ///< baselines; farther landmarks do not count
 };
 /// For check_options().
 void describe(kys::OptionList& list, KeyFrameCullingOptions& options);
 
-/// Takes out covisible keyframes of `current` whose close landmarks nearly all are seen by at least
-/// three others at the same or a finer scale (ORB-SLAM, Sec. VI-E). Returns how many.
+/// Culls covisible keyframes of `current` when a share above `redundant_share` of their close
+/// landmarks is observed by at least `min_observers` others at the same or a finer scale (ORB-SLAM,
+/// Sec. VI-E). Returns the number culled.
 int cull_keyframes(Map& map, KeyFrameId current, const KeyFrameCullingOptions& options);
 
 }  // namespace kys_slam

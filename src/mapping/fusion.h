@@ -16,12 +16,14 @@ struct FusionOptions {
 /// For check_options(). \param prefix of the keys
 void describe(kys::OptionList& list, FusionOptions& options, std::string_view prefix = "mapping.");
 
-/// Finds landmarks of `current` in its neighbours and theirs in it; two landmarks at one feature
-/// become one, the better observed (ORB-SLAM, Sec. VI-C). Returns merges and new observations.
+/// Projects landmarks of `current` into its neighbours, and theirs into it. Two landmarks at one
+/// feature are merged into the one with more observations (ORB-SLAM, Sec. VI-C). Returns the number
+/// of merges and new observations.
 int fuse_landmarks(Map& map, KeyFrameId current, const FusionOptions& options,
                    const kys::DistanceModel& model, kys::Statistics& statistics);
 
-/// Projects landmarks into one keyframe and merges or adds what matches. Returns how many.
+/// Projects landmarks into one keyframe, and adds observations or merges landmarks at matching
+/// features. Returns the number of merges and new observations.
 int fuse_into(Map& map, KeyFrameId keyframe, const std::vector<LandmarkId>& landmarks,
               const FusionOptions& options, const kys::DistanceModel& model,
               kys::Statistics& statistics);

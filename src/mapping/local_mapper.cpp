@@ -14,7 +14,7 @@ void describe(kys::OptionList& list, LocalMapperOptions& o) {
   describe(list, o.thinning);
   describe(list, o.calibration);
   list.add("belief.patience", o.mover_patience, {0, 1e6}, "s",
-           "after which landmarks on a mover leave the map");
+           "after which landmarks on a moving instance are erased");
 }
 
 LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model)

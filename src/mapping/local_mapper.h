@@ -25,12 +25,12 @@ struct LocalMapperOptions {
   KeyFrameCullingOptions keyframe_culling;
   StereoCalibrationOptions calibration;
   ThinningOptions thinning;
-  double mover_patience = 1;  ///< s after which landmarks on what moves leave the map
+  double mover_patience = 1;  ///< s, after which landmarks on moving instances are erased
 };
 /// For check_options().
 void describe(kys::OptionList& list, LocalMapperOptions& options);
 
-/// ms of the steps of local mapping, and what they did, for one keyframe.
+/// Times (ms) and counts of the steps of local mapping for one keyframe.
 struct LocalMapperReport {
   double insert = 0;
   double triangulate = 0;
@@ -50,15 +50,15 @@ struct LocalMapperReport {
   }
 };
 
-/// Takes keyframes in and keeps their neighbourhood accurate and free of redundancy (ORB-SLAM,
-/// Sec. VI). A function of the map and the message; owns no thread.
+/// Local mapping (ORB-SLAM, Sec. VI): inserts a keyframe, creates and fuses landmarks, adjusts the
+/// local map, culls redundant keyframes. Depends on the map and the message only; owns no thread.
 class LocalMapper {
  public:
-  /// \param model has to outlive the mapper
+  /// \param model must outlive the mapper
   LocalMapper(const LocalMapperOptions& options, const kys::DistanceModel& model);
 
-  /// Before the first keyframe of a map that has been worked on before: landmarks made here get ids
-  /// from there on, and the disparity offset is left as it was found then.
+  /// Continues a loaded map; call it before the first keyframe. New landmarks get ids after those
+  /// of the map, and its disparity offset does not change.
   void continue_map(const Map& map);
 
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
@@ -73,8 +73,8 @@ class LocalMapper {
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kBackEnd};
 };
 
-/// Puts a keyframe and its new landmarks into the map. Its pose is the measured motion from the
-/// reference keyframe applied to where the map has that keyframe now.
+/// Inserts a keyframe and its new landmarks into the map. Its pose is the measured relative pose
+/// composed with the present pose of the reference keyframe.
 void insert_keyframe(Map& map, const KeyFrameMessage& message);
 
 }  // namespace kys_slam

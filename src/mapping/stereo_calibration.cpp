@@ -14,13 +14,13 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
   list.add("calibration.enabled", o.enabled,
            "estimate a constant offset of all disparities from the map");
   list.add("calibration.keyframes", o.keyframes, {2, 1e9}, "",
-           "in the map when it is first estimated; again at twice that");
+           "keyframes in the map at the first estimate; the second is at twice that");
   list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
-           "by which it has to differ to be applied");
+           "by which it must differ from zero to be applied");
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
-           "standard deviation of its error beside that from noise");
+           "standard deviation of its error in addition to that from noise");
   list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
-           "a larger one is ignored");
+           "a larger estimate is not applied");
   const kys::OptionList::Fixed fixed(list);
   list.add("calibration.min_observers", o.min_observers, {1, 1000});
 }

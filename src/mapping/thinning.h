@@ -10,29 +10,29 @@
 namespace kys_slam {
 
 struct ThinningOptions {
-  int patience = 50;  ///< keyframes made since one was last covisible with the newest; 0: never
+  int patience = 50;  ///< keyframes since one was last covisible with the newest; 0: never
 };
 /// For check_options().
 void describe(kys::OptionList& list, ThinningOptions& options);
 
-/// Features that see no landmark wait for a keyframe that shows the same corner: to triangulate
-/// with, to be fused with. Keyframes left behind long ago drop theirs, two thirds of their memory.
-/// What recognises places and frames there, landmarks and who sees them, stays.
+/// Features without a landmark are kept for triangulation and fusion with later keyframes.
+/// Keyframes that have not been covisible for long remove theirs, two thirds of their memory. Place
+/// recognition and relocalisation are not affected: they use landmarks and their observations.
 class Thinning {
  public:
   explicit Thinning(const ThinningOptions& options) : options_(checked(options)) {}
-  /// Before the first keyframe of a map that has been worked on before.
+  /// Continues a loaded map; call it before the first keyframe.
   void continue_map(const Map& map);
-  /// After local mapping of a keyframe. Returns how many keyframes were thinned.
+  /// Call it after local mapping of a keyframe. Returns the number of keyframes thinned.
   int update(Map& map, KeyFrameId current);
 
  private:
-  struct Whole {
+  struct FullKeyFrame {
     KeyFrameId keyframe;
     KeyFrameId last_use;  // newest keyframe that was covisible with it
   };
   ThinningOptions options_;
-  std::vector<Whole> whole_;  // keyframes with all their features, by id
+  std::vector<FullKeyFrame> full_;  // keyframes with all their features, by id
 };
 
 }  // namespace kys_slam

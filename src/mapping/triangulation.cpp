@@ -11,7 +11,7 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, TriangulationOptions& o) {
   list.add("mapping.triangulation_neighbours", o.neighbours, {0, 1000}, "",
-           "keyframes matched against for new landmarks");
+           "covisible keyframes matched for new landmarks");
   list.add("mapping.min_parallax_cos", o.min_parallax_cos, {0, 1}, "",
            "largest cosine between two monocular rays");
   list.add("mapping.scale_tolerance", o.scale_tolerance, {1, 100}, "",

@@ -13,16 +13,17 @@
 namespace kys_slam {
 
 struct TriangulationOptions {
-  std::size_t neighbours = 5;        ///< covisible keyframes matched against
-  double min_parallax_cos = 0.9998;  ///< rays of two monocular features must differ by more
+  std::size_t neighbours = 5;        ///< covisible keyframes that are matched
+  double min_parallax_cos = 0.9998;  ///< largest cosine between the rays of two monocular features
   double scale_tolerance = 1.8;      ///< distance ratio against octave ratio, factor either way
   EpipolarOptions matching;
 };
 /// For check_options().
 void describe(kys::OptionList& list, TriangulationOptions& options);
 
-/// New landmarks from features of `current` and its best covisible keyframes that have none yet
-/// (ORB-SLAM, Sec. VI-C; ORB-SLAM2: the wider of ray and stereo parallax gives the depth).
+/// Triangulates new landmarks from features without a landmark in `current` and its best covisible
+/// keyframes (ORB-SLAM, Sec. VI-C). The depth is that of the larger of ray and stereo parallax
+/// (ORB-SLAM2). Returns their ids.
 std::vector<LandmarkId> triangulate_landmarks(Map& map, KeyFrameId current,
                                               LandmarkIdAllocator& ids,
                                               const TriangulationOptions& options,

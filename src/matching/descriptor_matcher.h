@@ -12,7 +12,7 @@
 
 namespace kys_slam {
 
-/// One thing to be found anywhere in a frame.
+/// A descriptor to match with any feature of a frame.
 struct DescriptorQuery {
   const kys::Descriptor* descriptor = nullptr;
   const kys::Prior* prior = nullptr;
@@ -27,8 +27,8 @@ struct DescriptorMatchOptions {
 /// For check_options().
 void describe(kys::OptionList& list, DescriptorMatchOptions& options);
 
-/// Matches by descriptor alone, without any prediction of where: every query against every feature,
-/// with ratio test and consistent turns of orientation. For a frame whose pose is not known.
+/// Matches by descriptor only, without predicted positions: every query against every feature, with
+/// ratio test and rotation consistency. For a frame of unknown pose.
 /// \return feature per query, -1: none. A feature is used at most once.
 std::vector<std::int32_t> match_descriptors(std::span<const DescriptorQuery> queries,
                                             const FrameFeatures& features,

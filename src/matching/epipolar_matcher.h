@@ -30,10 +30,10 @@ struct EpipolarOptions {
 /// For check_options().
 void describe(kys::OptionList& list, EpipolarOptions& options);
 
-/// Features of keyframe a that have no landmark yet, matched to such features of keyframe b along
-/// their epipolar lines (ORB-SLAM, Sec. VI-C). Where stereo gives a depth, just the segment of the
-/// line that this depth allows is searched.
-/// \param free_a, free_b one flag per feature, 1: no landmark yet
+/// Matches features without a landmark of keyframe a to those of keyframe b along their epipolar
+/// lines (ORB-SLAM, Sec. VI-C). For a stereo feature only the epipolar segment that its depth
+/// allows is searched.
+/// \param free_a, free_b one flag per feature, 1: no landmark
 /// \param T_b_a from the camera of a to that of b
 std::vector<FeaturePair> match_epipolar(
     const StereoCamera& camera, const ScaleLevels& scales, const FrameFeatures& a,

@@ -10,8 +10,8 @@
 
 namespace kys_slam {
 
-/// What a landmark looks like in the keyframe that fixes where on the surface it lies: the 17x17
-/// pixels of the keypoint's octave around the keypoint, which is at the centre.
+/// The image patch of a landmark in the keyframe that defines its position on the surface: 17x17 px
+/// of the keypoint's octave, centred on the keypoint.
 struct LandmarkPatch {
   std::array<std::uint8_t, patch::kPatchBytes> pixels{};  ///< row-major
 };
@@ -19,23 +19,21 @@ struct LandmarkPatch {
 /// The patch around (u, v), px of the full image, at an octave; nothing close to the border.
 std::optional<LandmarkPatch> cut_patch(const ImagePyramid& pyramid, int octave, float u, float v);
 
-/// Where a patch's centre lies in another image.
+/// Position of a patch's centre in another image.
 struct PatchPosition {
   float u = 0;         ///< px of the full image
   float v = 0;         ///< px of the full image
   float residual = 0;  ///< grey levels, weighted root mean square
 };
 
-/// Aligns the inner part of a patch with an image, from (u, v) (px of the full image) on and not
-/// beyond 1.5 px of the octave from it: least squares of the grey differences with their mean
-/// removed, over the place of the centre alone (Lucas and Kanade, 1981, in the inverse form of
-/// Baker and Matthews, 2004). Corners are found anew in every image, to a third of a pixel; their
-/// surroundings repeat to a tenth. Pixels count the less the further from the centre they are, and
-/// the less they fit, as those of another surface.
-/// \param warp  px of the octave per px of the patch: how the patch is turned and stretched
-/// \return nothing close to the border, where the patch is stretched by more than it has pixels
-/// for,
-///   without contrast in both directions, or when it strays.
+/// Aligns the inner part of a patch with an image, starting at (u, v) (px of the full image),
+/// within 1.5 px of the octave. Least squares of the grey differences with their mean removed, over
+/// the position of the centre (Lucas and Kanade, 1981, in the inverse form of Baker and Matthews,
+/// 2004). A detected corner repeats to 0.3 px, an aligned patch to 0.1 px. Weights fall with the
+/// distance from the centre and with the residual, for pixels of another surface.
+/// \param warp px of the octave per px of the patch: rotation and scale of the patch
+/// \return nothing close to the border, where the warp leaves the patch, without contrast in both
+///   directions, or when it does not converge within 1.5 px
 std::optional<PatchPosition> align_corner(const LandmarkPatch& patch, const Eigen::Matrix2f& warp,
                                           const ImagePyramid& pyramid, int octave, float u,
                                           float v);

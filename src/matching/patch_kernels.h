@@ -4,19 +4,19 @@
 #include <cstdint>
 #include <span>
 
-/// The inner loops of patch alignment (patch_alignment.h, landmark_patch.h) over plain memory,
-/// compiled once per instruction set from patch_kernels.inc. Every variant gives the same bytes;
-/// kernels() picks the fastest this machine runs.
+/// The inner loops of patch alignment (patch_alignment.h, landmark_patch.h), compiled once per
+/// instruction set from patch_kernels.inc. Every variant gives the same bytes; kernels() returns
+/// the fastest one for this machine.
 namespace kys_slam::patch {
 
 inline constexpr int kHalf = 5;  ///< px
 inline constexpr int kSide = 2 * kHalf + 1;
-inline constexpr int kRow = 16;    ///< columns that are worked on together; the last weigh nothing
+inline constexpr int kRow = 16;    ///< columns processed together; the last ones have weight 0
 inline constexpr int kStrip = 32;  ///< columns of the right image
-inline constexpr int kReach = 15;  ///< of them before the one that alignment starts from
+inline constexpr int kReach = 15;  ///< columns before the start column of the alignment
 inline constexpr int kSlide = 5;   ///< px to either side, of the search in whole pixels
 
-/// One patch of the left image at its place between the pixels, and the same rows of the right one.
+/// One patch of the left image at its sub-pixel position, and the same rows of the right image.
 struct Pair {
   alignas(64) float wanted[kSide][kRow];
   alignas(64) float gradient[kSide][kRow];  ///< grey levels per px, along the row
@@ -30,28 +30,28 @@ struct Window {
   float total;  ///< of the weights
 };
 
-/// Where the pixels of a pair come from: rows r and r + 1 of either image give row r.
+/// Source pixels of a pair: rows r and r + 1 of either image give row r.
 struct Source {
   const std::uint8_t* left;  ///< first row, one column before the patch
   std::ptrdiff_t left_stride;
-  int left_columns;           ///< that may be read from there on, 14 at least
+  int left_columns;           ///< that may be read from there, at least 14
   const std::uint8_t* right;  ///< first row, first column of the image
   std::ptrdiff_t right_stride;
   int right_columns;  ///< of the image
-  int first;          ///< column where the strip begins; columns beyond the ends repeat the end
+  int first;          ///< first column of the strip; columns outside the image repeat the border
   float fraction_x;   ///< px, of the left patch, 0..1
   float fraction_y;   ///< px, of both
 };
 
-/// Place of the patch in the strip: pixel (dx, dy) lies in column middle + dx stretch + dy shear.
+/// Position of the patch in the strip: pixel (dx, dy) is in column middle + dx stretch + dy shear.
 struct Place {
   float middle;
   float stretch;
   float shear;
 };
 
-/// Sums over the patch of weight w, gradient g, difference e (right less left, its mean taken off),
-/// with the vector a = g (1, dx, dy).
+/// Sums over the patch of weight w, gradient g, difference e (right minus left, mean removed), with
+/// the vector a = g (1, dx, dy).
 struct Sums {
   float square;  ///< grey levels squared, mean of e^2 by the window's weights
   float w, we;
@@ -60,14 +60,14 @@ struct Sums {
   float ae[3];  ///< w a e
 };
 
-inline constexpr int kCornerHalf = 4;  ///< px, of a landmark's patch as it is compared
+inline constexpr int kCornerHalf = 4;  ///< px, half side of the compared part of a landmark's patch
 inline constexpr int kCornerSide = 2 * kCornerHalf + 1;
-inline constexpr int kPatchReach = 8;  ///< px, of a landmark's patch as it is kept
+inline constexpr int kPatchReach = 8;  ///< px, half side of the stored patch
 inline constexpr int kPatchSide = 2 * kPatchReach + 1;
-/// Bytes of a kept patch: its pixels by rows, and three that are read with the last.
+/// Bytes of a stored patch: its pixels by rows, and three that are read with the last.
 inline constexpr int kPatchBytes = kPatchSide * kPatchSide + 3;
 
-/// A landmark's patch as it should look in an image, with its gradients, grey levels per px.
+/// A landmark's patch warped to an image, with its gradients, grey levels per px.
 struct Template {
   alignas(64) float wanted[kCornerSide][kRow];
   alignas(64) float du[kCornerSide][kRow];
@@ -80,8 +80,8 @@ struct CornerWindow {
   float total;  ///< of the weights
 };
 
-/// Sums over a template of weight w, gradient (u, v), difference e (image less template, its mean
-/// taken off).
+/// Sums over a template of weight w, gradient (u, v), difference e (image minus template, mean
+/// removed).
 struct CornerSums {
   float square;  ///< grey levels squared, mean of e^2 by the window's weights
   float w, we;
@@ -100,13 +100,13 @@ struct Kernels {
                  float noise, Sums* sums);
 
   /// Sums of absolute differences of the left patch and the right ones 2 kSlide + 1 columns along,
-  /// their central pixels made equal. The pointers are to the patches' first pixels, the right one
-  /// that farthest to the left; of a row 11 and 21 columns may be read.
+  /// with equal central pixels. The pointers are to the first pixels of the left patch and of the
+  /// leftmost right patch; 11 and 21 columns of a row may be read.
   void (*slide)(const std::uint8_t* left, std::ptrdiff_t left_stride, const std::uint8_t* right,
                 std::ptrdiff_t right_stride, std::int32_t* sums);
 
-  /// \param back px of the kept patch per px of the template, 2x2 by rows; must not lead out of the
-  ///   patch
+  /// \param back px of the stored patch per px of the template, 2x2 by rows; must stay inside the
+  /// patch
   void (*warp)(const std::uint8_t* patch, const float* back, Template* to);
 
   /// Weights as in sum_up. \param image the pixel left of and above the template's first one; kRow
@@ -117,9 +117,9 @@ struct Kernels {
                       float noise, CornerSums* sums);
 };
 
-/// The fastest variant this machine runs.
+/// The fastest variant for this machine.
 const Kernels& kernels();
-/// All variants this machine runs, the plain one first.
+/// All variants for this machine, the portable one first.
 std::span<const Kernels* const> available_kernels();
 
 }  // namespace kys_slam::patch

@@ -11,16 +11,17 @@
 
 namespace kys_slam {
 
-/// Where and how a landmark should appear in a view.
+/// Predicted pixel and octave of a landmark in a view.
 struct PredictedView {
   Eigen::Vector3d pixel;  ///< u_left, v, u_right, px
   float cosine = 0;       ///< between the ray and the landmark's mean viewing direction
   int octave = 0;
 };
 
-/// Predicts a landmark's appearance from T_c_w; nothing when it is behind the camera, outside the
-/// image, beyond its distance range, or seen from more than 60 degrees off (ORB-SLAM, Sec. V-D).
-/// \param landmark anything with p_w, normal, min_distance, max_distance
+/// Predicts the view of a landmark from T_c_w. Nothing when it is behind the camera, outside the
+/// image, outside its distance range, or viewed at more than 60 degrees from its mean direction
+/// (ORB-SLAM, Sec. V-D).
+/// \param landmark a type with p_w, normal, min_distance, max_distance
 /// \param centre the camera's centre in the world, T_c_w.inverse_t()
 template <typename LandmarkType>
 std::optional<PredictedView> predict_view(const StereoCamera& camera, const ScaleLevels& scales,
@@ -42,8 +43,8 @@ std::optional<PredictedView> predict_view(const StereoCamera& camera, const Scal
   return view;
 }
 
-/// The search for a landmark predicted there: `radius` px at octave 0, the predicted octave and the
-/// one below.
+/// The query for a landmark with this prediction: `radius` px at octave 0, the predicted octave and
+/// the one below.
 inline SearchQuery query_for(const PredictedView& view, float radius, const ScaleLevels& scales,
                              const kys::Descriptor& descriptor, const kys::Prior& prior) {
   SearchQuery query;

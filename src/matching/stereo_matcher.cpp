@@ -23,11 +23,11 @@ void describe(kys::OptionList& list, StereoOptions& o) {
            "half width of the row band, octave 0");
   list.add("stereo.refine", o.refine, "sub-pixel disparity by correlation");
   list.add("stereo.median_cut", o.median_cut, {0.1, 1000}, "",
-           "matches whose patches differ by more than this times the median go");
+           "matches with a patch residual above this times the median are dropped");
   list.add("stereo.moving_keypoints", o.moving_keypoints, {0, 60000}, "",
-           "with disparity, per thing that its prior file calls moving (mode verified)");
+           "keypoints with disparity per instance flagged as moving (mode verified)");
   list.add("stereo.added_disparity", o.added_disparity, {-100, 100}, "px",
-           "a deliberate fault, to see that tests notice");
+           "artificial error, to test the regression suite");
 }
 
 namespace {
@@ -160,7 +160,7 @@ std::vector<std::uint8_t> unneeded(const StereoView& left, const kys::DistanceMo
   std::vector<Moving> moving;
   for (std::size_t i = 0; i < left.priors.size(); ++i) {
     const kys::Prior& prior = left.priors[i];
-    if (prior.dynamic == 0 || prior.instance < 0 || !model.stands_apart(prior)) continue;
+    if (prior.dynamic == 0 || prior.instance < 0 || !model.is_on_thing(prior)) continue;
     moving.push_back(
         {prior.instance, left.features->keypoints[i].angle, static_cast<std::uint32_t>(i)});
   }
@@ -222,14 +222,14 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
   for (const bool apart : {false, true}) {
     std::vector<float> residuals;
     for (std::size_t i = 0; i < columns.residual.size(); ++i) {
-      if (columns.residual[i] >= 0 && model.stands_apart(prior_of(left, i)) == apart) {
+      if (columns.residual[i] >= 0 && model.is_on_thing(prior_of(left, i)) == apart) {
         residuals.push_back(columns.residual[i]);
       }
     }
     if (residuals.empty()) continue;
     const float bound = options.median_cut * median(residuals);
     for (std::size_t i = 0; i < columns.residual.size(); ++i) {
-      if (columns.residual[i] > bound && model.stands_apart(prior_of(left, i)) == apart) {
+      if (columns.residual[i] > bound && model.is_on_thing(prior_of(left, i)) == apart) {
         columns.u_right[i] = std::numeric_limits<float>::quiet_NaN();
       }
     }

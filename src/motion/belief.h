@@ -8,9 +8,9 @@
 namespace kys_slam {
 
 struct BeliefUpdateOptions {
-  double change_rate = 0.2;  ///< 1/s, at which things change between standing and moving
-  double max_evidence = 3;   ///< nats, what one frame may say at most
-  double max_log_odds = 7;   ///< nats, belief never gets surer than this
+  double change_rate = 0.2;  ///< 1/s, rate of changes between static and moving
+  double max_evidence = 3;   ///< nats, limit of the evidence of one frame
+  double max_log_odds = 7;   ///< nats, limit of the absolute log-odds
 };
 /// For check_options().
 void describe(kys::OptionList& list, BeliefUpdateOptions& options);
@@ -22,19 +22,19 @@ inline double log_odds(double probability) {
   return std::log(probability / (1.0 - probability));
 }
 
-/// Log-odds of standing still `dt` seconds later, by a chain of two states that changes at
-/// `change_rate` and would settle at `settled` (log-odds): p' = p (1 - q) + (1 - p) q',
-/// q = s (1 - p_settled), q' = s p_settled, s = 1 - exp(-change_rate dt).
-inline double after_time(double present, double settled, double dt,
+/// Log-odds of being static `dt` seconds later, by a two-state Markov chain with rate `change_rate`
+/// and the steady state `steady` (log-odds): p' = p (1 - q) + (1 - p) q', q = s (1 - p_steady), q'
+/// = s p_steady, s = 1 - exp(-change_rate dt).
+inline double after_time(double present, double steady, double dt,
                          const BeliefUpdateOptions& options) {
   const double share = 1.0 - std::exp(-options.change_rate * std::max(dt, 0.0));
   const double p = probability(present);
-  const double moved = p + share * (probability(settled) - p);
+  const double moved = p + share * (probability(steady) - p);
   return std::clamp(log_odds(std::clamp(moved, 1e-12, 1.0 - 1e-12)), -options.max_log_odds,
                     options.max_log_odds);
 }
 
-/// Log-odds after the evidence of one frame (a log-likelihood ratio, nats).
+/// Log-odds after the evidence of one frame (log-likelihood ratio, nats).
 inline double after_evidence(double present, double log_ratio, const BeliefUpdateOptions& options) {
   const double said = std::clamp(log_ratio, -options.max_evidence, options.max_evidence);
   return std::clamp(present + said, -options.max_log_odds, options.max_log_odds);

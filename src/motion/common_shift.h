@@ -13,27 +13,27 @@
 
 namespace kys_slam {
 
-/// A keypoint of a thing whose motion is not known.
+/// A keypoint of an instance of unknown motion.
 struct UnknownPlace {
   std::size_t source = 0;    ///< keypoint of the earlier frame
-  Eigen::Vector3d expected;  ///< m, in the camera now, if the thing stands still
-  SearchQuery query;         ///< around the pixels of `expected`, as far as the thing can move
+  Eigen::Vector3d expected;  ///< m, in the camera now, if the instance is static
+  SearchQuery query;  ///< around the projection of `expected`, as far as the instance can move
 };
 
 struct CommonShiftOptions {
   float max_distance;      ///< bits
-  int min_count;           ///< keypoints that have to agree at least
-  double min_share = 0.3;  ///< the same, of all
+  int min_count;           ///< least number of keypoints that agree
+  double min_share = 0.3;  ///< least share of all keypoints that agree
   float tolerance = 3;     ///< px at the octave of the keypoint, in columns and row
   std::span<const std::uint8_t> taken = {};  ///< per keypoint now: not 0: no candidate; or empty
 };
 /// For check_options().
 void describe(kys::OptionList& list, CommonShiftOptions& options);
 
-/// How far most keypoints of a thing went, as one translation: each of the nearest candidates of
-/// each keypoint proposes one, and the one that most keypoints have a candidate for wins. Where a
-/// thing repeats itself single matches are ambiguous; what they have in common is not.
-/// \return m, in the axes of the camera now; nothing when too few agree
+/// The translation on which most keypoints of an instance agree. Each of the nearest candidates of
+/// each keypoint proposes a translation; the one with most supporting keypoints is returned. On
+/// repeated texture single matches are ambiguous, while their common translation is not. \return m,
+/// in the axes of the camera now; nothing when too few agree
 std::optional<Eigen::Vector3d> common_shift(const StereoCamera& camera, const ScaleLevels& scales,
                                             const FrameFeatures& features,
                                             std::span<const UnknownPlace> places,

@@ -11,16 +11,17 @@
 
 namespace kys_slam {
 
-/// Keypoints of a frame and what they were in an earlier one.
+/// Keypoints of a frame and their matches in an earlier frame.
 struct Followed {
-  std::size_t frames = 0;  ///< how many frames back; 0: not followed
+  std::size_t frames = 0;  ///< number of frames back; 0: not tracked
   std::vector<std::pair<std::size_t, std::size_t>> keypoints;  ///< then, now
 };
 
-/// Follows keypoints back from frame to frame, over as many frames as `kept_share` of those of the
-/// frame before, and at least `min_matches`, can be followed.
+/// Tracks keypoints back from frame to frame. The span is the largest over which at least
+/// `min_matches` keypoints, and at least `kept_share` of those matched in the frame before, can be
+/// tracked.
 /// \param now frame with `back`: per keypoint its match in the frame before; -1: none
-/// \param frames those before it, latest first, with `back` as well; at least one
+/// \param frames earlier frames, latest first, each with `back`; at least one
 template <typename Frame, typename Frames>
 Followed follow_back(std::span<const std::size_t> keypoints, const Frame& now, const Frames& frames,
                      int min_matches, double kept_share) {

@@ -18,12 +18,13 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, InstanceMotionOptions& o) {
   list.add("motion.pixel_sigma", o.pixel_sigma, {0.001, 100}, "px",
-           "of a keypoint at octave 0, when things are judged");
-  list.add("motion.disparity_sigma", o.disparity_sigma, {0.001, 100}, "px", "of its disparity");
-  list.add("motion.max_chi2", o.max_chi2, {0.1, 1e6}, "", "what a match says at most");
+           "standard deviation of a keypoint at octave 0, for tests of instances");
+  list.add("motion.disparity_sigma", o.disparity_sigma, {0.001, 100}, "px",
+           "the same of its disparity");
+  list.add("motion.max_chi2", o.max_chi2, {0.1, 1e6}, "", "limit of the chi-square of a match");
   list.add("motion.min_matches", o.min_matches, {3, 60000}, "",
-           "below which a thing is not judged");
-  list.add("motion.iterations", o.iterations, {1, 1000}, "", "of a fit");
+           "matches below which an instance is not tested");
+  list.add("motion.iterations", o.iterations, {1, 1000}, "", "iterations of a fit");
 }
 
 namespace {

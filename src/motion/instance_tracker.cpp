@@ -17,38 +17,40 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, BeliefUpdateOptions& o) {
   list.add("belief.change_rate", o.change_rate, {0, 100}, "1/s",
-           "of things between standing and moving");
+           "rate of changes between static and moving");
   list.add("belief.max_evidence", o.max_evidence, {0.001, 100}, "nats",
-           "what one frame says at most");
-  list.add("belief.max_log_odds", o.max_log_odds, {0.1, 20}, "nats", "belief gets no surer");
+           "limit of the evidence of one frame");
+  list.add("belief.max_log_odds", o.max_log_odds, {0.1, 20}, "nats",
+           "limit of the absolute log-odds");
 }
 
 void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
   describe(list, o.motion);
   list.add("motion.max_frames", o.max_frames, {1, 100}, "frames",
-           "back over which a thing is compared");
+           "largest number of frames between the two compared");
   list.add("motion.kept_share", o.kept_share, {0.01, 1}, "",
-           "of its matches that a longer span has to keep");
+           "share of its matches that a longer span must keep");
   list.add("motion.max_matches", o.max_matches, {3, 60000}, "",
-           "keypoints of a thing followed at most");
+           "largest number of keypoints tracked per instance");
   list.add("motion.max_speed", o.max_speed, {0.01, 1000}, "m/s",
-           "of things not seen to move before");
-  list.add("motion.max_turn", o.max_turn, {0.001, 100}, "rad/s", "of things");
+           "limit for instances of unknown motion");
+  list.add("motion.max_turn", o.max_turn, {0.001, 100}, "rad/s", "limit for instances");
   list.add("motion.max_acceleration", o.max_acceleration, {0, 1000}, "m/s^2",
-           "of things seen to move or to stand still");
+           "limit for instances of known motion");
   list.add("motion.search_radius", o.search_radius, {0.5, 1000}, "px",
            "around a predicted keypoint at octave 0");
   list.add("motion.max_search", o.max_search, {0.5, 10000}, "px",
-           "radius for things of unknown motion");
+           "largest radius for instances of unknown motion");
   list.add("motion.descriptor_distance", o.descriptor_distance, {1, 1e6}, "bits",
-           "largest of a match");
+           "largest distance of a match");
   list.add("motion.descriptor_ratio", o.descriptor_ratio, {0.1, 10}, "",
            "best over second best distance");
   list.add("motion.inherit_radius", o.inherit_radius, {0, 1}, "of the width",
-           "within which a keypoint without a prior file takes a neighbour's prior");
+           "radius within which a keypoint of a frame without a prior file takes the prior of a "
+           "predicted one");
   describe(list, o.belief);
   list.add("belief.memory", o.memory, {0, 1e6}, "s",
-           "without a file after which nothing is inherited");
+           "without a prior file after which no priors are inherited");
   list.require(o.max_matches >= o.motion.min_matches,
                "motion.max_matches must be at least motion.min_matches");
 }
@@ -58,7 +60,7 @@ namespace {
 constexpr double kFarDepth = 1000;            // m, of keypoints without disparity
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
-constexpr double kSurelyStanding = 3;         // log-odds
+constexpr double kSurelyStatic = 3;           // log-odds
 constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
 constexpr double kFullWeight = 0.7;           // p_static above which it does in full
 constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
@@ -92,7 +94,7 @@ std::vector<std::size_t> choose(const std::vector<std::size_t>& keypoints,
 
 InstanceTracker::InstanceTracker(const StereoCamera& camera, const ScaleLevels& scales,
                                  const InstanceTrackerOptions& options,
-                                 const kys::BeliefStart& start, const kys::DistanceModel& model)
+                                 const kys::InitialBelief& start, const kys::DistanceModel& model)
     : camera_(camera), scales_(scales), options_(options), start_(start), model_(&model) {
   check_options(options);
 }
@@ -103,10 +105,10 @@ const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) con
   return at != by_instance_.end() ? at->second : nullptr;
 }
 
-void InstanceTracker::believe_in(Thing& thing, double log_odds) {
+void InstanceTracker::set_log_odds(Thing& thing, double log_odds) {
   thing.log_odds = log_odds;
   thing.p_static = probability(log_odds);
-  thing.belief = kys::believed({}, thing.p_static);
+  thing.belief = kys::with_belief({}, thing.p_static);
 }
 
 double InstanceTracker::p_static(std::int32_t instance) const {
@@ -119,7 +121,7 @@ double InstanceTracker::log_odds(std::int32_t instance) const {
   return at != by_instance_.end() ? at->second->log_odds : 0.0;
 }
 
-kys::Prior InstanceTracker::believed(const kys::Prior& prior) const {
+kys::Prior InstanceTracker::with_belief(const kys::Prior& prior) const {
   const Thing* thing = find(prior);
   if (thing == nullptr) return prior;
   kys::Prior result = thing->belief;
@@ -148,17 +150,18 @@ std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
   return changed;
 }
 
-std::vector<kys::Prior> InstanceTracker::believe(double timestamp, const FrameFeatures& features,
-                                                 const Rigid3& T_c_w_expected,
-                                                 const Rigid3& T_last_w) {
+std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
+                                                       const FrameFeatures& features,
+                                                       const Rigid3& T_c_w_expected,
+                                                       const Rigid3& T_last_w) {
   std::vector<kys::Prior> priors(features.priors().begin(), features.priors().end());
   if (!priors.empty()) {
     last_file_ = timestamp;
   } else if (!frames_.empty() && timestamp - last_file_ <= options_.memory) {
     inherit(timestamp, features, T_c_w_expected * T_last_w.inverse(), T_last_w, priors);
   }
-  meet(timestamp, priors);
-  for (kys::Prior& prior : priors) prior = believed(prior);
+  start_beliefs(timestamp, priors);
+  for (kys::Prior& prior : priors) prior = with_belief(prior);
   return priors;
 }
 
@@ -203,7 +206,7 @@ void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
 }
 
 /// Things seen for the first time start where their class and file put them; others grow older.
-void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors) {
+void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior> priors) {
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
     if (!follows(prior)) continue;
@@ -212,17 +215,17 @@ void InstanceTracker::meet(double timestamp, std::span<const kys::Prior> priors)
     if (is_new) known = &things_[prior.instance];
     Thing& thing = *known;
     if (!is_new && thing.timestamp == timestamp) continue;
-    const double before = is_new ? 0.0 : thing.settled;
+    const double before = is_new ? 0.0 : thing.file_log_odds;
     // A file that says nothing of the thing takes nothing back.
-    if (is_new || (from_file && prior.unjudged == 0)) thing.settled = start_.log_odds(prior);
+    if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
     if (is_new) {
-      believe_in(thing, thing.settled);
+      set_log_odds(thing, thing.file_log_odds);
       thing.first_seen = timestamp;
     } else {
       // What was seen of the thing adds to what its file says, which may change.
-      const double present = thing.log_odds + thing.settled - before;
-      believe_in(thing,
-                 after_time(present, thing.settled, timestamp - thing.timestamp, options_.belief));
+      const double present = thing.log_odds + thing.file_log_odds - before;
+      set_log_odds(thing, after_time(present, thing.file_log_odds, timestamp - thing.timestamp,
+                                     options_.belief));
     }
     if (thing.p_static >= kSurelyMoving) thing.moving_since = timestamp;
     thing.label = prior.label;
@@ -245,12 +248,12 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
-    rename(now);
+    transfer_beliefs(now);
   }
   states_.clear();
   for (const auto& [instance, members] : now.keypoints) {
-    states_.push_back(judge_one(instance, members, now, T_c_w, past));
-    learn(states_.back(), T_c_w);
+    states_.push_back(test_motion(instance, members, now, T_c_w, past));
+    update_belief(states_.back(), T_c_w);
     states_.back().p_static = p_static(instance);
   }
   frames_.push_front(std::move(now));
@@ -278,7 +281,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   for (const auto& [instance, members] : last.keypoints) {
     const Thing& thing = things_.at(instance);
     const bool known =
-        thing.compared == last.timestamp && (thing.velocity || thing.log_odds > kSurelyStanding);
+        thing.compared == last.timestamp && (thing.velocity || thing.log_odds > kSurelyStatic);
     Eigen::Vector3d shift = Eigen::Vector3d::Zero();
     if (thing.velocity) shift = T_now_w.rotation * (*thing.velocity * dt);
     const std::vector<std::size_t> chosen =
@@ -329,7 +332,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
 
 /// An instance that appears where another has just gone is that one under a new name: it takes over
 /// its belief and velocity.
-void InstanceTracker::rename(const Frame& now) {
+void InstanceTracker::transfer_beliefs(const Frame& now) {
   std::map<std::int32_t, std::map<std::int32_t, int>> votes;  // of each new name for old ones
   const Frame& last = frames_.front();
   for (std::size_t i = 0; i < now.back.size(); ++i) {
@@ -356,15 +359,15 @@ void InstanceTracker::rename(const Frame& now) {
         old.label != thing.label) {
       continue;
     }
-    believe_in(thing, old.log_odds);
+    set_log_odds(thing, old.log_odds);
     thing.velocity = old.velocity;
   }
 }
 
-InstanceState InstanceTracker::judge_one(std::int32_t instance,
-                                         const std::vector<std::size_t>& keypoints,
-                                         const Frame& now, const Rigid3& T_c_w,
-                                         std::span<const Rigid3> past) const {
+InstanceState InstanceTracker::test_motion(std::int32_t instance,
+                                           const std::vector<std::size_t>& keypoints,
+                                           const Frame& now, const Rigid3& T_c_w,
+                                           std::span<const Rigid3> past) const {
   InstanceState state;
   state.instance = instance;
   state.label = now.features->prior(keypoints.front()).label;
@@ -396,10 +399,10 @@ InstanceState InstanceTracker::judge_one(std::int32_t instance,
   return state;
 }
 
-void InstanceTracker::learn(const InstanceState& state, const Rigid3& T_c_w) {
+void InstanceTracker::update_belief(const InstanceState& state, const Rigid3& T_c_w) {
   if (state.span <= 0) return;
   Thing& thing = things_.at(state.instance);
-  believe_in(thing, after_evidence(thing.log_odds, state.log_ratio, options_.belief));
+  set_log_odds(thing, after_evidence(thing.log_odds, state.log_ratio, options_.belief));
   thing.compared = thing.timestamp;
   if (thing.p_static < kMoving) {
     thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);

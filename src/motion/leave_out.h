@@ -15,12 +15,12 @@
 
 namespace kys_slam {
 
-/// A landmark that takes part in a frame's pose.
+/// A landmark used for the pose of a frame.
 struct PoseTerm {
   Eigen::Vector3d p_w;  ///< m
   StereoPixel pixel;
   float weight = 1;            ///< 0..1, factor on its information
-  std::int32_t instance = -1;  ///< of the thing it is on; -1: of none
+  std::int32_t instance = -1;  ///< instance it is on; -1: none
 };
 
 /// A pose as an increment (plus_left()) of another in the camera's frame, [rad; m].
@@ -31,9 +31,9 @@ struct PoseIncrement {
   [[nodiscard]] Rigid3 applied_to(const Rigid3& T_c_w) const { return plus_left(T_c_w, delta); }
 };
 
-/// The pose of a frame as it would be without one of its instances: one Gauss-Newton step from the
-/// pose of all terms, whose sums are kept by instance. Instances without terms leave the pose as it
-/// is, with the covariance of all terms.
+/// The pose of a frame without the terms of one instance: one Gauss-Newton step from the pose of
+/// all terms, whose sums are stored by instance. For an instance without terms the increment is
+/// zero and the covariance is that of all terms.
 class PoseWithout {
  public:
   PoseWithout() = default;
@@ -51,7 +51,7 @@ class PoseWithout {
 };
 
 /// Motion of the camera between two frames from the poses of both.
-/// \param before, now increments of T_before_w and T_now_w, which judge without the instance
+/// \param before, now increments of T_before_w and T_now_w that leave the instance out
 CameraMotion camera_motion(const Rigid3& T_before_w, const PoseIncrement& before,
                            const Rigid3& T_now_w, const PoseIncrement& now);
 

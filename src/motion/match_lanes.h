@@ -18,10 +18,10 @@ struct LaneList {
   KYS_ALWAYS_INLINE const Lanes& operator[](int k) const { return list[k]; }
 };
 
-/// Four matches of an instance side by side, as the fits of instance_motion.cpp need them. Lanes
-/// past the end have `active` 0 and are never NaN.
+/// Four matches of an instance in SIMD lanes, for the fits of instance_motion.cpp. Lanes past the
+/// end have `active` 0 and are never NaN.
 struct MatchLanes {
-  Lanes qx{}, qy{}, qz{};                 // m, where a still point would be now
+  Lanes qx{}, qy{}, qz{};                 // m, predicted position of a static point
   Lanes u{}, v{}, disparity{};            // px, observed now
   LaneList<6> sigma_q{};                  // m^2, of q: xx, xy, xz, yy, yz, zz
   Lanes sigma_u{}, sigma_v{}, sigma_d{};  // px^2, variances of what is observed
@@ -35,11 +35,11 @@ struct MotionLanes {
   std::array<double, 3> centre, shift;
 };
 
-/// Where the motion takes four points, their errors there (predicted less observed, px), and the
-/// derivative [a 0 b; 0 c d; 0 0 f] of the errors by the points.
+/// Four points moved by the motion, their errors (predicted minus observed, px), and the derivative
+/// [a 0 b; 0 c d; 0 0 f] of the errors by the points.
 struct MovedLanes {
   Lanes arm_x, arm_y, arm_z;  // m, R (q - c)
-  LaneMask before;            // far enough before the camera
+  LaneMask before;            // far enough in front of the camera
   Lanes du, dv, dd;
   Lanes a, b, c, d, f;
 };
@@ -68,7 +68,7 @@ KYS_ALWAYS_INLINE void move(const MatchLanes& m, const MotionLanes& motion,
   p.d = -p.c * y * inverse;
 }
 
-/// Inverse covariance of the errors: that of q carried over by the motion, and that of the
+/// Inverse covariance of the errors, from the propagated covariance of q and that of the
 /// observation.
 KYS_ALWAYS_INLINE void weigh(MatchLanes& m, const MotionLanes& motion,
                              const CameraNumbers& camera) {
@@ -107,18 +107,18 @@ KYS_ALWAYS_INLINE void weigh(MatchLanes& m, const MotionLanes& motion,
                     scale * (uv * ud - uu * vd), scale * (uu * vv - uv * uv)}};
 }
 
-/// Sums over matches: curvature and gradient of half the chi-squares that are not cut off over
-/// [w; v] (x -> exp(w) (x - c) + c + v), the cost with the cut, how many are not cut off.
+/// Sums over matches: Hessian and gradient of half the chi-squares below the truncation over [w; v]
+/// (x -> exp(w) (x - c) + c + v), the truncated cost, and the number of inliers.
 struct MatchSums {
   LaneList<6> ww{};  // 00, 01, 02, 11, 12, 22
   LaneList<9> wv{};  // rows of w, columns of v
   LaneList<6> vv{};
   LaneList<3> gw{}, gv{};
   Lanes cost{}, inliers{};
-  LaneList<3> q{};  // sum of the q of those that are not cut off
+  LaneList<3> q{};  // sum of q over the inliers
 };
 
-/// \param soft Cauchy weights instead of a sharp cut
+/// \param soft Cauchy weights instead of truncation
 KYS_ALWAYS_INLINE void add(const MatchLanes& m, const MotionLanes& motion,
                            const CameraNumbers& camera, double max_chi2, bool soft,
                            MatchSums& sums) {

@@ -16,21 +16,21 @@ void describe(kys::OptionList& list, ObjectTrackOptions& o) {
   list.add("objects.acceleration_density", o.acceleration_density, {1e-6, 1e6}, "m^2/s^3",
            "of the white acceleration of the motion model");
   list.add("objects.start_speed", o.start_speed, {0.01, 1000}, "m/s",
-           "standard deviation before it is seen");
+           "standard deviation of the initial velocity");
   list.add("objects.surface_sigma", o.surface_sigma, {0.001, 100}, "m",
-           "by which the middle of what is seen of a thing wanders");
+           "standard deviation of the centre of the visible part");
   list.add("objects.speed_sigma", o.speed_sigma, {0.0001, 100}, "m/s",
-           "added to every velocity seen");
+           "standard deviation added to every observed velocity");
   list.add("objects.gate", o.gate, {0.01, 1000}, "m",
-           "between a thing and where it was expected, at most");
+           "largest distance of an observation from its prediction");
   list.add("objects.gate_growth", o.gate_growth, {0, 1000}, "m/s",
-           "of the gate while it is not seen");
+           "growth of the gate without observations");
   list.add("objects.restart_gate", o.restart_gate, {0, 1000}, "m",
-           "the same for a thing of the same name that jumped");
+           "gate for an observation of the same instance; its filter restarts");
   list.add("objects.max_gap", o.max_gap, {0.001, 1000}, "s",
-           "without being seen after which its track ends");
+           "without an observation after which a track ends");
   list.add("objects.min_observations", o.min_observations, {1, 1000000}, "",
-           "shorter tracks are dropped");
+           "observations below which a track is dropped");
 }
 
 namespace {

@@ -20,9 +20,9 @@ struct BlockPattern {
 };
 
 /// Multifrontal Cholesky factorisation (Duff and Reid 1983; Liu 1992) of such a matrix: rows in an
-/// approximate minimum degree order, columns of (nearly) equal structure worked on together as a
+/// approximate minimum degree order, columns of (nearly) equal structure factorised together as a
 /// dense front (front_kernels.h). Everything that depends on the pattern alone is done once. One
-/// thread; the same numbers give the same factor on every machine.
+/// thread. The same input gives the same factor on every machine.
 class BlockCholesky {
  public:
   using Block = Eigen::Matrix<double, 6, 6>;
@@ -34,16 +34,16 @@ class BlockCholesky {
 
   /// Factorises. Of diagonal blocks only the lower triangle is read.
   /// \param blocks in the order of the pattern
-  /// \param stop asked every few million operations
+  /// \param stop checked every few million operations
   Result factorise(const Blocks& blocks, const std::atomic<bool>* stop = nullptr);
-  /// x -> A^-1 x, after a factorisation that was done.
+  /// x -> A^-1 x, after factorise() returned kDone.
   void solve(Eigen::VectorXd& x) const;
 
-  /// Blocks of the factor, what amalgamation added included.
+  /// Number of blocks of the factor, including those added by amalgamation.
   [[nodiscard]] std::size_t factor_blocks() const;
 
  private:
-  /// A block of the matrix and its place in a front.
+  /// A block of the matrix and its position in a front.
   struct Entry {
     std::int32_t block;
     std::int32_t row;  // in blocks
@@ -62,7 +62,7 @@ class BlockCholesky {
     [[nodiscard]] std::int32_t rows() const {
       return cols + static_cast<std::int32_t>(below.size());
     }
-    /// Numbers that the parent takes: the lower triangle of the rows below, by blocks.
+    /// Size of the update for the parent: the lower triangle of the rows below, by blocks.
     [[nodiscard]] std::size_t update_size() const {
       return below.size() * (below.size() + 1) / 2 * (front::kBlock * front::kBlock);
     }
@@ -84,7 +84,7 @@ class BlockCholesky {
   std::vector<std::int32_t> position_;   // of a row of the matrix in the order of elimination
   std::vector<Front> fronts_;            // children before parents
   std::vector<front::TileColumn> work_;  // the front worked on
-  std::vector<double> updates_;          // of fronts that wait for their parent, a stack
+  std::vector<double> updates_;          // of fronts whose parent is not assembled yet, a stack
   std::size_t updates_end_ = 0;
 };
 

@@ -10,9 +10,9 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, BundleOptions& o, std::string_view prefix) {
   const auto key = [&](const char* name) { return std::string(prefix) + name; };
-  list.add(key("iterations"), o.iterations, {0, 1000}, "", "of the robust round");
+  list.add(key("iterations"), o.iterations, {0, 1000}, "", "iterations of the robust round");
   list.add(key("refine_iterations"), o.refine_iterations, {0, 1000}, "",
-           "after outliers are set aside");
+           "iterations after removal of outliers");
   const kys::OptionList::Fixed fixed(list);
   list.add(key("chi2_mono"), o.chi2_mono, {0.1, 1e6});
   list.add(key("chi2_stereo"), o.chi2_stereo, {0.1, 1e6});
@@ -103,23 +103,23 @@ std::vector<std::uint8_t> inliers(const std::vector<std::uint8_t>& outlier) {
 
 /// Poses that may move and have too few of the active observations go back to where they were, and
 /// give up those. Returns whether there are new ones.
-bool let_go_loose(BundleProblem& problem, const BundleOptions& options,
-                  const std::vector<Rigid3>& before, std::vector<std::uint8_t>& active,
-                  std::vector<std::uint8_t>& loose) {
+bool fix_unconstrained(BundleProblem& problem, const BundleOptions& options,
+                       const std::vector<Rigid3>& before, std::vector<std::uint8_t>& active,
+                       std::vector<std::uint8_t>& unconstrained) {
   std::vector<int> count(before.size(), 0);
   for (std::size_t i = 0; i < active.size(); ++i) {
     count[problem.observations[i].pose] += active[i] != 0 ? 1 : 0;
   }
   bool any = false;
   for (std::size_t k = 0; k < before.size(); ++k) {
-    if (problem.pose_fixed[k] != 0 || loose[k] != 0) continue;
+    if (problem.pose_fixed[k] != 0 || unconstrained[k] != 0) continue;
     if (count[k] >= options.min_pose_observations) continue;
     problem.T_c_w[k] = before[k];
-    loose[k] = 1;
+    unconstrained[k] = 1;
     any = true;
   }
   for (std::size_t i = 0; i < active.size(); ++i) {
-    if (loose[problem.observations[i].pose] != 0) active[i] = 0;
+    if (unconstrained[problem.observations[i].pose] != 0) active[i] = 0;
   }
   return any;
 }
@@ -163,9 +163,9 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
   }
   BundleSummary summary;
   const std::vector<Rigid3> before = problem.T_c_w;
-  summary.loose.resize(before.size(), 0);
+  summary.unconstrained.resize(before.size(), 0);
   std::vector<std::uint8_t> active = usable_observations(problem);
-  let_go_loose(problem, options, before, active, summary.loose);
+  fix_unconstrained(problem, options, before, active, summary.unconstrained);
   const BundleRoundSummary first =
       run_round(problem, options, active, options.robust, options.iterations);
   summary.initial_cost = first.initial_cost;
@@ -176,7 +176,7 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
 
   if (options.refine_iterations > 0 && !first.stopped) {
     active = inliers(summary.outlier);
-    let_go_loose(problem, options, before, active, summary.loose);
+    fix_unconstrained(problem, options, before, active, summary.unconstrained);
     const BundleRoundSummary second =
         run_round(problem, options, active, false, options.refine_iterations);
     summary.final_cost = second.final_cost;
@@ -185,7 +185,7 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
     summary.outlier = find_outliers(problem, options);
   }
   active = inliers(summary.outlier);
-  if (let_go_loose(problem, options, before, active, summary.loose)) {
+  if (fix_unconstrained(problem, options, before, active, summary.unconstrained)) {
     summary.outlier = find_outliers(problem, options);
   }
   return summary;

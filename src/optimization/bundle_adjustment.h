@@ -12,8 +12,8 @@
 
 namespace kys_slam {
 
-/// Poses, points and the observations between them, by position in their arrays: what local and
-/// full bundle adjustment share. Copied out of the map and back by their callers.
+/// Poses, points and observations, by index in their arrays. Used by local and full bundle
+/// adjustment, which copy them from and to the map.
 struct BundleProblem {
   struct Observation {
     std::int32_t pose = 0;
@@ -22,16 +22,16 @@ struct BundleProblem {
     float v = 0;          ///< px
     float u_right = 0;    ///< px, right image; NaN for a monocular observation
     float inv_sigma = 1;  ///< 1/px
-    float weight = 1;     ///< 0..1, factor on its cost; bounds of outliers do not depend on it
+    float weight = 1;     ///< 0..1, factor on its cost; outlier bounds do not depend on it
   };
   StereoCamera camera;
   std::vector<Rigid3> T_c_w;              ///< changed in place, but for the fixed ones
   std::vector<std::uint8_t> pose_fixed;   ///< per pose
   std::vector<Eigen::Vector3d> points;    ///< p_w, m; changed in place
-  std::vector<Observation> observations;  ///< grouped by point makes it faster, not different
+  std::vector<Observation> observations;  ///< faster when grouped by point; same result
 };
 
-/// What solves the normal equations. All minimise the same cost.
+/// Solver of the normal equations. All minimise the same cost.
 enum class BundleSolver : std::uint8_t {
   kAuto,         ///< kSchur up to kDenseMaxPoses free poses, kSparseSchur above
   kSchur,        ///< own Levenberg-Marquardt, points eliminated, dense reduced system: windows
@@ -49,36 +49,36 @@ using BundleRoundSolver = BundleRoundSummary (*)(BundleProblem&, const BundleOpt
 struct BundleOptions {
   BundleSolver solver = BundleSolver::kAuto;
   int iterations = 5;          ///< of the robust round
-  int refine_iterations = 10;  ///< after outliers are set aside; 0: no second round
+  int refine_iterations = 10;  ///< after removal of outliers; 0: no second round
   double chi2_mono = kChi2Mono95;
   double chi2_stereo = kChi2Stereo95;
-  bool robust = true;                        ///< Huber loss in the first round
-  int min_pose_observations = 10;            ///< fewer do not hold a pose: it stays where it was
-  double disparity_weight = 1;               ///< information of a disparity over that of u and v
-  double function_tolerance = 1e-4;          ///< stop when the cost falls by less than this share
-  const std::atomic<bool>* stop = nullptr;   ///< asked every few ms to 100 ms
-  BundleRoundSolver round_solver = nullptr;  ///< in the place of ours, e.g. a reference
+  bool robust = true;                ///< Huber loss in the first round
+  int min_pose_observations = 10;    ///< a pose with fewer does not move
+  double disparity_weight = 1;       ///< information of a disparity relative to that of u and v
+  double function_tolerance = 1e-4;  ///< stop when the relative decrease of the cost is smaller
+  const std::atomic<bool>* stop = nullptr;   ///< checked every few ms to 100 ms
+  BundleRoundSolver round_solver = nullptr;  ///< replaces ours, e.g. by a reference
 };
 /// For check_options(). \param prefix of the keys
 void describe(kys::OptionList& list, BundleOptions& options, std::string_view prefix = "bundle.");
 
 struct BundleSummary {
   double initial_cost = 0;  ///< 1/2 sum of rho(chi2) before the first round
-  double final_cost = 0;    ///< 1/2 sum of (rho of) chi2 over what the last round used
-  int iterations = 0;       ///< of all rounds, steps that were rejected included
+  double final_cost = 0;    ///< 1/2 sum of (rho of) chi2 over the observations of the last round
+  int iterations = 0;       ///< of all rounds, rejected steps included
   bool stopped = false;     ///< `stop` was set: the poses and points are still valid
   std::vector<std::uint8_t>
-      outlier;                      ///< per observation: chi2 above the bound or behind the camera
-  std::vector<std::uint8_t> loose;  ///< per free pose: too few observations, it did not move
+      outlier;  ///< per observation: chi2 above the bound or behind the camera
+  std::vector<std::uint8_t> unconstrained;  ///< per pose: free, not moved for lack of observations
 };
 
 /// Minimises the reprojection error over poses and points (ORB-SLAM2, Sec. III-D, III-F): a robust
-/// round (Huber at the chi2 bounds), then a plain one over the observations within the bounds.
-/// Observations that are not finite, or behind the camera to begin with, are outliers from the
-/// start; points and poses without usable observations do not move. A free pose that fewer than
-/// `min_pose_observations` hold, to begin with or without outliers, does not move either, and moves
-/// nothing: three wrong matches can put a pose anywhere. If no pose is fixed the first
-/// observed one is held, as reprojection errors leave the place of the whole open.
+/// round (Huber at the chi2 bounds), then a least-squares round over the observations within the
+/// bounds. Observations that are not finite, or initially behind the camera, are outliers from the
+/// start. Points and poses without usable observations do not move. A free pose with fewer than
+/// `min_pose_observations`, initially or after removal of outliers, does not move either, and its
+/// observations are not used: three wrong matches can move a pose anywhere. If no pose is fixed,
+/// the first observed one is held (gauge freedom).
 /// \throws std::invalid_argument for indices out of range, arrays of unequal length, a bad camera.
 BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options);
 

@@ -6,10 +6,10 @@
 
 namespace kys_slam {
 
-/// One minimisation over a fixed set of observations: what adjust_bundle hands to its solver.
+/// One minimisation over a fixed set of observations: input from adjust_bundle to its solver.
 struct BundleRound {
-  std::span<const std::uint8_t> active;      ///< per observation: takes part
-  std::span<const std::uint8_t> pose_fixed;  ///< per pose, gauge taken care of
+  std::span<const std::uint8_t> active;      ///< per observation: used
+  std::span<const std::uint8_t> pose_fixed;  ///< per pose, at least one for the gauge
   bool robust = true;
   int iterations = 10;
   bool sparse = false;  ///< reduced system of solve_bundle_schur

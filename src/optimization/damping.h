@@ -6,19 +6,19 @@
 namespace kys_slam {
 
 /// The damping of a Levenberg-Marquardt iteration (Nielsen, "Damping Parameter in Marquardt's
-/// Method", 1999): the better the model held, the less damping; refused steps in a row raise it
-/// ever faster.
+/// Method", 1999): the better the predicted decrease, the less damping; successive rejected steps
+/// raise it with growing factors.
 class Damping {
  public:
-  /// Added to the diagonal where a direction is not observed at all, as in Ceres.
+  /// Least value of a diagonal element, for directions without observations, as in Ceres.
   static constexpr double kMinDiagonal = 1e-6;
-  /// Smallest share of the predicted decrease with which a step is taken.
+  /// Smallest ratio of actual to predicted decrease at which a step is accepted.
   static constexpr double kMinGain = 1e-3;
 
   explicit Damping(double initial) : value_(initial) {}
 
   [[nodiscard]] double value() const { return value_; }
-  /// No step that is still worth trying.
+  /// True when the damping is so large that no step makes progress.
   [[nodiscard]] bool exhausted() const { return !(value_ < 1e16); }
   /// \param gain decrease of the cost over the predicted one
   void accept(double gain) {

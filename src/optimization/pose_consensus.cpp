@@ -17,20 +17,19 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, ConsensusOptions& o) {
   list.add("tracking.balanced", o.enabled,
-           "poses agree with most of the image area, not with most matches");
+           "the pose with most image area in its inliers is used, not the one with most inliers");
   list.add("tracking.cell_columns", o.columns, {1, 1000}, "",
            "square cells across the image that measure area");
   list.add("tracking.contested_share", o.contested, {0, 1}, "",
-           "share of the area held by outliers from which other motions are tried");
+           "share of the area with outliers above which other poses are tried");
   list.add("tracking.consensus_tolerance", o.tolerance, {0.1, 100}, "",
-           "factor on the bound of the error within which area supports a pose");
+           "factor on the error bound within which area supports a pose");
   list.add("tracking.consensus_priors", o.by_class,
-           "modes kys and verified: things that can move count once, by what the priors say, not "
-           "by their area");
+           "modes kys and verified: an instance that can move counts once, by its prior, not by "
+           "its area");
   list.add("tracking.cell_evidence", o.cell_evidence, {0.01, 100}, "nats",
-           "what one cell of the fixed scene says for a pose, beside the priors of things");
-  list.add("tracking.consensus_samples", o.samples, {0, 100000}, "",
-           "motions tried where outliers hold much area");
+           "evidence of one cell of the static scene for a pose, against the priors of instances");
+  list.add("tracking.consensus_samples", o.samples, {0, 100000}, "", "number of other poses tried");
   list.add("tracking.consensus_seed", o.seed, {0, 1e9}, "", "of these samples");
   const kys::OptionList::Fixed fixed(list);
   list.add("tracking.consensus_clear", o.clear, {1, 1000});
@@ -250,7 +249,7 @@ class Consensus {
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
     std::vector<double> errors = errors_at(T_c_w);
     for (const SceneCells::Thing& thing : scene_.things()) {
-      if (stands(errors, thing)) continue;
+      if (is_static(errors, thing)) continue;
       for (const std::size_t i : thing.members) errors[i] = kInfinite;
     }
     std::vector<PoseObservation> near;
@@ -354,8 +353,8 @@ class Consensus {
   }
 
   /// Whether a thing stands still to a pose: many of its observations fit.
-  [[nodiscard]] bool stands(const std::vector<double>& errors,
-                            const SceneCells::Thing& thing) const {
+  [[nodiscard]] bool is_static(const std::vector<double>& errors,
+                               const SceneCells::Thing& thing) const {
     const double bound = options_.tolerance * options_.tolerance;
     const auto count = std::count_if(thing.members.begin(), thing.members.end(),
                                      [&](std::size_t i) { return errors[i] <= bound; });

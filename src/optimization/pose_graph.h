@@ -9,7 +9,7 @@
 
 namespace kys_slam {
 
-/// A measured motion between two keyframes: T_a_b.
+/// A measured relative pose of two keyframes: T_a_b.
 struct PoseGraphEdge {
   std::int32_t a = 0;
   std::int32_t b = 0;
@@ -24,9 +24,9 @@ struct PoseGraphOptions {
 /// For check_options().
 void describe(kys::OptionList& list, PoseGraphOptions& options);
 
-/// Poses T_w_c that agree best with the edges (essential graph, ORB-SLAM Sec. III-D), over SE(3).
-/// Residual of an edge: [log of the rotation error (rad); translation error (m)] of
-/// T_a_b^-1 * T_w_a^-1 * T_w_b, times its weight. At least one pose has to be fixed.
+/// Minimises the squared residuals of the edges over the poses T_w_c, over SE(3) (essential graph,
+/// ORB-SLAM Sec. III-D). Residual of an edge: [log of the rotation error (rad); translation error
+/// (m)] of T_a_b^-1 * T_w_a^-1 * T_w_b, times its weight. At least one pose must be fixed.
 void optimize_pose_graph(std::vector<Rigid3>& T_w_c, const std::vector<std::uint8_t>& fixed,
                          const std::vector<PoseGraphEdge>& edges,
                          const PoseGraphOptions& options = {});

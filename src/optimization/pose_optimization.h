@@ -14,7 +14,7 @@
 
 namespace kys_slam {
 
-/// A landmark of known position seen in one frame.
+/// Observation of a landmark of known position in one frame.
 struct PoseObservation {
   Eigen::Vector3d p_w;  ///< m, world frame
   float u = 0;          ///< px, left image
@@ -24,15 +24,15 @@ struct PoseObservation {
   float share = 1;      ///< 0..1, factor on its information; chi-square bounds do not depend on it
 };
 
-/// Where a frame is expected, as a term of its cost beside the observations.
+/// Gaussian prior of the pose, an additional term of the cost.
 struct PosePrior {
   Rigid3 T_c_w;
-  double sigma_position = 1;  ///< m, of the camera's place
+  double sigma_position = 1;  ///< m, of the camera centre
   double sigma_rotation = 1;  ///< rad
 };
 
 struct PoseOptions {
-  int rounds = 4;       ///< outliers are classified anew after each
+  int rounds = 4;       ///< outliers are reclassified after each
   int iterations = 10;  ///< per round, at most
   double chi2_mono = kChi2Mono95;
   double chi2_stereo = kChi2Stereo95;
@@ -52,14 +52,14 @@ struct PoseResult {
 
 struct ObservationLanes;
 
-/// The errors of a frame's observations, to be asked for many poses.
+/// The errors of the observations of a frame, evaluated for many poses.
 class PoseErrors {
  public:
   PoseErrors(const StereoCamera& camera, std::span<const PoseObservation> observations,
              const PoseOptions& options);
 
-  /// Per observation chi-square over its bound; infinite for a point behind the camera and for an
-  /// observation that is not finite.
+  /// Per observation its chi-square divided by its bound; infinite for a point behind the camera
+  /// and for an observation that is not finite.
   void at(const Rigid3& T_c_w, std::vector<double>& errors) const;
 
  private:
@@ -69,15 +69,15 @@ class PoseErrors {
 };
 
 /// Pose of a frame from landmarks of fixed position: Huber-weighted reprojection error, outliers
-/// set aside and reconsidered between rounds (ORB-SLAM2, Sec. III-C "motion-only BA"). A point
-/// behind the camera is an outlier. With fewer than three usable observations the initial pose is
-/// returned and every observation is an outlier.
+/// reclassified between rounds (ORB-SLAM2, Sec. III-C "motion-only BA"). A point behind the camera
+/// is an outlier. With fewer than three usable observations the initial pose is returned and every
+/// observation is an outlier.
 PoseResult optimize_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                          std::span<const PoseObservation> observations,
                          const PoseOptions& options = {});
 
-/// Standard deviation of the camera's place in the direction that its observations tell least of,
-/// m; infinite where they do not tell it.
+/// Standard deviation of the camera centre in its least certain direction, m; infinite when that
+/// direction is not observed.
 double position_sigma(const PoseResult& pose);
 
 }  // namespace kys_slam

@@ -7,8 +7,8 @@
 
 namespace kys_slam {
 
-/// reprojection_error and its derivatives for four observations side by side, for the functions
-/// marked KYS_VECTOR_CLONES that inline them.
+/// reprojection_error and its derivatives for four observations in SIMD lanes, for functions marked
+/// KYS_VECTOR_CLONES, which inline them.
 struct CameraNumbers {
   double fx, fy, cx, cy, bf;
 
@@ -16,8 +16,8 @@ struct CameraNumbers {
       : fx(c.fx), fy(c.fy), cx(c.cx), cy(c.cy), bf(c.bf()) {}
 };
 
-/// What four observations measured. Weights are 1/px^2, and zero where there is nothing to weigh:
-/// lanes past the end, and the right image of monocular observations.
+/// Measurements of four observations. Weights are in 1/px^2. They are zero in lanes past the end
+/// and for the disparity of monocular observations.
 struct MeasuredLanes {
   Lanes u{}, v{}, u_right{};  // px
   Lanes weight{}, weight_disparity{};
@@ -82,8 +82,8 @@ KYS_ALWAYS_INLINE void normal_of(const LaneErrors& e, const CameraNumbers& camer
   n.g2 = w * (b * e.du + d * e.dv) + w_disparity * f * e.dd;
 }
 
-/// Hessian and gradient over the increment of the camera frame, p_c -> exp(w) p_c + v, which has
-/// the sparsest Jacobian: dp_c/d[w v] = [-hat(p) I].
+/// Hessian and gradient over the left increment, p_c -> exp(w) p_c + v, which has the sparsest
+/// Jacobian: dp_c/d[w v] = [-hat(p) I].
 struct LanePoseNormal {
   Lanes b00, b01, b02, b10, b11, b12, b20, b21, b22;  // hat(p) A: rows of w, columns of v
   Lanes h00, h10, h11, h20, h21, h22;                 // hat(p) A hat(p)^T

@@ -10,12 +10,12 @@
 
 namespace kys_slam {
 
-/// Very many short lists of 32-bit numbers. A list costs its 8-byte handle and a block of 1, 2, 3,
-/// 4, 6, 8, 12, 16, ... cells; blocks of emptied lists are used again. Nothing ever moves but the
-/// list that grows, so no call takes longer than its own list is long.
+/// Many short lists of 32-bit numbers. A list takes its 8-byte handle and a block of 1, 2, 3, 4, 6,
+/// 8, 12, 16, ... cells. Blocks of emptied lists are reused. Only the list that grows is moved, so
+/// the time of a call is at most linear in the length of its list.
 class ListPool {
  public:
-  /// Handle of a list; a default-constructed one is empty. Meaningful to its pool alone.
+  /// Handle of a list; a default-constructed one is empty. Valid for its pool only.
   struct List {
     std::uint32_t begin = 0;
     std::uint32_t size : 26 = 0;
@@ -27,7 +27,7 @@ class ListPool {
     return {cells(list.begin), list.size};
   }
 
-  /// Has a list's numbers brought near.
+  /// Prefetches the numbers of a list.
   void prefetch(const List& list) const {
     if (list.size > 0) __builtin_prefetch(cells(list.begin));
   }
@@ -44,7 +44,8 @@ class ListPool {
     list.size = list.size + 1;
   }
 
-  /// Takes one occurrence out; the last number takes its place. Returns whether there was one.
+  /// Removes one occurrence and moves the last number to its position. Returns whether there was
+  /// one.
   bool remove(List& list, std::uint32_t value) {
     std::uint32_t* const first = list.size > 0 ? cells(list.begin) : nullptr;
     for (std::uint32_t i = 0; i < list.size; ++i) {

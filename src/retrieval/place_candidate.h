@@ -8,7 +8,7 @@ namespace kys_slam {
 struct PlaceCandidate {
   KeyFrameId keyframe;
   double score = 0;  ///< see PlaceIndex::query
-  int votes = 0;     ///< features of the query that found a landmark of this very keyframe
+  int votes = 0;     ///< features of the query that vote for this keyframe
   friend bool operator==(const PlaceCandidate&, const PlaceCandidate&) = default;
 };
 

@@ -16,40 +16,40 @@
 namespace kys_slam {
 
 struct PlaceOptions {
-  std::uint64_t seed = 0;          ///< chooses the bits the hash tables look at
+  std::uint64_t seed = 0;          ///< selects the bits of the hash tables
   int tables = 8;                  ///< 1 to 16; more find more and take longer
-  std::size_t max_bucket = 64;     ///< landmarks; fuller buckets say nothing and are skipped
-  std::size_t max_features = 800;  ///< of a query: those of the strongest response
-  float max_distance = 50;         ///< bits, modulated: only nearer landmarks vote
-  float margin = 4;  ///< bits, behind a feature's nearest landmark, of others it takes
+  std::size_t max_bucket = 64;     ///< landmarks; larger buckets are skipped as not distinctive
+  std::size_t max_features = 800;  ///< of a query, those with the largest response
+  float max_distance = 50;         ///< bits, modulated: farther landmarks do not vote
+  float margin = 4;  ///< bits, largest excess over a feature's nearest landmark for other landmarks
 };
 /// For check_options().
 void describe(kys::OptionList& list, PlaceOptions& options);
 
-/// Which keyframes show the place a frame shows? Place recognition without a vocabulary: hash
-/// tables over the descriptors of all landmarks, grown with the map; the features of a query vote
-/// for the keyframes that observe the landmarks they resemble. A consumer of change sets, like the
-/// replica. Answers depend on the present content and the options, not on the order in which it
-/// came in. Queries do not change the index: any number of threads may ask at the same time.
+/// Finds the keyframes that show the same place as a frame. Place recognition without a vocabulary:
+/// hash tables over the descriptors of all landmarks grow with the map. The features of a query
+/// vote for the keyframes that observe matching landmarks. Updated by change sets, like the
+/// replica. Results depend on the present content and the options, not on the order of updates.
+/// Queries do not change the index: any number of threads may query at the same time.
 class PlaceIndex {
  public:
-  /// \throws InputError when an option makes no sense.
+  /// \throws InputError when an option is invalid.
   explicit PlaceIndex(const PlaceOptions& options = {});
 
-  /// Brings the index up to date. Landmarks whose descriptors did not change cost next to nothing.
+  /// Applies a change set. Landmarks with unchanged descriptors take little time.
   void apply(const ChangeSet& changes);
 
-  /// Keyframes by how well they match, best first (ties: lower id), one for each group of covisible
-  /// keyframes.
+  /// Candidates by score, best first (ties: lower id), one per group of covisible keyframes.
   ///
-  /// Every feature finds its nearest landmark (modulated distance, temporal context) and those
-  /// nearly as near, among the landmarks that some allowed keyframe observes; a landmark found by
-  /// several features belongs to the nearest one. Then every feature votes, once, for each allowed
-  /// keyframe that observes a landmark of its own: the more the nearer that landmark is, the less
-  /// the more keyframes there are to vote for. The score of a keyframe is that of the best group (a
-  /// keyframe and its covisible neighbours) that it is the best member of: votes over the number of
-  /// landmarks that the members observe, which are taken to be a typical keyframe's number more
-  /// than they are, so that few votes for a small group are no high share.
+  /// Every feature finds its nearest landmark (modulated distance, temporal context), and those
+  /// within `margin` of it, among the landmarks that allowed keyframes observe. A landmark found by
+  /// several features is assigned to the nearest one. Then every feature votes once for each
+  /// allowed keyframe that observes one of its landmarks. The weight of a vote falls with the
+  /// distance of the landmark and with the number of these keyframes. A group is a keyframe and its
+  /// covisible neighbours; its score is the sum of votes over the number of landmarks its members
+  /// observe. A typical keyframe's number is added to that number, so that few votes for a small
+  /// group do not give a high score. The score of a candidate is that of the best group of which it
+  /// is the best member.
   /// \param excluded keyframes that get no votes, in any order
   [[nodiscard]] std::vector<PlaceCandidate> query(const FrameFeatures& features,
                                                   const kys::DistanceModel& model,
@@ -85,12 +85,13 @@ class PlaceIndex {
   // By slot.
   std::vector<kys::Descriptor> descriptors_;
   std::vector<LandmarkId> ids_;
-  std::vector<kys::Prior> priors_;  // as far as anyone has a label
+  std::vector<kys::Prior> priors_;  // empty while no landmark has a label
   std::vector<ListPool::List> observers_;
   ListPool observer_pool_;
 
-  IdTable<KeyFrameId, std::vector<KeyFrameId>> keyframes_;  // alive; their covisible neighbours
-  std::vector<std::uint32_t> landmark_count_;               // by keyframe id
+  IdTable<KeyFrameId, std::vector<KeyFrameId>>
+      keyframes_;                              // present ones; their covisible neighbours
+  std::vector<std::uint32_t> landmark_count_;  // by keyframe id
 };
 
 }  // namespace kys_slam

@@ -12,12 +12,12 @@
 
 namespace kys_slam {
 
-/// The votes of one query: which keyframes may be voted for, and how many votes they have.
+/// The votes of one query: the allowed keyframes and their votes.
 class PlaceVotes {
  public:
   using Neighbours = IdTable<KeyFrameId, std::vector<KeyFrameId>>;
 
-  /// \param landmark_count landmarks observed, by keyframe id; has to outlive this
+  /// \param landmark_count landmarks observed, by keyframe id; must outlive this object
   explicit PlaceVotes(const std::vector<std::uint32_t>& landmark_count)
       : landmark_count_(landmark_count),
         allowed_(landmark_count.size(), 0),
@@ -25,7 +25,7 @@ class PlaceVotes {
         weight_(landmark_count.size(), 0),
         voted_(landmark_count.size(), 0) {}
 
-  /// Only these may be voted for, except those excluded.
+  /// Allows votes for `keyframes` except `excluded`.
   void allow(std::span<const KeyFrameId> keyframes, std::span<const KeyFrameId> excluded);
 
   [[nodiscard]] bool is_allowed(std::uint32_t keyframe) const {
@@ -38,8 +38,8 @@ class PlaceVotes {
     return false;
   }
 
-  /// A feature votes for the keyframes given to `add` between these two, once for each: with the
-  /// closeness given first.
+  /// A feature votes once for each keyframe given to `add` between these two calls, with the
+  /// closeness of its first occurrence.
   void begin_feature();
   void add(std::span<const std::uint32_t> keyframes, double closeness);
   void end_feature();

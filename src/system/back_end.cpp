@@ -21,12 +21,12 @@ BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
       mapper_(options.mapping, model),
       closer_(options.loop, options.mapping.bundle, model),
       full_bundle_(options.full_bundle, threaded) {
-  if (model.wants_belief()) map_.keep_beliefs();
+  if (model.uses_belief()) map_.keep_beliefs();
 }
 
 ChangeSet BackEnd::continue_map(Map map) {
   map_ = std::move(map);
-  if (model_->wants_belief()) map_.keep_beliefs();
+  if (model_->uses_belief()) map_.keep_beliefs();
   mapper_.continue_map(map_);
   return publish();
 }

@@ -24,7 +24,7 @@
 
 namespace kys_slam {
 
-/// What the back end answers to one keyframe.
+/// Result of the back end for one keyframe.
 struct BackEndStep {
   std::int64_t frame_index = 0;  ///< of the keyframe
   ChangeSet changes;
@@ -41,24 +41,25 @@ struct BackEndOptions {
 /// For check_options().
 void describe(kys::OptionList& list, BackEndOptions& options);
 
-/// Owner and only writer of the map: one step per keyframe message, local mapping and loop closing.
-/// Knows nothing of the thread it runs in; full bundle adjustment has one of its own when
+/// Owner and only writer of the map: one step per keyframe message, with local mapping and loop
+/// closing. Runs in the thread of the caller; full bundle adjustment has its own thread when
 /// `threaded`.
 class BackEnd {
  public:
-  /// \param model has to outlive the back end
+  /// \param model must outlive the back end
   BackEnd(const StereoCamera& camera, const ScaleLevels& scales, const BackEndOptions& options,
           const kys::DistanceModel& model, bool threaded);
 
-  /// Before the first keyframe: goes on with a map made earlier. Returns all of it.
+  /// Continues a loaded map; call it before the first keyframe. Returns a change set with the whole
+  /// map.
   ChangeSet continue_map(Map map);
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
-  /// Takes over what full bundle adjustment still has under way.
+  /// Waits for full bundle adjustment and applies its result.
   ChangeSet finish();
-  /// Where a frame is in the map, if it is at a known place.
+  /// Relocalises a frame; nothing when it is not at a known place.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         kys::Statistics& statistics) const;
-  /// Full bundle adjustment stops. From any thread.
+  /// Stops full bundle adjustment. Thread-safe.
   void interrupt() { full_bundle_.interrupt(); }
   [[nodiscard]] const Map& map() const { return map_; }
 
@@ -74,13 +75,13 @@ class BackEnd {
   FullBundle full_bundle_;
 };
 
-/// Runs the back end by a schedule: messages go in, finished steps come out at frame boundaries.
-///   sequential: a step runs inside `submit` and comes out at the next boundary;
-///   pipelined: it runs in a thread and comes out `delay` frames later, waited for if need be;
-///   realtime: it runs in a thread and comes out when it is ready.
+/// Runs the back end by a schedule: takes messages, returns finished steps between two frames.
+/// sequential: a step runs inside `submit` and is returned before the next frame; pipelined: it
+/// runs in a thread and is returned `delay` frames later, after waiting if necessary; realtime: it
+/// runs in a thread and is returned when it is ready.
 class BackEndRunner {
  public:
-  /// \param model has to outlive the runner
+  /// \param model must outlive the runner
   BackEndRunner(const StereoCamera& camera, const ScaleLevels& scales,
                 const BackEndOptions& options, const kys::DistanceModel& model, Schedule schedule,
                 int delay);
@@ -93,27 +94,26 @@ class BackEndRunner {
   void submit(KeyFrameMessage message);
   /// Steps that are due before frame `frame_index` is tracked, in order.
   std::vector<BackEndStep> collect(std::int64_t frame_index);
-  /// All that is left; waits for it.
+  /// All remaining steps; waits for them.
   std::vector<BackEndStep> drain();
-  /// Messages submitted and not yet collected.
+  /// Number of messages submitted and not yet collected.
   [[nodiscard]] int waiting() const { return waiting_; }
-  /// Waits until every message submitted is processed; what came of them stays to be collected.
-  /// The map then stays as it is until the next `submit`.
+  /// Waits until every submitted message is processed. Their steps remain to be collected. The map
+  /// does not change until the next `submit`.
   void wait_idle();
-  /// After `drain`: the map's last correction.
+  /// Call it after `drain`: the last corrections of the map.
   ChangeSet finish() { return back_end_.finish(); }
   /// After `drain`.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         kys::Statistics& statistics) const {
     return back_end_.relocalize(features, statistics);
   }
-  /// Optimisation under way stops early, and all that follows.
+  /// Stops running and all later optimisation early. Thread-safe.
   void interrupt() {
     stop_ = true;
     back_end_.interrupt();
   }
-  /// After `drain` or `wait_idle`. When a step has failed, the map is as that step left it, half
-  /// changed.
+  /// Call it after `drain` or `wait_idle`. After a failed step the map is in an intermediate state.
   [[nodiscard]] const Map& map() const { return back_end_.map(); }
   /// After `drain`.
   [[nodiscard]] bool failed() const { return failure_ != nullptr; }

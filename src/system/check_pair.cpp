@@ -74,7 +74,7 @@ PairCheck check_stereo_pair(const GrayImage& left, const GrayImage& right) {
   Offsets offsets = match_everywhere(l, r);
   PairCheck check;
   check.matches = offsets.rows.size();
-  if (check.matches < PairCheck::kEnough) return check;
+  if (check.matches < PairCheck::kMinMatches) return check;
   for (const double d : offsets.disparities) {
     check.backward_share += (d < kBackward ? 1.0 : 0.0) / static_cast<double>(check.matches);
   }

@@ -8,9 +8,10 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, ObjectOptions& o) {
-  list.add("objects.min_probability", o.min_probability, {0.001, 1}, "", "of moving, to be logged");
+  list.add("objects.min_probability", o.min_probability, {0.001, 1}, "",
+           "of moving, from which an instance is logged");
   list.add("objects.min_keypoints", o.min_keypoints, {0, 60000}, "",
-           "stereo keypoints of a thing that is logged");
+           "stereo keypoints from which an instance is logged");
   describe(list, o.tracks);
 }
 

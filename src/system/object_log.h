@@ -14,19 +14,20 @@
 namespace kys_slam {
 
 struct ObjectOptions {
-  double min_probability = 0.5;  ///< of moving; things below are not logged
-  int min_keypoints = 1;         ///< stereo keypoints; things with fewer are not logged
+  double min_probability = 0.5;  ///< of moving; instances below are not logged
+  int min_keypoints = 1;         ///< stereo keypoints; instances with fewer are not logged
   ObjectTrackOptions tracks;
 };
 /// For check_options().
 void describe(kys::OptionList& list, ObjectOptions& options);
 
-/// What the frames showed of things that move, kept until the poses are final.
+/// Observations of moving objects in all frames, stored until the poses are final.
 class ObjectLog {
  public:
   explicit ObjectLog(const ObjectOptions& options) : options_(checked(options)) {}
 
-  /// The next frame. \param instances  its things; none when it has no pose
+  /// Adds the next frame.
+  /// \param instances of the frame; empty when it has no pose
   void add(double timestamp, std::span<const InstanceState> instances);
   /// Objects over all frames. \param trajectory  one estimate per frame added
   [[nodiscard]] std::vector<ObjectEstimate> objects(

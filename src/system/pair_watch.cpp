@@ -38,9 +38,9 @@ void PairHistory::finish() {
   if (warning_.empty() && bad_pairs_ >= kBadPairs) warning_ = problem_;
 }
 
-void PairHistory::look_at(const GrayImage& left, const GrayImage& right, std::int64_t index) {
+void PairHistory::check(const GrayImage& left, const GrayImage& right, std::int64_t index) {
   const PairCheck check = check_stereo_pair(left, right);
-  if (check.matches < PairCheck::kEnough) return;
+  if (check.matches < PairCheck::kMinMatches) return;
   bad_pairs_ = check.problem.empty() ? 0 : bad_pairs_ + 1;
   problem_ = fmt::format("frame {}: {}", index, check.problem);
   row_offsets_.push_back(check.row_offset);
@@ -65,9 +65,9 @@ std::optional<StereoFrame> PairWatch::next() {
   if (!frame) {
     history_.finish();
   } else if (history_.count_frame() && !frame->left.empty()) {
-    history_.look_at(frame->left, frame->right, frame->index);
+    history_.check(frame->left, frame->right, frame->index);
   }
-  if (!history_.warning().empty() && tell_) tell_(history_.warning());
+  if (!history_.warning().empty() && report_) report_(history_.warning());
   return frame;
 }
 

@@ -7,7 +7,7 @@ namespace kys_slam {
 
 class Map;
 
-/// What the core's own files and its tests see of the public classes, and users do not.
+/// Access to private parts of the public classes, for the core and its tests.
 struct PrivateAccess {
   static const SettingsData& data(const Settings& settings) { return *settings.data_; }
   /// The map itself; valid after `finish`.

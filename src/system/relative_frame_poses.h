@@ -9,15 +9,15 @@
 
 namespace kys_slam {
 
-/// The pose of every frame relative to the keyframe before it and to the one after it. When
-/// optimisation moves the keyframes, a frame between two of them follows both, weighted by how near
-/// each is: with one of them alone the trajectory would have a step at the other.
+/// The pose of every frame relative to the keyframe before it and to the keyframe after it. When
+/// optimisation moves the keyframes, a frame between two of them follows both, weighted by their
+/// distance in frames. With one of them alone the trajectory would have a step at the other.
 class RelativeFramePoses {
  public:
-  /// The next frame; an invalid reference: it has no pose.
+  /// Adds the next frame; an invalid reference: no pose.
   void add(const FramePose& before) { frames_.push_back({before, {}, 0}); }
-  /// The last frame added became keyframe `id`: the frames since the keyframe before are related to
-  /// it.
+  /// The last frame added became keyframe `id`: stores the poses of the frames since the last
+  /// keyframe relative to it.
   void close(KeyFrameId id, const Tracker& tracker);
   [[nodiscard]] std::size_t size() const { return frames_.size(); }
   /// Sub-map of a frame; invalid for one without a pose.
@@ -29,7 +29,7 @@ class RelativeFramePoses {
   [[nodiscard]] const FramePose& before(std::size_t frame) const {
     return frames_.at(frame).before;
   }
-  /// T_w_c of a frame in the map as it is now; nothing for a frame without a pose.
+  /// T_w_c of a frame in the present map; nothing for a frame without a pose.
   [[nodiscard]] std::optional<Rigid3> pose(const Map& map, std::size_t frame) const;
 
  private:

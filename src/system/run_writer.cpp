@@ -277,7 +277,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
 
 }  // namespace
 
-RunOutcome judge_run(const System& system, const RunInfo& info) {
+RunOutcome summarise_run(const System& system, const RunInfo& info) {
   RunOutcome outcome;
   outcome.trajectory = system.trajectory();
   for (const FrameEstimate& estimate : outcome.trajectory) {

@@ -16,11 +16,11 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, ControlOptions& o) {
   list.add("control.pipeline_delay", o.pipeline_delay, {0, 1000}, "frames",
-           "after which the tracker sees what the back end did (pipelined)");
+           "after which the tracker receives the changes of the back end (pipelined)");
   list.add("control.blend_poses", o.blend_poses,
-           "frames between two keyframes follow both when the map moves (false: the one before)");
+           "frames between two keyframes move with both; false: with the one before");
   list.add("control.stall_ms", o.stall_ms, {0, 60000}, "ms",
-           "slept in every frame, a study of budgets");
+           "slept in every frame, for studies of time budgets");
   list.add("control.label_space", o.label_space, "label space of the prior files");
 }
 

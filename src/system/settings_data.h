@@ -18,18 +18,17 @@
 namespace kys_slam {
 
 struct ControlOptions {
-  int pipeline_delay = 3;   ///< frames after which the tracker sees what the back end did
-  bool blend_poses = true;  ///< frames between two keyframes follow both
-  int stall_ms = 0;         ///< ms slept in every frame, to study the back end's budget
+  int pipeline_delay = 3;   ///< frames after which the tracker receives the changes of the back end
+  bool blend_poses = true;  ///< frames between two keyframes move with both
+  int stall_ms = 0;         ///< ms slept in every frame, to study time budgets of the back end
   std::string label_space = "coco_panoptic_133";
 };
 /// For check_options().
 void describe(kys::OptionList& list, ControlOptions& options);
 
-/// The settings as the parts of the system take them. Ranges are written where each part describes
-/// its options: lower ends keep what is divided by, compared or allocated in order; upper ends lie
-/// far above what has a use, and keep a typing error (a missing point, one zero too many) from
-/// running for days.
+/// The settings as options of the modules. Each module states the ranges of its options. Lower
+/// limits prevent invalid values; upper limits are far above useful values and prevent very long
+/// runs after a typing error (a missing point, an extra zero).
 struct SettingsData {
   OrbOptions orb;
   StereoOptions stereo;
@@ -38,7 +37,7 @@ struct SettingsData {
   LoopOptions loop;
   FullBundleOptions full_bundle;
   RelocalizationOptions relocalization;
-  PlaceVerificationOptions place;  ///< of loops and relocalisation alike
+  PlaceVerificationOptions place;  ///< for loops and relocalisation
   kys::ModeOptions kys;
   kys::BeliefOptions belief;
   ObjectOptions objects;

@@ -54,8 +54,9 @@ bool asks_what_moves(const SettingsData& settings) {
   }
 }
 
-kys::BeliefStart make_belief_start(const SettingsData& settings, const kys::DistanceModel& model) {
-  if (!model.wants_belief() && !asks_what_moves(settings)) return {};
+kys::InitialBelief make_belief_start(const SettingsData& settings,
+                                     const kys::DistanceModel& model) {
+  if (!model.uses_belief() && !asks_what_moves(settings)) return {};
   try {
     return {settings.belief, kys::load_label_space(settings.control.label_space)};
   } catch (const kys::Error& error) {
@@ -448,7 +449,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());
-  if (tracked.status == TrackingStatus::kLost && s.tracker.knows_a_map()) {
+  if (tracked.status == TrackingStatus::kLost && s.tracker.has_map()) {
     tracked = s.recover(frame, seen, std::move(tracked));
   }
   if (tracked.status != TrackingStatus::kLost) s.unrecognised = 0;

@@ -6,8 +6,8 @@ namespace kys_slam {
 
 class Map;
 
-/// The keyframes, landmarks and edges of a map, by value. `frames` and `main_submap` are left to
-/// the caller.
+/// A copy of the keyframes, landmarks and edges of a map. The caller sets `frames` and
+/// `main_submap`.
 MapSnapshot take_snapshot(const Map& map);
 
 }  // namespace kys_slam

@@ -6,24 +6,24 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
   list.add("keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
            "between two keyframes at least");
   list.add("keyframes.max_frames", o.max_frames, {0, 1e9}, "frames",
-           "after which one is made anyway");
+           "after which a busy back end does not delay one");
   list.add("keyframes.reference_ratio", o.reference_ratio, {0, 1}, "",
            "share of the reference keyframe's landmarks below which one is due");
   list.add("keyframes.starved_ratio", o.starved_ratio, {0, 1}, "",
-           "share below which one is made though the back end is busy");
+           "share below which one is made also when the back end is busy");
   list.add("keyframes.tracked_close", o.tracked_close, {0, 60000}, "",
-           "close points that should be tracked");
+           "tracked close points below which one is due ...");
   list.add("keyframes.untracked_close", o.untracked_close, {0, 60000}, "",
-           "close points waiting to be added that call for a keyframe");
+           "... when more than this many close points could be added");
   list.add("keyframes.min_inliers", o.min_inliers, {3, 60000}, "",
            "inliers below which none is made");
   list.add("keyframes.scarce", o.scarce, {0, 60000}, "",
-           "landmarks in a frame below which every new one calls for a keyframe; 0: off");
+           "landmarks in a frame below which addable points call for a keyframe; 0: off");
   list.add("keyframes.max_waiting", o.max_waiting, {0, 1000}, "",
-           "keyframes the back end may have in hand");
+           "keyframes queued in the back end above which none is made");
 }
 
-bool wants_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) {
+bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) {
   const bool close_points_short =
       s.tracked_close < o.tracked_close && s.untracked_close > o.untracked_close;
   // A map of one keyframe says little about how much of it should be in view.

@@ -12,17 +12,17 @@
 
 namespace kys_slam {
 
-/// What landmarks look like. The tracker owns it and nobody else needs it: keyframes reach the map
-/// with their keypoints aligned. The patch of a landmark is that of the first keyframe that sees it
-/// with an image; its keypoint there says where on the surface the landmark lies.
+/// Image patches of landmarks, owned by the tracker: keyframes enter the map with aligned
+/// keypoints. The patch of a landmark is from the first keyframe with an image that observes it.
+/// Its keypoint there defines the position of the landmark on the surface.
 class LandmarkPatches {
  public:
   LandmarkPatches(const StereoCamera& camera, const ScaleLevels& scales)
       : camera_(camera), scales_(scales) {}
 
-  /// The features, those whose landmark has a patch aligned with it (align_corner) where that
-  /// succeeds. A patch is turned and stretched as a surface parallel to its own image would be.
-  /// \param T_c_w    where the frame is, to some decimetres
+  /// The features, with keypoints aligned to the patches of their landmarks (align_corner) where
+  /// that succeeds. A patch is warped as a surface parallel to its own image.
+  /// \param T_c_w pose of the frame, accurate to a few decimetres
   /// \param landmarks  per feature; invalid: none
   /// \param pyramid  of the frame's left image
   [[nodiscard]] std::shared_ptr<const FrameFeatures> align(const Replica& replica,
@@ -31,17 +31,17 @@ class LandmarkPatches {
                                                            const ImagePyramid& pyramid,
                                                            const FrameFeatures& features) const;
 
-  /// For a new keyframe: the features with those counted as aligned that will say where their
-  /// landmark lies, since it has no patch yet or will be made of them.
+  /// For a new keyframe: the features, with those marked as aligned that define the position of
+  /// their landmark, because the landmark is new or has no patch.
   [[nodiscard]] std::shared_ptr<const FrameFeatures> with_origins(
       std::span<const LandmarkId> landmarks, const FrameFeatures& features) const;
 
-  /// Takes patches from a keyframe, for landmarks that have none and for those that look two
-  /// octaves different by now.
+  /// Stores patches of a keyframe, for landmarks without a patch and for those observed two or more
+  /// octaves apart from their patch.
   void keep(KeyFrameId keyframe, std::span<const LandmarkId> landmarks, const ImagePyramid& pyramid,
             const FrameFeatures& features);
 
-  /// Lets go of what a change set took away.
+  /// Drops the patches of landmarks that a change set erases or replaces.
   void apply(const ChangeSet& changes);
 
  private:

@@ -9,14 +9,14 @@ namespace kys_slam {
 
 /// The part of the map around a frame.
 struct LocalMap {
-  std::vector<KeyFrameId> keyframes;  ///< those seeing its landmarks, then their neighbours
+  std::vector<KeyFrameId> keyframes;  ///< those that observe its landmarks, then their neighbours
   std::vector<LandmarkId> landmarks;  ///< of these keyframes, each once
-  KeyFrameId reference;               ///< shares most landmarks with the frame
+  KeyFrameId reference;               ///< the keyframe that shares most landmarks with the frame
 };
 
-/// Gathers the local map of a frame (ORB-SLAM, Sec. V-D): keyframes that see the frame's landmarks,
-/// and for each its best covisible neighbour, child and parent that are not in yet, `max_keyframes`
-/// in all. Empty when nothing sees the frame's landmarks.
+/// Collects the local map of a frame (ORB-SLAM, Sec. V-D): keyframes that observe the frame's
+/// landmarks, and for each its best covisible neighbour, child and parent that are not included
+/// yet, at most `max_keyframes` in total. Empty when no keyframe observes the frame's landmarks.
 class LocalMapGatherer {
  public:
   explicit LocalMapGatherer(std::size_t max_keyframes = 80) : max_keyframes_(max_keyframes) {}
@@ -25,7 +25,7 @@ class LocalMapGatherer {
  private:
   std::size_t max_keyframes_;
   std::vector<int> votes_;            // by keyframe id, zero between calls
-  std::vector<std::uint32_t> stamp_;  // by landmark id, the call that saw it last
+  std::vector<std::uint32_t> stamp_;  // by landmark id, the last call that included it
   std::uint32_t call_ = 0;
 };
 

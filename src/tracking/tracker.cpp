@@ -18,11 +18,11 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
   list.add("tracking.min_start_points", o.min_start_points, {10, 60000}, "",
            "stereo points to start a map");
   list.add("tracking.close_baselines", o.close_baselines, {1, 1e6}, "baselines",
-           "points nearer than this are close: stereo alone places them well");
+           "points nearer than this are close: stereo alone gives an accurate position");
   list.add("tracking.motion_radius", o.motion_radius, {0.5, 1000}, "px",
            "search radius around a prediction by constant velocity, octave 0");
   list.add("tracking.min_motion_matches", o.min_motion_matches, {3, 60000}, "",
-           "matches below which the radius is doubled, then the prediction dropped");
+           "matches below which the radius is doubled, then the prediction is dropped");
   list.add("tracking.min_reference_matches", o.min_reference_matches, {3, 60000}, "",
            "matches with the reference keyframe below which a frame is lost");
   list.add("tracking.min_pose_inliers", o.min_pose_inliers, {3, 60000}, "",
@@ -30,8 +30,7 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
   list.add("tracking.min_local_inliers", o.min_local_inliers, {3, 60000}, "",
            "inliers with the local map below which a frame is lost");
   list.add("tracking.min_held_inliers", o.min_held_inliers, {3, 60000}, "",
-           "the same where the pose is one that constant velocity leads to "
-           "(tracking.acceleration > 0)");
+           "the same for a pose predicted by constant velocity (tracking.acceleration > 0)");
   list.add("tracking.local_radius", o.local_radius, {0.1, 100}, "",
            "factor on the search radius of local landmarks (2.5 or 4 px, octave 0)");
   list.add("tracking.local_ratio", o.local_ratio, {0.1, 10}, "", "best over second best distance");
@@ -42,12 +41,12 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
   list.add("tracking.reference_ratio", o.reference_ratio, {0.1, 10}, "",
            "best over second best distance without prediction");
   list.add("tracking.align", o.align,
-           "keypoints are aligned with what their landmarks look like, where there are images");
+           "keypoints are aligned with the image patches of their landmarks");
   list.add("tracking.acceleration", o.acceleration, {0, 1e6}, "m/s^2",
-           "standard deviation about constant velocity, which holds poses that few matches hold "
-           "and goes on where frames are lost; 0: matches alone");
+           "standard deviation about constant velocity, a prior of poses with few matches and of "
+           "lost frames; 0: no prior");
   list.add("tracking.turn_acceleration", o.turn_acceleration, {1e-3, 1e6}, "rad/s^2",
-           "the same of the rotation");
+           "the same for rotation");
   describe(list, o.consensus);
   describe(list, o.keyframes);
   describe(list, o.instances);
@@ -120,7 +119,7 @@ int count_landmarks(const std::vector<LandmarkId>& landmarks) {
 
 Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
                  const TrackerOptions& options, const kys::DistanceModel& model,
-                 const kys::BeliefStart& start)
+                 const kys::InitialBelief& start)
     : camera_(camera),
       scales_(scales),
       options_(options),
@@ -129,7 +128,7 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       close_depth_(static_cast<float>(options.close_baselines * camera.baseline)),
       patches_(camera, scales) {
   check_options(options);
-  if (model.wants_belief()) {
+  if (model.uses_belief()) {
     instances_.emplace(camera, scales, options.instances, start, model);
   }
 }
@@ -141,7 +140,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
     const std::optional<ExpectedPose> motion = expected_pose(input.timestamp);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors =
-        instances_->believe(input.timestamp, *features, expected, T_last_w);
+        instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
   Frame frame{input.index,
@@ -184,7 +183,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   tracked = tracked && track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
   if (!tracked) {
-    lose_instances();
+    forget_instance_frames();
     return result;
   }
   if (!finish_tracked(std::move(frame), waiting, result)) return result;
@@ -202,11 +201,11 @@ bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   if (instances_) judge_instances(frame, result);
   if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {
     result.reason += "; " + std::to_string(result.inliers) + " inliers stand still";
-    lose_instances();
+    forget_instance_frames();
     return false;
   }
   result.status = TrackingStatus::kTracked;
-  if (!frozen_ && wants_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
+  if (!frozen_ && needs_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }
   result.times.keyframe = watch.lap_ms();
@@ -310,16 +309,16 @@ void Tracker::judge_instances(Frame& frame, TrackResult& result) {
                                        result.statistics);
   bool changed = false;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
-    if (!frame.landmarks[i].valid() || stands(frame.features->prior(i))) continue;
+    if (!frame.landmarks[i].valid() || is_believed_static(frame.features->prior(i))) continue;
     frame.landmarks[i] = {};
     changed = true;
   }
   if (changed) result.inliers = refine_pose(frame, result);
 }
 
-void Tracker::lose_instances() {
+void Tracker::forget_instance_frames() {
   if (!instances_) return;
-  instances_->lose();
+  instances_->forget_frames();
   judged_.clear();
 }
 
@@ -327,7 +326,7 @@ void Tracker::lose_instances() {
 const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
                                     std::deque<kys::Prior>& kept) const {
   if (!instances_) return &landmark.prior;
-  return &kept.emplace_back(instances_->believed(landmark.prior));
+  return &kept.emplace_back(instances_->with_belief(landmark.prior));
 }
 
 /// The map may have moved since the last frame: its pose follows its keyframe, its landmarks their
@@ -506,7 +505,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_
     const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
     if (landmark == nullptr || known++ % every != 0) continue;
     priors[i] = kys::landmark_prior(reference.features->prior(i), landmark->prior);
-    if (instances_) priors[i] = instances_->believed(priors[i]);
+    if (instances_) priors[i] = instances_->with_belief(priors[i]);
     queries.push_back(
         {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);
@@ -713,7 +712,8 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
   }
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     const float depth = frame.features->depth(i);
-    if (depth <= 0 || depth > close_depth_ || !stands(frame.features->prior(i))) continue;
+    if (depth <= 0 || depth > close_depth_ || !is_believed_static(frame.features->prior(i)))
+      continue;
     ++(frame.landmarks[i].valid() ? s.tracked_close : s.untracked_close);
   }
   return s;
@@ -724,7 +724,7 @@ int Tracker::count_addable(const Frame& frame) const {
   int count = 0;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (frame.landmarks[i].valid() || !frame.features->has_stereo(i)) continue;
-    count += stands(frame.features->prior(i)) ? 1 : 0;
+    count += is_believed_static(frame.features->prior(i)) ? 1 : 0;
   }
   return count;
 }
@@ -734,7 +734,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   if (instances_) {
     std::vector<kys::Prior> priors(frame.features->priors().begin(),
                                    frame.features->priors().end());
-    for (kys::Prior& prior : priors) prior = instances_->believed(prior);
+    for (kys::Prior& prior : priors) prior = instances_->with_belief(prior);
     frame.features =
         std::make_shared<const FrameFeatures>(frame.features->with_priors(std::move(priors)));
     message.beliefs = instances_->take_changed_beliefs();
@@ -788,7 +788,8 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
 void Tracker::add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < frame.features->size(); ++i) {
-    if (frame.features->has_stereo(i) && stands(frame.features->prior(i))) order.push_back(i);
+    if (frame.features->has_stereo(i) && is_believed_static(frame.features->prior(i)))
+      order.push_back(i);
   }
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return frame.features->depth(a) < frame.features->depth(b);

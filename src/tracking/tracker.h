@@ -31,28 +31,29 @@ struct TrackerOptions {
   int min_start_points = 100;   ///< stereo points needed to start a map
   double close_baselines = 40;  ///< points nearer than this many baselines are close
   float motion_radius = 7;      ///< px at octave 0, search around the predicted pixel
-  int min_motion_matches = 10;  ///< below this the radius is doubled, then the model given up
+  int min_motion_matches =
+      10;  ///< with fewer, the radius is doubled, then the prediction is dropped
   int min_reference_matches = 15;
   int min_pose_inliers = 10;      ///< after the first pose of a frame
-  int min_local_inliers = 30;     ///< after the local map; fewer: lost
-  int min_held_inliers = 15;      ///< the same where the pose is where constant velocity leads
+  int min_local_inliers = 30;     ///< after the local map; with fewer, lost
+  int min_held_inliers = 15;      ///< the same for a pose predicted by constant velocity
   float local_radius = 1;         ///< factor on the search radius of local landmarks
   float local_ratio = 0.8f;       ///< best / second best
   float max_distance = 100;       ///< bits
   float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
-  double acceleration =
-      3;  ///< m/s^2, standard deviation: holds a pose that little else does; 0: off
-  double turn_acceleration = 3;  ///< rad/s^2, the same of the rotation
-  bool align = true;           ///< keypoints with their landmarks' patches, where there are images
-  ConsensusOptions consensus;  ///< the pose by image area, not by matches
+  double acceleration = 3;  ///< m/s^2, standard deviation about constant velocity, a prior of poses
+                            ///< with few matches; 0: off
+  double turn_acceleration = 3;  ///< rad/s^2, the same for rotation
+  bool align = true;  ///< align keypoints with the patches of their landmarks, if there are images
+  ConsensusOptions consensus;  ///< pose by image area, not by number of matches
   KeyFramePolicyOptions keyframes;
-  InstanceTrackerOptions instances;  ///< used when the model wants belief
+  InstanceTrackerOptions instances;  ///< used when the model uses belief
 };
 /// For check_options().
 void describe(kys::OptionList& list, TrackerOptions& options);
 
-/// A frame as the front end made it.
+/// A frame from the front end.
 struct TrackerInput {
   std::int64_t index = 0;
   double timestamp = 0;  ///< s
@@ -62,13 +63,13 @@ struct TrackerInput {
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
 
-/// Where a frame is: relative to a keyframe, so that it moves with the map.
+/// Pose of a frame relative to a keyframe, so that it moves with the map.
 struct FramePose {
   KeyFrameId reference;  ///< invalid: not connected to the map
   Rigid3 T_c_reference;
 };
 
-/// Where a frame was recognised in the map.
+/// Place and pose of a frame recognised in the map.
 struct KnownPlace {
   KeyFrameId reference;
   Rigid3 T_c_w;
@@ -83,47 +84,47 @@ struct TrackTimes {
 
 struct TrackResult {
   TrackingStatus status = TrackingStatus::kLost;
-  bool relocalised = false;  ///< lost, but recognised in the map
+  bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
   std::string reason;        ///< why it is lost, or how the pose was predicted
-  Rigid3 T_c_w;              ///< meaningful unless lost
+  Rigid3 T_c_w;              ///< undefined when lost
   FramePose pose;
-  int matches = 0;  ///< landmarks matched, before outliers went
+  int matches = 0;  ///< landmarks matched, outliers included
   int inliers = 0;
-  bool held = false;       ///< the expected pose joined the matches
-  bool jumped = false;     ///< no camera can have come to the pose found near the expected one
-  bool overruled = false;  ///< image area decided against the number of matches
-  std::vector<InstanceState> instances;  ///< things in the frame, when belief is kept
+  bool held = false;       ///< the expected pose was used as a prior
+  bool jumped = false;     ///< the pose found near the prediction needs an impossible acceleration
+  bool overruled = false;  ///< image area gave another pose than the number of matches
+  std::vector<InstanceState> instances;  ///< of the frame, when the mode uses belief
   TrackTimes times;
   kys::Statistics statistics;
   std::optional<KeyFrameMessage> keyframe;  ///< for the back end
 };
 
 /// Estimates the pose of every frame against its replica of the map and decides on keyframes.
-/// Knows nothing of threads: `track` is a function of the frame, the replica and the last frame.
+/// Without threads: `track` depends on the frame, the replica and the last frame only.
 class Tracker {
  public:
-  /// \param model has to outlive the tracker
-  /// \param start which things can move, and where belief in their standing still starts
+  /// \param model must outlive the tracker
+  /// \param start initial beliefs of instances by class and flag
   Tracker(const StereoCamera& camera, const ScaleLevels& scales, const TrackerOptions& options,
-          const kys::DistanceModel& model, const kys::BeliefStart& start = {});
+          const kys::DistanceModel& model, const kys::InitialBelief& start = {});
 
   /// \param waiting keyframes sent to the back end whose change set has not been applied
   TrackResult track(const TrackerInput& input, int waiting);
 
-  /// Tracks a frame that `track` lost but that was recognised in the map (relocalisation).
+  /// Tracks a frame that `track` lost and relocalisation found in the map.
   TrackResult resume(const TrackerInput& input, const KnownPlace& place, int waiting);
   /// Starts a new sub-map with a frame that `track` lost, at the origin of its own world.
   TrackResult start_submap(const TrackerInput& input);
-  /// Is there a map a lost frame could be looked for in?
-  [[nodiscard]] bool knows_a_map() const { return !replica_.keyframes().empty(); }
-  /// Enough stereo points to start a map?
+  /// Whether there is a map in which a lost frame can be relocalised.
+  [[nodiscard]] bool has_map() const { return !replica_.keyframes().empty(); }
+  /// Whether there are enough stereo points to start a map.
   [[nodiscard]] bool can_start(const FrameFeatures& features) const;
 
-  /// Before the first frame: the ids of what it makes begin here, and it makes nothing at all when
-  /// the map is `frozen`.
+  /// Continues a loaded map; call it before the first frame. New ids begin at the given ones. With
+  /// `frozen` the tracker creates no keyframes and no landmarks.
   void continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end, bool frozen);
 
-  /// Brings the replica up to date; between two frames.
+  /// Applies a change set to the replica; call it between two frames.
   void apply(ChangeSet changes) {
     patches_.apply(changes);
     replica_.apply(std::move(changes));
@@ -134,9 +135,9 @@ class Tracker {
   [[nodiscard]] std::span<const LandmarkId> last_landmarks() const {
     return last_ ? std::span<const LandmarkId>(last_->landmarks) : std::span<const LandmarkId>();
   }
-  /// T_c_w of a frame tracked earlier, as the replica has its keyframe now.
+  /// T_c_w of an earlier frame, from the present pose of its keyframe in the replica.
   [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const;
-  /// Sub-map of a keyframe as the replica knows it.
+  /// Sub-map of a keyframe in the replica.
   [[nodiscard]] KeyFrameId submap(KeyFrameId keyframe) const;
 
  private:
@@ -176,15 +177,16 @@ class Tracker {
   [[nodiscard]] LandmarkView first_view(const Frame& frame, std::size_t feature,
                                         const Eigen::Vector3d& p_w, KeyFrameId keyframe) const;
   void judge_instances(Frame& frame, TrackResult& result);
-  void lose_instances();
+  void forget_instance_frames();
   [[nodiscard]] const kys::Prior* prior_of(const LandmarkView& landmark,
                                            std::deque<kys::Prior>& kept) const;
   [[nodiscard]] float belief(const kys::Prior& prior) const {
     return instances_ ? instances_->weight(prior) : 1.0f;
   }
-  /// Is it believed enough to be part of the map?
-  [[nodiscard]] bool stands(const kys::Prior& prior) const {
-    return !instances_ || model_->admits(instances_->believed(prior), kys::Context::kTemporal);
+  /// Whether the belief that its instance is static passes the gate (kys.gate_belief), so that it
+  /// can be part of the map.
+  [[nodiscard]] bool is_believed_static(const kys::Prior& prior) const {
+    return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
   void count_visible(LandmarkId id);
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
@@ -196,15 +198,15 @@ class Tracker {
   ScaleLevels scales_;
   TrackerOptions options_;
   const kys::DistanceModel* model_;
-  kys::BeliefStart start_;
+  kys::InitialBelief start_;
   float close_depth_;  // m
 
   Replica replica_;
   LandmarkPatches patches_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion
-  bool impossible_ = false;    // no camera can have come to it
-  double share_ = 0;           // of the matches that led to the last prediction, those that fit
+  bool impossible_ = false;    // it needs an impossible acceleration
+  double share_ = 0;           // inliers as a share of the matches of the last prediction
   std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
     Rigid3 T_c_last;
@@ -212,7 +214,7 @@ class Tracker {
     double timestamp = 0;  // s, of the later frame
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
-  int repeats_ = 0;                   // frames in a row that show the last one's picture again
+  int repeats_ = 0;                   // successive frames with the same image as the one before
   KeyFrameId reference_;              // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
@@ -221,7 +223,7 @@ class Tracker {
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kTracker};
   bool frozen_ = false;  // no keyframes, no landmarks
   IdTable<LandmarkId, VisibilityCount> counts_;
-  std::optional<InstanceTracker> instances_;  // when the model wants belief
+  std::optional<InstanceTracker> instances_;  // when the model uses belief
   std::deque<FramePose> judged_;              // of the frames it keeps, latest first
 };
 

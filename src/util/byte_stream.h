@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-/// Little-endian numbers in a row of bytes, as all our binary files have them.
+/// Little-endian numbers in a byte sequence, as in all our binary files.
 namespace kys_slam::byte_stream {
 
-/// The bytes are not what the format says; the message lacks the name of the file.
+/// The bytes violate the format. The message does not contain the name of the file.
 struct Damage : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -61,7 +61,7 @@ class ByteWriter {
   std::vector<std::uint8_t> bytes_;
 };
 
-/// Takes little-endian numbers off the front. \throws Damage beyond the end.
+/// Reads little-endian numbers in sequence. \throws Damage beyond the end.
 class ByteReader {
  public:
   explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -78,8 +78,8 @@ class ByteReader {
     bytes_ = bytes_.subspan(size);
     return front;
   }
-  /// How many follow: refused unless that many of at least `size` bytes each can follow, so that
-  /// memory may be taken for them.
+  /// Reads a number of elements. \throws Damage when that many elements of `size` bytes exceed the
+  /// remaining bytes, so that the caller can allocate memory for them.
   std::size_t count(std::size_t size) {
     const std::uint32_t n = u32();
     require(n <= bytes_.size() / size, "has a count larger than what follows it");

@@ -6,7 +6,8 @@
 
 namespace kys_slam {
 
-/// Of loops compiled once per instruction set, those that this machine runs, the plain one first.
+/// The variants of a kernel, compiled once per instruction set, that this machine can run; the
+/// portable one first.
 template <typename Kernels>
 class KernelVariants {
  public:

@@ -4,9 +4,9 @@
 
 namespace kys_slam {
 
-/// Four doubles, or eight floats, worked on together. GCC and Clang turn them into the vector
-/// instructions of the target, some or all at a time; every lane is rounded alike whichever they
-/// are, so results do not depend on the machine.
+/// Four doubles, or eight floats, in one vector. GCC and Clang compile them to the vector
+/// instructions of the target. Every lane is rounded alike with any of these, so results do not
+/// depend on the machine.
 // The alignment is stated since compilers take a smaller one where the target has no such vectors,
 // while the clones below rely on it.
 using Lanes = double __attribute__((vector_size(32), aligned(32)));
@@ -39,7 +39,7 @@ inline constexpr int kFloatLanes = 8;
 KYS_ALWAYS_INLINE Lanes broadcast(double x) {
   return Lanes{x, x, x, x};
 }
-/// From and to numbers in a row, wherever they begin.
+/// Unaligned load and store.
 KYS_ALWAYS_INLINE FloatLanes load_lanes(const float* from) {
   FloatLanes lanes;
   std::memcpy(&lanes, from, sizeof lanes);

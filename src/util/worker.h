@@ -10,7 +10,7 @@
 namespace kys_slam {
 
 /// One thread that runs one job at a time: `run_beside` for fork and join, `start` and `wait` for
-/// what outlives the caller's block. Joined in its destructor.
+/// jobs that outlive the caller's scope. The destructor joins the thread.
 class Worker {
  public:
   Worker() : thread_([this] { run(); }) {}
@@ -25,8 +25,9 @@ class Worker {
     thread_.join();
   }
 
-  /// Runs `job` in the thread and `own` here. Returns or throws when both have ended, so that
-  /// both may refer to what the caller has on its stack; of two failures that of `own` is thrown.
+  /// Runs `job` in the thread and `own` in the caller. Returns or throws when both have ended, so
+  /// that both may refer to local variables of the caller. When both throw, the exception of `own`
+  /// is thrown.
   template <typename Own>
   void run_beside(std::function<void()> job, Own&& own) {
     start(std::move(job));
@@ -39,7 +40,7 @@ class Worker {
     wait();
   }
 
-  /// Hands over a job. The one before has to have been waited for.
+  /// Starts a job. Call wait() for the job before it first.
   void start(std::function<void()> job) {
     {
       const std::lock_guard lock(mutex_);
@@ -49,7 +50,7 @@ class Worker {
     changed_.notify_all();
   }
 
-  /// Returns when the job is done; throws what it threw.
+  /// Returns when the job is done. Throws the exception of the job.
   void wait() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return !busy_; });
@@ -57,7 +58,7 @@ class Worker {
   }
 
  private:
-  /// Waits, and forgets what the job threw.
+  /// Waits and drops the exception of the job.
   void finish_job() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return !busy_; });

@@ -371,7 +371,7 @@ void read_sensor(Bytes bytes) {
 void read_rig(Bytes bytes) {
   const fs::path path = file_of(bytes, "rig.yaml");
   StereoRig rig = read_stereo_rig(std::vector<fs::path>{path});
-  rig.settle_size(48, 32);
+  rig.set_image_size(48, 32);
   if (!rig.rectified()) (void)StereoRectifier(rig.left, rig.right, rig.name);
 }
 

@@ -34,7 +34,7 @@ TEST(Belief, StartsFromClassAndFlag) {
   options.carried = 3;
   options.flagged = -2;
   options.unflagged = 0.5;
-  const BeliefStart start(options, coco);
+  const InitialBelief start(options, coco);
   const auto car = coco.index_of("car");
   const auto chair = coco.index_of("chair");
   EXPECT_DOUBLE_EQ(start.log_odds(make_prior(car, 1, 1, 50, true)), -1.6);
@@ -44,16 +44,16 @@ TEST(Belief, StartsFromClassAndFlag) {
   unjudged.unjudged = 1;
   EXPECT_DOUBLE_EQ(start.log_odds(unjudged), 0.4);
   EXPECT_EQ(start.mobility(kVoidLabel), Mobility::kFixed);
-  EXPECT_EQ(BeliefStart{}.mobility(car), Mobility::kFixed);
+  EXPECT_EQ(InitialBelief{}.mobility(car), Mobility::kFixed);
   options.mobile = 21;
   EXPECT_THROW(options.check(), Error);
 }
 
 TEST(Belief, StandsInThePlaceOfMotion) {
   const Prior prior = make_prior(3, 7, 100, 40, true);
-  const Prior still = believed(prior, 1.0);
+  const Prior still = with_belief(prior, 1.0);
   EXPECT_EQ(still, make_prior(3, 7, 100, 0, false));
-  const Prior moving = believed(prior, 0.25);
+  const Prior moving = with_belief(prior, 0.25);
   EXPECT_EQ(moving, make_prior(3, 7, 100, 75, true));
   EXPECT_FLOAT_EQ(p_static(moving), 0.25f);
 }

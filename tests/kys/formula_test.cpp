@@ -155,10 +155,10 @@ TEST(Formula, VerifiedGatesOnBeliefBetweenFramesOnly) {
   ModeOptions options = options_of(Mode::kVerified);
   options.gate_belief = 0.8;
   const DistanceModel model = model_of(options);
-  EXPECT_TRUE(model.wants_belief());
-  EXPECT_FALSE(model_of(options_of(Mode::kKys)).wants_belief());
+  EXPECT_TRUE(model.uses_belief());
+  EXPECT_FALSE(model_of(options_of(Mode::kKys)).uses_belief());
   const auto tier = [&](double p_static, Context context) {
-    const Prior prior = believed(on(1, 1, 0, 0), p_static);
+    const Prior prior = with_belief(on(1, 1, 0, 0), p_static);
     EXPECT_EQ(model.admits(prior, context), context != Context::kTemporal || p_static > 0.2);
     return model.evaluate({}, prior, with_bits(9), on(1, 1), context).tier;
   };

@@ -114,21 +114,21 @@ TEST_P(FullBundleTest, WhatLocalMappingDidMeanwhileStays) {
 
 TEST_P(FullBundleTest, AKeyframeThatTooLittleHoldsFollowsItsParent) {
   Scene s = scene(12);
-  const KeyFrameId loose{7};
+  const KeyFrameId unconstrained{7};
   int kept = 0;
-  for (const LandmarkId id : std::vector<LandmarkId>(s.map.keyframe(loose).landmarks)) {
-    if (id.valid() && s.map.has(id) && ++kept > 5) s.map.remove_observation(id, loose);
+  for (const LandmarkId id : std::vector<LandmarkId>(s.map.keyframe(unconstrained).landmarks)) {
+    if (id.valid() && s.map.has(id) && ++kept > 5) s.map.remove_observation(id, unconstrained);
   }
   ASSERT_GT(kept, 50);
   bend(s.map, 0.5);
-  const KeyFrame& keyframe = s.map.keyframe(loose);
+  const KeyFrame& keyframe = s.map.keyframe(unconstrained);
   const Rigid3 T_c_parent = keyframe.T_c_w * s.map.keyframe(keyframe.parent).T_c_w.inverse();
   FullBundle full(exact(), GetParam());
   full.start(s.map, KeyFrameId{0}, KeyFrameId{11});
   ASSERT_TRUE(full.finish(s.map));
   s.map.check_consistency();
-  const Rigid3 now =
-      s.map.keyframe(loose).T_c_w * s.map.keyframe(s.map.keyframe(loose).parent).T_c_w.inverse();
+  const Rigid3 now = s.map.keyframe(unconstrained).T_c_w *
+                     s.map.keyframe(s.map.keyframe(unconstrained).parent).T_c_w.inverse();
   EXPECT_LT((now.translation - T_c_parent.translation).norm(), 1e-9);
   EXPECT_LT(worst(s), 0.06) << "a tenth of the bend, as between neighbours";
 }

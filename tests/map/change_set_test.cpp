@@ -173,7 +173,7 @@ void expect_equal(const Replica& replica, const Map& map, const RandomEditor& ed
   }
 }
 
-TEST(ChangeSet, ReplicaEqualsTheMapAfterEveryChangeSetOfALongRandomLife) {
+TEST(ChangeSet, ReplicaEqualsTheMapAfterEveryChangeSetOfManyRandomChanges) {
   for (unsigned seed = 1; seed <= 3; ++seed) {
     RandomEditor editor(seed);
     Replica replica;
@@ -292,7 +292,7 @@ TEST(ChangeSet, OfLandmarksThatOnlyMovedItHasTheGeometryAlone) {
   expect_equal(replica, map, editor);
 }
 
-TEST(Map, CovisibilityEqualsARecountAfterALongRandomLife) {
+TEST(Map, CovisibilityEqualsARecountAfterManyRandomChanges) {
   RandomEditor editor(21);
   for (int step = 0; step < 3000; ++step) editor.edit();
   const Map& map = editor.map();

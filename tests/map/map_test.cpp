@@ -79,7 +79,7 @@ TEST(Map, AKeyframeConnectedAgainLeavesItsFormerParent) {
   map.check_consistency();
 }
 
-TEST(Map, RefusesASecondBondOfAFeatureOrOfALandmarkInOneKeyframe) {
+TEST(Map, RefusesASecondObservationOfAFeatureOrOfALandmarkInOneKeyframe) {
   Map map = chain(2);
   see(map, 0, 0, {0, 1});
   map.add_landmark(make_landmark(1, {0, 0, 5}));

@@ -246,14 +246,14 @@ void draw(const PlaceRun& run, const Arguments& a) {
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "How well places are recognised. Every frame of a sequence with ground truth is a keyframe\n"
-      "and a query for keyframes older than the gap; the index holds these alone, each stereo\n"
-      "feature a landmark of its own. A pair is a query and an older keyframe, near when the\n"
-      "cameras were close and looked the same way. Recall counts near pairs: by the index's score\n"
-      "alone, and by the inliers of loop closing's geometric check of the best candidates. What\n"
-      "is false is said three ways: a pair that is not near (a pair just beyond the limits looks\n"
-      "much the same, so this is no fair measure), one whose views do not overlap, one whose\n"
-      "measured motion is wrong.");
+      "Precision and recall of place recognition. Every frame of a sequence with ground truth is\n"
+      "a keyframe and a query for keyframes older than the gap. The index holds these only; each\n"
+      "stereo feature is a landmark. A pair is a query and an older keyframe. It is near when\n"
+      "distance and angle of the cameras are within the limits. Recall counts near pairs: by the\n"
+      "score of the index, and by the inliers of geometric verification of the best candidates.\n"
+      "False pairs are counted in three ways: pairs that are not near (too strict, because pairs\n"
+      "just beyond the limits look alike), pairs without overlap of the views, and pairs with a\n"
+      "wrong measured motion.");
   Arguments arguments;
   declare(app, arguments);
   if (const auto status = parse_command_line(app, argc, argv)) return *status;

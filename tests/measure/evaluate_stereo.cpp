@@ -264,7 +264,7 @@ void write_csv(const std::vector<Match>& matches, const std::string& path) {
 int run(int argc, char** argv) {
   CLI::App app(
       "Disparities of stereo matching against those of a simulated world (disparity/). Errors are\n"
-      "measured less true, of the surface at the keypoint; `surface`: against the surface within\n"
+      "measured minus true, of the surface at the keypoint; `surface`: against the surface within\n"
       "3 px of the octave that is closest to what is measured. Means leave out errors above 0.5\n"
       "px; sigma is 1.48 times the median deviation; `per oct.` in pixels of the octave.");
   Arguments a;

@@ -28,7 +28,7 @@ class Street {
   Street()
       : space_(kys::load_label_space("coco_panoptic_133")),
         model_(verified(), space_),
-        tracker_(kCamera, scales_, {}, kys::BeliefStart({}, space_), model_) {
+        tracker_(kCamera, scales_, {}, kys::InitialBelief({}, space_), model_) {
     std::mt19937_64 random(11);
     std::uniform_real_distribution<double> side(-1, 1);
     const auto road = space_.index_of("road");
@@ -100,7 +100,7 @@ class Street {
     const FrameFeatures raw(kCamera, std::move(set), std::move(u_right), std::move(priors));
     const Rigid3 last = past_.empty() ? Rigid3{} : past_.front();
     const double time = kDt * frames_;
-    std::vector<kys::Prior> believed = tracker_.believe(time, raw, T_c_w, last);
+    std::vector<kys::Prior> believed = tracker_.assign_priors(time, raw, T_c_w, last);
     kys::Statistics statistics;
     states_ =
         tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),

@@ -139,7 +139,7 @@ TEST_F(DecisionErrorsTest, BlindAndSegmentsOnlyDifferInWhetherMotionWasJudged) {
   }
 }
 
-TEST(KeptFrames, ThirtyPercentAreMissingInStretchesOfOneToEight) {
+TEST(KeptFrames, ThirtyPercentAreMissingInRunsOfOneToEight) {
   std::map<std::size_t, int> lengths;
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
     const std::vector<bool> kept = kept_frames(100, seed);

@@ -101,10 +101,10 @@ TEST_F(FeatureRun, PriorsInTheFileCountAsPriors) {
   FeatureFileInfo info = world.info();
   info.label_space = simulator::kFeatureLabelSpace;
   FeatureSequenceWriter writer(file_, info, world.truth());
-  simulator::Perception eye(world, simulator::perception_level("exact"), 1);
+  simulator::Perception detector(world, simulator::perception_level("exact"), 1);
   for (std::size_t i = 0; i < kFrames; ++i) {
     FeatureFrame frame = world.frame(i);
-    eye.see(i, frame);
+    detector.add_priors(i, frame);
     writer.write(frame);
   }
   writer.finish();

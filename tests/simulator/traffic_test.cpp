@@ -56,7 +56,7 @@ const FeatureWorld& jam() {
 }
 
 bool moves(const FeatureObject& object) {
-  return object.kind != FeatureObject::Kind::kStanding;
+  return object.kind != FeatureObject::Kind::kStatic;
 }
 
 /// Whether the straight line from a to b passes through the inside of a box, by clipping it at the
@@ -265,7 +265,7 @@ TEST(Traffic, ObjectsOfARenderedWorldAreRead) {
   EXPECT_LT((car.poses[0].t() - Vector3d(1, 0.9, 10.5)).norm(), 1e-9) << "the box's middle";
   EXPECT_LT((car.poses[0].rotation * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-9);
   EXPECT_LT((car.poses[0].rotation * Vector3d::UnitY() - Vector3d::UnitY()).norm(), 1e-9);
-  EXPECT_EQ(objects[1].kind, FeatureObject::Kind::kStanding);
+  EXPECT_EQ(objects[1].kind, FeatureObject::Kind::kStatic);
   EXPECT_THROW(read_objects(write("")), InputError);
   EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1\n")), InputError);
   EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1,1,nan,10" + q + size)), InputError);
@@ -279,12 +279,12 @@ TEST(Perception, ExactPerceptionKnowsObjectsAndTheirMotion) {
   FeatureOptions options = clean(Traffic::kCity);
   options.labelled = true;
   const FeatureWorld world(drive(), options);
-  Perception eye(world, perception_level("exact"), 1);
+  Perception detector(world, perception_level("exact"), 1);
   int on_movers = 0, flagged = 0, on_static = 0, wrongly = 0;
   std::set<std::int32_t> left_instances, right_instances;
   for (std::size_t i = 0; i < 159; ++i) {
     FeatureFrame f = world.frame(i);
-    eye.see(i, f);
+    detector.add_priors(i, f);
     ASSERT_TRUE(f.has_priors);
     ASSERT_EQ(f.left_priors.size(), f.left.size());
     ASSERT_EQ(f.right_priors.size(), f.right.size());
@@ -329,16 +329,16 @@ TEST(Perception, ErrorsGrowFromLevelToLevel) {
   const FeatureWorld world(drive(), options);
   double last_recall = 1.01, last_false = -0.01;
   for (const char* name : {"exact", "estimated", "poor"}) {
-    Perception eye(world, perception_level(name), 1);
+    Perception detector(world, perception_level(name), 1);
     for (std::size_t i = 0; i < 160; ++i) {
       FeatureFrame f = world.frame(i);
-      eye.see(i, f);
+      detector.add_priors(i, f);
     }
     const auto share = [](std::int64_t a, std::int64_t b) {
       return static_cast<double>(a) / static_cast<double>(b);
     };
-    const double recall = share(eye.score().moving_flagged, eye.score().moving);
-    const double wrong = share(eye.score().still_flagged, eye.score().still);
+    const double recall = share(detector.score().moving_flagged, detector.score().moving);
+    const double wrong = share(detector.score().still_flagged, detector.score().still);
     EXPECT_LT(recall, last_recall) << name;
     EXPECT_GT(wrong, last_false) << name;
     last_recall = recall;
@@ -360,11 +360,11 @@ class TrafficFile : public testing::Test {
     FeatureFileInfo info = world_->info();
     info.label_space = kFeatureLabelSpace;
     FeatureSequenceWriter writer(path, info, world_->truth());
-    Perception eye(*world_, perception_level("poor"), 1);
+    Perception detector(*world_, perception_level("poor"), 1);
     frames_.clear();
     for (std::size_t i = 0; i < 12; ++i) {
       frames_.push_back(world_->frame(i));
-      eye.see(i, frames_.back());
+      detector.add_priors(i, frames_.back());
       writer.write(frames_.back());
     }
     writer.finish();

@@ -20,19 +20,19 @@ KeyFrameSituation calm() {
 
 TEST(KeyFramePolicy, AFrameThatTracksWellIsNoKeyframe) {
   const KeyFramePolicyOptions o;
-  EXPECT_FALSE(wants_keyframe(calm(), o));
+  EXPECT_FALSE(needs_keyframe(calm(), o));
   KeyFrameSituation s = calm();
   s.frames_since_keyframe = 1000;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "time alone makes none: the view has to change";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "time alone makes none: the view has to change";
 }
 
 TEST(KeyFramePolicy, OneIsDueBelowTheShareOfTheReference) {
   const KeyFramePolicyOptions o;
   KeyFrameSituation s = calm();
   s.inliers = 150;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "0.75 exactly";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "0.75 exactly";
   s.inliers = 149;
-  EXPECT_TRUE(wants_keyframe(s, o));
+  EXPECT_TRUE(needs_keyframe(s, o));
 }
 
 TEST(KeyFramePolicy, AMapOfOneKeyframeAsksForLess) {
@@ -40,9 +40,9 @@ TEST(KeyFramePolicy, AMapOfOneKeyframeAsksForLess) {
   KeyFrameSituation s = calm();
   s.keyframes_in_map = 1;
   s.inliers = 80;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "0.4 exactly";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "0.4 exactly";
   s.inliers = 79;
-  EXPECT_TRUE(wants_keyframe(s, o));
+  EXPECT_TRUE(needs_keyframe(s, o));
 }
 
 TEST(KeyFramePolicy, ClosePointsThatRunShortCallForOne) {
@@ -50,12 +50,12 @@ TEST(KeyFramePolicy, ClosePointsThatRunShortCallForOne) {
   KeyFrameSituation s = calm();
   s.tracked_close = 99;
   s.untracked_close = 71;
-  EXPECT_TRUE(wants_keyframe(s, o)) << "although the reference is still in view";
+  EXPECT_TRUE(needs_keyframe(s, o)) << "although the reference is still in view";
   s.tracked_close = 100;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
   s.tracked_close = 99;
   s.untracked_close = 70;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "there is nothing to be added";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "there is nothing to be added";
 }
 
 TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
@@ -63,15 +63,15 @@ TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
   KeyFrameSituation s = calm();
   s.inliers = s.reference_landmarks = 99;
   s.addable = 50;
-  EXPECT_TRUE(wants_keyframe(s, o)) << "although the reference is still in view";
+  EXPECT_TRUE(needs_keyframe(s, o)) << "although the reference is still in view";
   s.addable = 49;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "less than half as many again";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "less than half as many again";
   s.addable = 500;
   s.inliers = s.reference_landmarks = 100;
-  EXPECT_FALSE(wants_keyframe(s, o)) << "enough is tracked";
+  EXPECT_FALSE(needs_keyframe(s, o)) << "enough is tracked";
   s.inliers = 99;
   o.scarce = 0;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
 }
 
 TEST(KeyFramePolicy, WaitsForTheMinimumOfFrames) {
@@ -80,9 +80,9 @@ TEST(KeyFramePolicy, WaitsForTheMinimumOfFrames) {
   KeyFrameSituation s = calm();
   s.inliers = 120;
   s.frames_since_keyframe = 2;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
   s.frames_since_keyframe = 3;
-  EXPECT_TRUE(wants_keyframe(s, o));
+  EXPECT_TRUE(needs_keyframe(s, o));
 }
 
 TEST(KeyFramePolicy, ABusyMapperIsSparedUntilOneIsOverdueOrTrackingStarves) {
@@ -90,16 +90,16 @@ TEST(KeyFramePolicy, ABusyMapperIsSparedUntilOneIsOverdueOrTrackingStarves) {
   KeyFrameSituation s = calm();
   s.inliers = 120;
   s.waiting = 1;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
   s.frames_since_keyframe = 30;
-  EXPECT_TRUE(wants_keyframe(s, o)) << "overdue";
+  EXPECT_TRUE(needs_keyframe(s, o)) << "overdue";
   s.frames_since_keyframe = 5;
   s.inliers = 49;
-  EXPECT_TRUE(wants_keyframe(s, o)) << "less than a quarter";
+  EXPECT_TRUE(needs_keyframe(s, o)) << "less than a quarter";
   s.inliers = 120;
   s.tracked_close = 20;
   s.untracked_close = 200;
-  EXPECT_TRUE(wants_keyframe(s, o)) << "close points run short";
+  EXPECT_TRUE(needs_keyframe(s, o)) << "close points run short";
 }
 
 TEST(KeyFramePolicy, ABacklogStopsEverything) {
@@ -108,18 +108,18 @@ TEST(KeyFramePolicy, ABacklogStopsEverything) {
   s.inliers = 30;
   s.frames_since_keyframe = 100;
   s.waiting = 4;
-  EXPECT_TRUE(wants_keyframe(s, o));
+  EXPECT_TRUE(needs_keyframe(s, o));
   s.waiting = 5;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
 }
 
 TEST(KeyFramePolicy, APoorPoseMakesNoKeyframe) {
   const KeyFramePolicyOptions o;
   KeyFrameSituation s = calm();
   s.inliers = 15;
-  EXPECT_FALSE(wants_keyframe(s, o));
+  EXPECT_FALSE(needs_keyframe(s, o));
   s.inliers = 16;
-  EXPECT_TRUE(wants_keyframe(s, o));
+  EXPECT_TRUE(needs_keyframe(s, o));
 }
 
 }  // namespace

@@ -39,7 +39,7 @@ bool contains(const std::vector<KeyFrameId>& ids, std::uint32_t id) {
   return std::find(ids.begin(), ids.end(), kf(id)) != ids.end();
 }
 
-TEST(LocalMap, HoldsThoseThatSeeTheLandmarksAndTheirNextOfKin) {
+TEST(LocalMap, HoldsThoseThatSeeTheLandmarksAndTheirRelatives) {
   const Replica replica = chain();
   LocalMapGatherer gatherer;
   const std::vector<LandmarkId> frame{lm(4), LandmarkId{}, lm(5)};
@@ -86,7 +86,7 @@ TEST(LocalMap, ForgetsTheCallBefore) {
   EXPECT_EQ(first.reference, again.reference);
 }
 
-TEST(LocalMap, NextOfKinStopAtTheLimit) {
+TEST(LocalMap, RelativesStopAtTheLimit) {
   const Replica replica = chain();
   LocalMapGatherer gatherer(2);
   const std::vector<LandmarkId> frame{lm(4), lm(5)};

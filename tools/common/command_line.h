@@ -12,8 +12,8 @@
 
 namespace kys_slam {
 
-/// Parses the command line. Nothing when the program goes on, its exit status after --help and
-/// --version. \throws InputError for bad usage.
+/// Parses the command line. \return the exit status after --help and --version; nothing when the
+/// program continues \throws InputError for bad usage
 inline std::optional<int> parse_command_line(CLI::App& app, int argc, char** argv) {
   app.set_version_flag("--version", version_text());
   try {
@@ -25,13 +25,14 @@ inline std::optional<int> parse_command_line(CLI::App& app, int argc, char** arg
   return std::nullopt;
 }
 
-/// An option that takes one value each time it is given, so that "--set KEY=VALUE SEQUENCE" leaves
-/// the sequence alone.
+/// An option with one value per occurrence, so that "--set KEY=VALUE SEQUENCE" does not consume the
+/// sequence.
 inline CLI::Option* one_at_a_time(CLI::Option* option) {
   return option->allow_extra_args(false);
 }
 
-/// A whole number from `least` to `most`. CLI11 takes the largest there is for what is larger.
+/// A whole number from `least` to `most`. CLI11 alone replaces larger numbers by the largest of the
+/// type.
 inline CLI::Validator whole_number(std::int64_t least,
                                    std::int64_t most = std::numeric_limits<std::int64_t>::max()) {
   return CLI::Validator(
@@ -44,7 +45,7 @@ inline CLI::Validator whole_number(std::int64_t least,
       "INTEGER");
 }
 
-/// A finite number from `least` to `most`. CLI::Range lets NaN through.
+/// A finite number from `least` to `most`. CLI::Range accepts NaN.
 inline CLI::Validator finite_range(double least, double most) {
   return CLI::Validator(
       [least, most](const std::string& text) -> std::string {

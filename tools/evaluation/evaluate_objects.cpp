@@ -139,30 +139,31 @@ void add_options(CLI::App& app, Arguments& a) {
                  "Virtual KITTI 2")
       ->required();
   app.add_option("--relative-to", o.relative_to,
-                 "camera (default): as the true camera sees them; start: in the frame of the first "
-                 "camera, the camera's own error included")
+                 "camera (default): relative to the camera, without its pose error; start: in the "
+                 "frame of the first camera, pose error included")
       ->transform(CLI::CheckedTransformer(kRelative).description(""))
       ->option_text("R");
-  app.add_option("--max-range", o.max_range, "Objects farther away do not count, m")
+  app.add_option("--max-range", o.max_range, "m, farther objects do not count")
       ->capture_default_str();
   app.add_option("--min-keypoints", o.min_keypoints,
-                 "Errors are those of estimates with at least this many keypoints")
+                 "only estimates with at least this many keypoints count")
       ->capture_default_str();
   app.add_option("--min-pixels", o.min_pixels,
-                 "Frames that show fewer pixels of an object are left out, px")
+                 "px, frames with fewer visible pixels of an object do not count")
       ->capture_default_str();
-  app.add_option("--max-distance", o.max_distance, "From an estimate to its box, m")
+  app.add_option("--max-distance", o.max_distance,
+                 "m, largest distance from an estimate to its box")
       ->capture_default_str();
   app.add_flag("--json", a.json, "Print JSON");
 }
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "Compares the moving objects of a run with the truth. An estimate belongs to a point that "
-      "stays on the object: the median of an identity's estimates in the object's frame, moved "
+      "Compares the moving objects of a run with ground truth. An estimate is that of a point "
+      "fixed to the object: the median of an identity's estimates in the object's frame, moved "
       "into "
-      "the box. Position and velocity are compared with that point's. An object's life are the "
-      "frames in which it moves, is near enough, and shows enough pixels.");
+      "the box. Position and velocity are compared with that point's. The lifetime of an object is "
+      "the frames in which it moves, is within --max-range, and has --min-pixels.");
   Arguments arguments;
   add_options(app, arguments);
   if (const auto status = parse_command_line(app, argc, argv)) return *status;

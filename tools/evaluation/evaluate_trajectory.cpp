@@ -153,7 +153,8 @@ void add_options(CLI::App& app, Arguments& a) {
   app.add_option("--align", a.options.alignment, "se3 (default), sim3 or none")
       ->transform(CLI::CheckedTransformer(kAlignments).description(""))
       ->option_text("A");
-  app.add_option("--rpe", a.options.rpe_delta, "Frames between poses of relative errors (1)")
+  app.add_option("--rpe", a.options.rpe_delta,
+                 "Frames between the two poses of a relative error (1)")
       ->check(CLI::Range(1, 1000000).description(""))
       ->option_text("N");
   app.add_flag("--rpe-all-steps", a.options.rpe_all_steps,
@@ -170,9 +171,10 @@ void add_options(CLI::App& app, Arguments& a) {
   }
   auto* yaml =
       app.add_option("--body-to-camera", a.sensor_yaml,
-                     "Reference is of the body: move it to the camera of this sensor.yaml");
-  app.add_option("--euroc-sequence", a.euroc_sequence,
-                 "Reference is of the body: move it to the rectified left camera of this sequence")
+                     "The reference is of the body: convert it to the camera of this sensor.yaml");
+  app.add_option(
+         "--euroc-sequence", a.euroc_sequence,
+         "The reference is of the body: convert it to the rectified left camera of this sequence")
       ->excludes(yaml);
   app.add_flag("--json", a.json, "Print JSON");
 }

@@ -30,11 +30,12 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("sequence", a.sequence, "Sequence folder")->required();
   app.add_option("--panoptic-left", a.panoptic[0],
                  "Panoptic maps of the left camera: COCO PNGs with DIR.json, two-channel PNGs, or "
-                 "Virtual KITTI 2's instanceSegmentation/Camera_0 (classes beside it)");
+                 "Virtual KITTI 2's instanceSegmentation/Camera_0 (classes in classSegmentation)");
   app.add_option("--panoptic-right", a.panoptic[1], "The same of the right camera");
-  app.add_option("--semantic-left", a.semantic[0],
-                 "Instead: 8-bit class maps (category ids; 255 is void, and 0 unless the "
-                 "label space has a class 0); no instances, no motion");
+  app.add_option(
+      "--semantic-left", a.semantic[0],
+      "Instead of panoptic maps: 8-bit class maps (category ids; 255 is void, and 0 unless the "
+      "label space has a class 0); no instances, no motion");
   app.add_option("--semantic-right", a.semantic[1], "The same of the right camera");
   app.add_option("--disparity", a.inputs.disparity,
                  "Left disparity: folder of KITTI PNG, PFM or NPY; or 'sgbm' to estimate it");
@@ -44,38 +45,39 @@ void declare(CLI::App& app, Arguments& a) {
                  "Flow to the next frame, left: folder of KITTI PNG, .flo or NPY; or 'dis'");
   app.add_option("--flow-right", a.inputs.flow[1], "The same of the right camera");
   app.add_option("--flow", a.flow,
-                 "'keypoints': stereo keypoints, followed in time, judge as well, or alone "
-                 "(detection.method: robust); 'dis': that of both cameras")
+                 "'keypoints': also judge motion by stereo keypoints tracked over time "
+                 "(detection.method: robust); 'dis': estimate the flow of both cameras")
       ->check(CLI::IsMember({"keypoints", "dis"}))
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->delimiter(',');
   app.add_option("--flow-back-left", a.inputs.flow_back[0],
-                 "Flow from the next frame back, for the consistency check (file of frame t: from "
+                 "Backward flow, for the consistency check (file of frame t: from "
                  "t+1 to t; with vkitti encoding the file of t+1)");
   app.add_option("--flow-back-right", a.inputs.flow_back[1], "The same of the right camera");
   app.add_option("--output", a.settings.output, "Folder for the prior files")->required();
   app.add_option("--label-space", a.label_space,
-                 "Label space by name, or the beginning of its two files")
+                 "Label space: built-in name, or path prefix of its two files")
       ->capture_default_str();
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   app.add_option("--disparity-encoding", a.inputs.disparity_encoding,
-                 "What PNGs hold: 'kitti' disparity/256 (default; not of files with Virtual "
-                 "KITTI's names), 'vkitti' depth in cm")
+                 "PNG encoding: 'kitti' 256 * disparity (default, except for files with names of "
+                 "Virtual KITTI 2), 'vkitti' depth in cm")
       ->transform(CLI::CheckedTransformer(encodings));
   app.add_option("--flow-encoding", a.inputs.flow_encoding,
-                 "What flow PNGs hold: kitti (default, likewise), vkitti")
+                 "Encoding of flow PNGs: kitti (default, with the same exception), vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
   app.add_option("--config", a.config, "Settings (YAML); see configs/priors_default.yaml");
   one_at_a_time(app.add_option("--set", a.set, "KEY=VALUE, overrides one setting; repeatable"));
   app.add_option("--jobs", a.settings.jobs, "Threads")->check(CLI::Range(1, 256));
   app.add_option("--pair", a.pair,
-                 "Cameras of a KITTI odometry sequence: grey (image_0, image_1; default where they "
-                 "are there) or colour (image_2, image_3); the one that is tracked");
+                 "Cameras of a KITTI odometry sequence: grey (image_0, image_1; default if they "
+                 "exist) or colour (image_2, image_3); use the pair that is tracked");
   app.add_option("--start", a.start, "First frame, from 0")->check(whole_number(0));
-  app.add_option("--frames", a.frames, "How many frames (default: all)")->check(whole_number(1));
-  app.add_flag("--debug-images", a.settings.debug_images, "A picture of every frame's stages");
-  app.add_flag("--rebuild", a.settings.rebuild, "Also what is complete and current");
+  app.add_option("--frames", a.frames, "Number of frames (default: all)")->check(whole_number(1));
+  app.add_flag("--debug-images", a.settings.debug_images,
+               "Write an image of the stages of every frame");
+  app.add_flag("--rebuild", a.settings.rebuild, "Build also files that are complete and current");
   app.add_flag("--quiet", a.quiet, "No progress");
 }
 
@@ -158,7 +160,7 @@ void print(const BuildSummary& s) {
 int run(int argc, char** argv) {
   keep_freed_memory();
   CLI::App app(
-      "Makes prior files (one per frame, both cameras) from panoptic maps, disparity and flow.");
+      "Builds prior files (one per frame, both cameras) from panoptic maps, disparity and flow.");
   Arguments a;
   declare(app, a);
   if (const auto status = parse_command_line(app, argc, argv)) return *status;

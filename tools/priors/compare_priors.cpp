@@ -86,8 +86,8 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "Keypoint exposure: the share of ORB keypoints of a sequence that get another prior from "
-      "one folder than from another, e.g. from perturbed perception.");
+      "Keypoint exposure: the share of ORB keypoints of a sequence with different priors in two "
+      "folders, e.g. of exact and perturbed perception.");
   std::string reference, other, sequence, csv;
   int features = 2000;
   app.add_option("reference", reference, "Folder of prior files")->required();

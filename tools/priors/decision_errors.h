@@ -10,42 +10,43 @@
 
 namespace kys_slam {
 
-/// What a motion detector gets wrong as a whole: errors of its decisions, not of its pixels.
+/// Errors of a motion detector: of its decisions, not of its pixels.
 enum class DecisionError {
   kParked,        ///< every vehicle, parked ones too, is called moving
   kBlind,         ///< nothing is called moving
   kDrop,          ///< 30 % of the files are missing, in runs of 1 to 8 frames
   kFlip,          ///< per instance and interval of 10 frames, wrong with probability 0.3
-  kLate,          ///< every file is that of the frame before; the first frame has none
+  kLate,          ///< every file is from the frame before; the first frame has none
   kBleed,         ///< moving segments are 8 px too large
   kSegmentsOnly,  ///< motion was not judged at all
 };
 
-/// Spells them: "parked", "blind", "drop", "flip", "late", "bleed", "segments-only".
-/// \throws InputError for another word.
+/// Names: "parked", "blind", "drop", "flip", "late", "bleed", "segments-only".
+/// \throws InputError for another name.
 DecisionError parse_decision_error(const std::string& word);
 const std::vector<std::string>& decision_error_names();
 
-/// What was done to a folder.
+/// Counts of changes in a folder.
 struct DecisionErrorCounts {
-  std::size_t files = 0, written = 0;  ///< prior files read, and left in the output
+  std::size_t files = 0, written = 0;  ///< prior files read, and written
   std::size_t things = 0;              ///< thing segments, both cameras, of all files read
-  std::size_t moving_before = 0, moving_after = 0;  ///< of these, called moving
+  std::size_t moving_before = 0, moving_after = 0;  ///< of these, flagged as moving
 };
 
-/// Frames that are kept: 30 % (rounded) are not, in runs of 1 to 8 that do not touch.
+/// Frames whose files are kept, true for each. 30 % (rounded) are dropped, in separate runs of 1 to
+/// 8 frames.
 std::vector<bool> kept_frames(std::size_t frames, std::uint64_t seed);
 
-/// Calls a segment moving, as sure as can be (score and mu 100), or not moving.
+/// Flags a segment as moving (score and mu 100) or as not moving.
 void set_moving(CameraPriors& camera, std::size_t segment, bool moving);
 
-/// Lets segments that are called moving cover what is within `radius` px of them (Euclidean); the
-/// nearest one wins, and pixels take over its mu. Scales grow with the areas.
+/// Dilates the segments flagged as moving by `radius` px (Euclidean). A pixel is assigned to the
+/// nearest one and gets its mu. Scales grow with the areas.
 void grow_moving_segments(CameraPriors& camera, int radius);
 
-/// Puts one kind of error into the prior files of a folder. Same seed, same bytes.
+/// Adds one kind of error to the prior files of a folder. The same seed gives the same bytes.
 /// \param folder  prior files, one per frame, in order of name
-/// \param output  must not have prior files in it
+/// \param output  must not contain prior files
 /// \throws InputError for files that cannot be read or written.
 DecisionErrorCounts disturb_decisions(const std::filesystem::path& folder,
                                       const std::filesystem::path& output, DecisionError error,

@@ -8,12 +8,12 @@
 
 namespace kys_slam {
 
-/// How many keypoints get another prior from one set of files than from another (the robustness
-/// study's exposure: an error where no keypoint lies does no harm).
+/// Number of keypoints with different priors in two sets of files. This is the exposure of the
+/// robustness study: an error at a pixel without a keypoint has no effect.
 struct Exposure {
   std::size_t keypoints = 0;
-  std::size_t label = 0;          ///< another class, or void in one only
-  std::size_t instance = 0;       ///< another identity or class
+  std::size_t label = 0;          ///< different class, or void in one only
+  std::size_t instance = 0;       ///< different identity or class
   std::size_t dynamic = 0;        ///< flagged as moving in one only
   std::size_t stereo_gate = 0;    ///< mu on the other side of 8
   std::size_t temporal_gate = 0;  ///< mu on the other side of 20

@@ -134,12 +134,12 @@ RgbImage draw(const CameraPriors& camera) {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("Shows what is in prior files.");
+  CLI::App app("Shows the content of prior files.");
   std::string input, png, label_space;
   app.add_option("input", input, "A prior file, or a folder of them")->required();
   app.add_option("--label-space", label_space,
-                 "For class names: label space by name or path (default: the files')");
-  app.add_option("--png", png, "Folder for pictures: one per camera and file");
+                 "Label space for class names, by name or path (default: that of the files)");
+  app.add_option("--png", png, "Folder for images: one per camera and file");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!png.empty()) make_output_folder(png);
   const Reasons reasons =

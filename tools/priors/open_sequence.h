@@ -11,9 +11,9 @@ namespace kys_slam {
 BuildSequence open_build_sequence(const std::filesystem::path& folder,
                                   const std::string& pair = {});
 
-/// Perception that was made of the images of one pair does not fit the other. `input` is a folder
-/// of perception outputs; tools/perception leaves the name of the images' folder in its images.txt.
-/// \throws InputError when that is another of image_0 to image_3 than `images`.
+/// Checks that perception outputs were made from the images of the selected pair. `input` is a
+/// folder of perception outputs; tools/perception writes the name of the image folder to its
+/// images.txt. \throws InputError when that is another one of image_0 to image_3 than `images`.
 void check_made_of(const std::filesystem::path& input, const std::string& images);
 
 }  // namespace kys_slam

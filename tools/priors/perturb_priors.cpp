@@ -18,7 +18,7 @@ namespace {
 int run(int argc, char** argv) {
   using namespace kys_slam;
   namespace fs = std::filesystem;
-  CLI::App app("Puts errors into perception outputs, to build priors from, or into prior files.");
+  CLI::App app("Adds errors to perception outputs or to prior files.");
   app.require_subcommand(1);
   std::string input, output, error_case, label_space = "coco_panoptic_133";
   double share = 0.1, relative = 0.06, correlation = 0;
@@ -27,34 +27,35 @@ int run(int argc, char** argv) {
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   auto* segments = app.add_subcommand("segments", "Relabel thing segments (COCO panoptic folder)");
-  auto* flow = app.add_subcommand(
-      "flow",
-      "Noise in proportion to the flow; writes KITTI PNG. Build priors from it with "
-      "--set flow_check.enabled=false, or errors that do not fit the "
-      "backward flow are left out");
+  auto* flow = app.add_subcommand("flow",
+                                  "Noise in proportion to the flow; writes KITTI PNG. Use "
+                                  "build_priors with --set flow_check.enabled=false; otherwise the "
+                                  "check removes errors that contradict the backward flow");
   auto* decisions = app.add_subcommand("decisions",
                                        "Prior files with errors of the motion detector. Cases:\n"
-                                       "  parked         every vehicle is called moving\n"
-                                       "  blind          nothing is called moving\n"
+                                       "  parked         every vehicle is flagged as moving\n"
+                                       "  blind          nothing is flagged as moving\n"
                                        "  drop           30 % of the files are missing, in "
                                        "runs of 1 to 8 frames\n"
                                        "  flip           per instance and interval of 10 frames, "
                                        "wrong with probability 0.3\n"
-                                       "  late           every file is that of the frame before\n"
+                                       "  late           every file is from the frame before\n"
                                        "  bleed          moving segments are 8 px too large\n"
-                                       "  segments-only  motion is not judged at all");
+                                       "  segments-only  motion is not judged");
   for (auto* command : {segments, flow, decisions}) {
     command->add_option("input", input, "Folder")->required();
     command->add_option("--output", output, "Folder to write to")->required();
     command->add_option("--seed", seed, "Seed")->capture_default_str();
   }
-  segments->add_option("--share", share, "Of thing segments, 0..1; smaller ones are subsets")
+  segments
+      ->add_option("--share", share, "Share of thing segments, 0..1; a smaller share is a subset")
       ->check(finite_range(0, 1));
   segments->add_option("--label-space", label_space, "Label space");
-  flow->add_option("--relative", relative, "Noise per component, of the flow's length")
+  flow->add_option("--relative", relative,
+                   "Noise per component, relative to the length of the flow")
       ->check(finite_range(0, 10));
   flow->add_option("--correlation", correlation,
-                   "px over which errors are alike (0: independent pixels, as in the paper)")
+                   "px, correlation length of errors (0: independent pixels, as in the paper)")
       ->check(finite_range(0, 1000));
   flow->add_option("--encoding", encoding, "Of PNGs: kitti, vkitti")
       ->transform(CLI::CheckedTransformer(encodings));

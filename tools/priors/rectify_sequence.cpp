@@ -1,5 +1,5 @@
-// rectify_sequence: the rectified images of a sequence as PNG, for networks to run on. Priors live
-// in the rectified geometry.
+// rectify_sequence: the rectified images of a sequence as PNG, as input of perception networks.
+// Priors live in the rectified geometry.
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/util/atomic_file.h>
@@ -17,7 +17,7 @@ int run(int argc, char** argv) {
   namespace fs = std::filesystem;
   CLI::App app(
       "Writes the rectified images of a sequence in KITTI layout (image_0, image_1, calib.txt), "
-      "for networks to run on.");
+      "as input of perception networks.");
   std::string input, output;
   app.add_option("sequence", input, "Sequence folder")->required();
   app.add_option("--output", output, "Folder to write to")->required();

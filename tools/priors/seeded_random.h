@@ -4,7 +4,7 @@
 
 namespace kys_slam {
 
-/// A number in 0..1 that depends on nothing but its arguments (splitmix64).
+/// A number in 0..1 that depends only on its arguments (splitmix64).
 inline double seeded_uniform(std::uint64_t seed, std::uint64_t a, std::uint64_t b = 0) {
   std::uint64_t z = seed * 0x9E3779B97F4A7C15ull + a * 0xBF58476D1CE4E5B9ull +
                     b * 0x94D049BB133111EBull + 0x2545F4914F6CDD1Dull;

@@ -21,8 +21,8 @@ int run(int argc, char** argv) {
   CLI::App app("Checks prior files: count, sizes, checksums, calibration, label space, coverage.");
   std::string folder, sequence_folder, label_space, pair;
   app.add_option("folder", folder, "Folder of prior files")->required();
-  app.add_option("--sequence", sequence_folder, "The sequence they are for")->required();
-  app.add_option("--label-space", label_space, "Label space they must use");
+  app.add_option("--sequence", sequence_folder, "Folder of the sequence")->required();
+  app.add_option("--label-space", label_space, "Required label space");
   app.add_option("--pair", pair, "Cameras of a KITTI odometry sequence: grey or colour");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!is_folder(folder)) throw InputError(folder + ": is not a folder");

@@ -18,18 +18,18 @@ struct SeenBox {
   double u0 = 0, v0 = 0, u1 = 0, v1 = 0;
 };
 
-/// Distance along `ray` (camera frame, z = 1) to the box, in units of the ray, i.e. the depth;
-/// infinity: it is missed. From within: 0.
+/// Depth (m) at which `ray` (camera frame, z = 1) meets the box; infinity: it misses; 0: it starts
+/// inside.
 double depth_of_hit(const SeenBox& box, const Eigen::Vector3d& ray);
 
-/// Boxes as one camera sees them: those that reach into its view.
+/// The boxes in the view of one camera.
 /// \param T_c_w  of that camera
 std::vector<SeenBox> boxes_in_view(const StereoCamera& camera, const Rigid3& T_c_w,
                                    std::span<const std::int32_t> objects,
                                    std::span<const Rigid3> T_w_o,
                                    std::span<const Eigen::Vector3d> half);
 
-/// Which box is in front, and how far away, per block of pixels.
+/// The nearest box and its depth, per block of pixels.
 class BoxRaster {
  public:
   static constexpr int kBlock = 4;  ///< px
@@ -38,12 +38,12 @@ class BoxRaster {
 
   [[nodiscard]] int columns() const { return columns_; }
   [[nodiscard]] int rows() const { return rows_; }
-  /// Object at a pixel, -1: none, or outside.
+  /// Object at a pixel; -1: none, or outside the image.
   [[nodiscard]] std::int32_t object_at(double u, double v) const {
     const int at = index(u, v);
     return at < 0 ? -1 : object_[static_cast<std::size_t>(at)];
   }
-  /// Depth of its surface there, m.
+  /// Depth of its surface, m; 0 outside the image.
   [[nodiscard]] float depth_at(double u, double v) const {
     const int at = index(u, v);
     return at < 0 ? 0 : depth_[static_cast<std::size_t>(at)];

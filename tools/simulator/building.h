@@ -8,7 +8,7 @@ namespace kys_slam::simulator {
 enum class GroundFloor { kDwelling, kShops, kBlind };
 enum class Roof { kFlat, kGable };
 
-/// How a house looks. Houses of one style share window, bay and wall: their fronts repeat.
+/// Appearance of a house. Houses of one style share window, bay and wall: their fronts repeat.
 struct HouseStyle {
   int wall = 0;       ///< Material
   int base_wall = 0;  ///< Material of the ground floor

@@ -44,7 +44,7 @@ class CameraModel {
   std::vector<Ray> rays_;
 };
 
-/// What the world is filmed with.
+/// The cameras of a world.
 struct StereoRig {
   CameraModel left, right;
   Rigid3 T_left_right;

@@ -10,7 +10,7 @@
 
 namespace kys_slam::simulator {
 
-/// A straight road without end.
+/// An infinite straight road.
 struct Road {
   Vec2 point;
   Vec2 direction;  ///< unit length
@@ -19,17 +19,17 @@ inline constexpr double kRoadHalfWidth = 5.5;  // m: a lane and a row of parked 
 inline constexpr double kLaneOffset = 1.7;     // m from the middle to the lane's middle
 inline constexpr double kKerbHeight = 0.13;    // m
 
-/// What a town is laid out from: two families of parallel roads, each sorted from the left to the
-/// right of its direction.
+/// Layout of a town: two families of parallel roads, each sorted from the left to the right of its
+/// direction.
 struct TownPlan {
   std::vector<Road> first, second;
-  std::vector<Vec2> near;  ///< only what is within reach of these points is built
+  std::vector<Vec2> near;  ///< only objects within `reach` of these points are built
   double reach = 110;      ///< m
   double parked = 0.75;    ///< share of the kerb with parked cars; 0: none anywhere
   std::vector<std::pair<Vec2, double>> keep_clear;  ///< no parked cars here: centre, radius (m)
 };
 
-/// The stuff every town has, one object per class.
+/// Stuff of every town, one object per class.
 struct TownObjects {
   int road, pavement, building, tree, post, fence;
 };
@@ -37,7 +37,7 @@ struct TownObjects {
 /// Fills the scene: ground, pavements, houses, trees, furniture, parked cars, markings.
 TownObjects build_town(Scene& scene, const TownPlan& plan, std::uint64_t seed);
 
-/// Prototypes of what moves.
+/// Prototypes of moving objects.
 struct MoverMeshes {
   std::vector<int> cars;  ///< by CarModel
   int truck, bus;

@@ -8,13 +8,13 @@ namespace {
 
 constexpr double kStep = 1;         // m between two samples
 constexpr int kSmooth = 2;          // samples to either side that a sample is smoothed with
-constexpr double kTimeSigma = 0.3;  // s, of the smoothing of the way over time
+constexpr double kTimeSigma = 0.3;  // s, of the smoothing of the path length over time
 
 Rigid3 between(const Rigid3& a, const Rigid3& b, double t) {
   return {a.rotation.slerp(t, b.rotation), (1 - t) * a.t() + t * b.t()};
 }
 
-// Poses at equal steps of the way; the camera's shaking where it stands is left out.
+// Poses at equal steps of path length; jitter of a static camera is left out.
 std::vector<Rigid3> resample(const std::vector<TimedPose>& poses, double& length) {
   std::vector<Rigid3> samples{poses.front().T_w_c};
   length = 0;
@@ -57,13 +57,15 @@ std::vector<Rigid3> smooth(const std::vector<Rigid3>& samples) {
 
 DrivePath::DrivePath(const std::vector<TimedPose>& poses) {
   samples_ = smooth(resample(poses, length_));
-  std::vector<double> way{0};
+  std::vector<double> path_lengths{0};
   for (std::size_t i = 0; i < poses.size(); ++i) {
     times_.push_back(poses[i].timestamp);
-    if (i > 0) way.push_back(way.back() + (poses[i].T_w_c.t() - poses[i - 1].T_w_c.t()).norm());
+    if (i > 0)
+      path_lengths.push_back(path_lengths.back() +
+                             (poses[i].T_w_c.t() - poses[i - 1].T_w_c.t()).norm());
   }
-  way_ = way;
-  const auto n = static_cast<std::ptrdiff_t>(way.size());
+  path_lengths_ = path_lengths;
+  const auto n = static_cast<std::ptrdiff_t>(path_lengths.size());
   for (std::ptrdiff_t i = 0; i < n; ++i) {
     // Odd around the ends, so that they stay where they are.
     double sum = 0, weights = 0;
@@ -73,10 +75,10 @@ DrivePath::DrivePath(const std::vector<TimedPose>& poses) {
       const double dt = 0.5 * (times_[b] - times_[a]) / kTimeSigma;
       if (dt > 3) break;
       const double w = std::exp(-0.5 * dt * dt);
-      sum += w * (way[a] + way[b]) / 2;
+      sum += w * (path_lengths[a] + path_lengths[b]) / 2;
       weights += w;
     }
-    way_[static_cast<std::size_t>(i)] = sum / weights;
+    path_lengths_[static_cast<std::size_t>(i)] = sum / weights;
   }
 }
 
@@ -92,20 +94,20 @@ Rigid3 DrivePath::at(double s) const {
                  s / kStep - static_cast<double>(i));
 }
 
-double DrivePath::way_at(double time) const {
+double DrivePath::path_length_at(double time) const {
   const std::size_t n = times_.size();
   if (n == 1) return 0;
   const auto after = std::upper_bound(times_.begin(), times_.end(), time) - times_.begin();
   const auto i = static_cast<std::size_t>(
       std::clamp<std::ptrdiff_t>(after, 1, static_cast<std::ptrdiff_t>(n) - 1));
   const double t = (time - times_[i - 1]) / (times_[i] - times_[i - 1]);
-  return way_[i - 1] + t * (way_[i] - way_[i - 1]);
+  return path_lengths_[i - 1] + t * (path_lengths_[i] - path_lengths_[i - 1]);
 }
 
 double DrivePath::speed_at(double time) const {
   const double a = std::max(time - 0.5, first_time());
   const double b = std::min(time + 0.5, last_time());
-  return b > a ? (way_at(b) - way_at(a)) / (b - a) : 0;
+  return b > a ? (path_length_at(b) - path_length_at(a)) / (b - a) : 0;
 }
 
 double DrivePath::turn_between(double s0, double s1) const {

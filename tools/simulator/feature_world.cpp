@@ -400,7 +400,7 @@ FrameScene FeatureWorld::Impl::scene(std::size_t frame) const {
   for (const std::int32_t id : left_raster.objects()) {
     if (id < 0) continue;
     const FeatureObject& object = objects[static_cast<std::size_t>(id)];
-    covered += object.kind == FeatureObject::Kind::kStanding ? 0 : 1;
+    covered += object.kind == FeatureObject::Kind::kStatic ? 0 : 1;
   }
   const auto blocks = static_cast<float>(left_raster.objects().size());
   return {std::move(left), std::move(right), std::move(left_raster), std::move(right_raster),

@@ -13,7 +13,7 @@
 
 namespace kys_slam::simulator {
 
-/// How much moves in a simulated drive.
+/// Amount of traffic in a simulated drive.
 enum class Traffic : std::uint8_t { kNone, kLight, kCity, kJam };
 
 /// How features are simulated along a trajectory.
@@ -22,26 +22,27 @@ struct FeatureOptions {
   std::string camera = "auto";  ///< kitti, euroc, auto: kitti for KITTI files, euroc for TUM files
   std::int64_t start = 0;       ///< first pose used
   std::int64_t frames = -1;     ///< poses used; -1: all
-  std::int64_t every = 1;       ///< of the file's poses the first, and then each so many
-  int features = 0;             ///< per image, about; 0: the camera's own (kitti 2000, euroc 1200)
-  double pixel_noise = 0.25;    ///< sigma at octave 0, px; grows with the octave's scale
-  double wander = 0.2;          ///< px, octave 0: how far a corner moves with the view of it
-  double lens = 0.2;            ///< px: what calibration leaves of each lens' distortion
-  double bit_noise = 0.05;      ///< probability that a bit of a descriptor flips
-  double outliers = 0.55;       ///< share of features that belong to nothing seen again
-  double dropout = 0.4;         ///< share of visible landmarks that a camera does not detect
-  double repeats = 0.10;        ///< share of landmarks that look like others
-  double rate = 10;             ///< Hz, for trajectories without time stamps
-  double near = 0, far = 0;     ///< m, range of depths; 0: the camera's own (4-60, 0.8-12)
+  std::int64_t every = 1;       ///< use every N-th pose of the file, from the first
+  int features =
+      0;  ///< approximate number per image; 0: default of the camera (kitti 2000, euroc 1200)
+  double pixel_noise = 0.25;  ///< sigma at octave 0, px; grows with the octave's scale
+  double wander = 0.2;        ///< px, octave 0, viewpoint-dependent shift of a corner
+  double lens = 0.2;          ///< px, residual lens distortion after calibration
+  double bit_noise = 0.05;    ///< probability that a bit of a descriptor flips
+  double outliers = 0.55;     ///< share of features that are never observed again
+  double dropout = 0.4;       ///< share of visible landmarks that a camera does not detect
+  double repeats = 0.10;      ///< share of landmarks that share a descriptor with others
+  double rate = 10;           ///< Hz, for trajectories without time stamps
+  double near = 0, far = 0;   ///< m, range of depths; 0: defaults of the camera (4-60, 0.8-12)
   Traffic traffic = Traffic::kNone;    ///< moving and parked objects
-  std::vector<FeatureObject> objects;  ///< in their place, of the same frames (read_objects)
-  int width = 0;                       ///< px of KITTI's images, the camera scaled with it; 0: 1241
-  bool labelled = false;  ///< a class for every landmark: for perception. Traffic brings it along
+  std::vector<FeatureObject> objects;  ///< replace the traffic; same frames (read_objects)
+  int width = 0;                       ///< px, of KITTI images; scales the camera; 0: 1241
+  bool labelled = false;  ///< every landmark has a class, for perception; traffic implies it
 };
 /// For check_options(); the keys are the names of the command line.
 void describe(kys::OptionList& list, FeatureOptions& options);
 
-/// The camera's path, and what films it.
+/// The camera and its path.
 struct FeaturePath {
   StereoCamera camera;
   std::vector<TimedPose> poses;  ///< of the left camera
@@ -58,27 +59,26 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
 
 class Scenery;
 
-/// The boxes of a frame as the two cameras see them.
+/// The boxes of a frame in the views of the two cameras.
 struct FrameScene {
   std::vector<SeenBox> left, right;
   BoxRaster left_raster, right_raster;
-  float mover_share = 0;  ///< of the left image's area that objects which can move cover
+  float mover_share = 0;  ///< share of the left image covered by objects that can move
 };
 
-/// Landmarks at random places along a path, and the features that a stereo camera finds on it.
-/// Landmarks are made where a frame would see too few of them, in a first pass over the whole path,
-/// so that a place seen again shows the same landmarks.
+/// Landmarks at random positions along a path, and the features that a stereo camera observes. A
+/// first pass over the whole path adds landmarks where a frame has too few, so that a revisited
+/// place has the same landmarks.
 ///
-/// A landmark has a position, a cone of directions that it is seen from (12 to 45 degrees around
-/// its axis: further aside it looks different, or something stands before it), and a distance at
-/// which it is found at octave 0; nearer by 1.2^k it is found at octave k. It is not found from
-/// beyond, nor at more than its own number of octaves or the last one. With the view of it the
-/// corner moves by a fraction of a pixel, smoothly, so that errors do not average out from frame to
-/// frame.
+/// A landmark has a position, a cone of viewing directions (12 to 45 degrees around its axis;
+/// outside it is occluded or looks different), and a distance at which it is detected at octave 0.
+/// Nearer by 1.2^k it is detected at octave k. It is not detected from a larger distance, nor
+/// beyond its own number of octaves or the last octave. A smooth viewpoint-dependent shift of the
+/// corner by a fraction of a pixel prevents errors from averaging out over frames.
 ///
-/// With traffic there are objects, solid boxes that hide what is behind and in them, each with
-/// landmarks of its own on its faces, as many as the static world has on the same area of the
-/// image. The static landmarks are those of the world without traffic.
+/// Traffic adds objects: solid boxes that occlude landmarks behind and inside them. Each has its
+/// own landmarks on its faces, with the image density of the static world. The static landmarks are
+/// those of the world without traffic.
 class FeatureWorld {
  public:
   /// `progress(done)` is called with the share of frames done.
@@ -89,15 +89,15 @@ class FeatureWorld {
   [[nodiscard]] std::size_t landmark_count() const;
   /// m, in the world, or in its object's frame.
   [[nodiscard]] Eigen::Vector3d landmark_position(std::int32_t id) const;
-  /// The object that carries a landmark and takes it along; -1: none, it is of the static world.
+  /// The object to which a landmark is fixed; -1: none, it is static.
   [[nodiscard]] std::int32_t object_of(std::int32_t id) const;
-  /// The object that a landmark is seen as a part of: the one above, or without traffic the parked
-  /// car around it; -1: none.
+  /// The object whose segment contains a landmark: object_of(), or without traffic the parked car
+  /// around it; -1: none.
   [[nodiscard]] std::int32_t segment_of(std::int32_t id) const;
-  /// Class of a landmark; kys::kVoidLabel: none. Of a world that is labelled.
+  /// Class of a landmark of a labelled world; kys::kVoidLabel: none.
   [[nodiscard]] std::uint16_t label_of(std::int32_t id) const;
   [[nodiscard]] const std::vector<FeatureObject>& objects() const;
-  [[nodiscard]] const Scenery& scenery() const;  ///< of a world that is labelled
+  [[nodiscard]] const Scenery& scenery() const;  ///< of a labelled world
   [[nodiscard]] const FeaturePath& path() const;
   [[nodiscard]] FrameScene scene(std::size_t index) const;
   [[nodiscard]] FeatureTruth truth() const;

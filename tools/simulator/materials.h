@@ -7,7 +7,7 @@
 
 namespace kys_slam::simulator {
 
-/// Every surface of every world.
+/// All surface materials.
 enum Material : std::uint16_t {
   kAsphalt,
   kRoadPaint,
@@ -83,7 +83,7 @@ enum Material : std::uint16_t {
   kMaterialCount
 };
 
-/// How a material looks: a tiling texture, and a large one that keeps its repeats apart.
+/// Appearance of a material: a tiling texture, and a large one that makes its repeats distinct.
 struct MaterialLook {
   Texture texture;
   float scale_u = 1;  ///< tiles per unit of the mesh's texture coordinates
@@ -98,7 +98,7 @@ struct MaterialLibrary {
   float grime_scale = 1.0F / 23.0F;  ///< tiles per metre
 };
 
-/// Paints all textures. The same seed gives the same textures.
+/// Generates all textures. The same seed gives the same textures.
 MaterialLibrary make_materials(std::uint64_t seed);
 
 }  // namespace kys_slam::simulator

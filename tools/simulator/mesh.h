@@ -11,8 +11,8 @@ namespace kys_slam::simulator {
 using Vec2 = Eigen::Vector2d;
 using Vec3 = Eigen::Vector3d;
 
-/// Triangles with texture coordinates and a material each. Texture coordinates are metres on
-/// building surfaces and fractions on panels; the material knows the scale.
+/// Triangles with texture coordinates and a material each. Texture coordinates are in m on building
+/// surfaces and fractions on panels; the material has the scale.
 struct Mesh {
   std::vector<Eigen::Vector3f> vertices;
   std::vector<Eigen::Vector2f> uvs;                     ///< one per vertex

@@ -11,10 +11,10 @@
 
 namespace kys_slam::simulator {
 
-/// Where the objects that can move are: exact poses, boxes and velocities. An object's frame is
-/// that of its first part: x forward, y left, z up, origin on the ground below its middle. Poses
-/// are expressed in the frame of the sequence's ground truth: the first left camera (kKitti) or the
-/// world (kEuroc).
+/// Exact poses, boxes and velocities of objects that can move. An object's frame is that of its
+/// first part: x forward, y left, z up, origin on the ground below its middle. Poses are expressed
+/// in the frame of the sequence's ground truth: the first left camera (kKitti) or the world
+/// (kEuroc).
 class ObjectTruth {
  public:
   explicit ObjectTruth(const World& world);
@@ -23,13 +23,13 @@ class ObjectTruth {
     int object = 0;  ///< index into Scene::objects
     Rigid3 T_g_o;
     Eigen::Vector3d velocity;  ///< of the origin, m/s, in the frame of the ground truth
-    Eigen::AlignedBox3d box;   ///< in the object's frame, as it is in the first frame
+    Eigen::AlignedBox3d box;   ///< m, in the object's frame, from the first frame
   };
   /// Objects that can move, in order of number.
   [[nodiscard]] std::vector<Row> rows(int frame) const;
 
   static const char* csv_header();
-  /// Lines of the objects that either view of a frame shows.
+  /// CSV lines of the objects visible in either view of a frame.
   [[nodiscard]] std::string csv(int frame, const std::vector<bool>& moving, const Panoptic& left,
                                 const Panoptic& right) const;
 
@@ -44,7 +44,7 @@ class ObjectTruth {
   std::vector<Object> objects_;
 };
 
-/// What share of the left image objects that can move cover, those that move and those that stand.
+/// Share of the left image covered by objects that can move: those that move, and static ones.
 struct CoveredShare {
   double moving = 0;
   double standing = 0;

@@ -9,8 +9,8 @@
 
 namespace kys_slam::simulator {
 
-/// A smooth line on the ground, by arc length: straights joined by turns whose curvature grows and
-/// fades linearly, as a steered car's does. Goes on straight beyond both ends.
+/// A smooth line on the ground, by arc length (m): straight parts joined by turns with linearly
+/// rising and falling curvature, as of a steered car. Extended straight beyond both ends.
 class Path {
  public:
   /// Corner points, and the smallest radius (m) of the turns.
@@ -32,7 +32,7 @@ class Path {
   double length_ = 0;
 };
 
-/// Arc length travelled by time: integrates a speed that depends on place and time.
+/// Arc length over time: integrates a speed that depends on position and time.
 class Drive {
  public:
   /// speed(s, t) in m/s.
@@ -46,8 +46,8 @@ class Drive {
 /// Rises smoothly from 0 at a to 1 at b.
 double smooth_step(double a, double b, double x);
 
-/// Pose of a left camera on a vehicle whose ground point follows the path: looking along the
-/// heading, `height` above the ground, with a little heave, pitch and roll.
+/// T_w_c of a left camera on a vehicle whose ground point follows the path: it faces along the
+/// heading, `height` (m) above the ground, with small heave, pitch and roll.
 Rigid3 car_camera(const Path& path, double s, double t, double height);
 
 /// Rotation of a camera (x right, y down, z forward) in a vehicle (x forward, y left, z up).

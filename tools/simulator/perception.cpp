@@ -262,8 +262,8 @@ void Perception::measure_stuff(std::size_t index, int camera, const FeatureFrame
   }
 }
 
-void Perception::look(std::size_t index, int camera, const FrameScene& scene,
-                      const FeatureFrame& frame) {
+void Perception::make_segments(std::size_t index, int camera, const FrameScene& scene,
+                               const FeatureFrame& frame) {
   Side& side = sides_[static_cast<std::size_t>(camera)];
   side.before = std::move(side.now);
   side.now = {};
@@ -354,13 +354,13 @@ kys::Prior Perception::prior_of(std::size_t index, int camera, const View& view,
                          s.prior.dynamic != 0);
 }
 
-void Perception::see(std::size_t index, FeatureFrame& frame) {
+void Perception::add_priors(std::size_t index, FeatureFrame& frame) {
   const FrameScene scene = world_.scene(index);
   Rng rng(hash_of(seed_, 12, index));
   const bool missing = rng.chance(level_.missing_frames);
   const bool asked_late = rng.chance(level_.late_frames);
   for (int camera = 0; camera < 2; ++camera) {
-    look(index, camera, scene, frame);
+    make_segments(index, camera, scene, frame);
     const Side& side = sides_[static_cast<std::size_t>(camera)];
     const bool late = asked_late && index > 0;
     const View& view = late ? side.before : side.now;

@@ -13,50 +13,50 @@
 
 namespace kys_slam::simulator {
 
-/// How a builder of priors errs, as numbers. Those about motion and depth are measured on what
-/// build_priors makes of rendered worlds (fit_perception.py writes perception_levels.inc); those
-/// about segmentation are set by hand, since a renderer's segments have no errors. Pixels are those
-/// of images `width` px wide: errors of flow are taken to grow with the image.
+/// Error model of a prior builder. Parameters of motion and depth are measured on the output of
+/// build_priors for rendered worlds (fit_perception.py writes perception_levels.inc). Those of
+/// segmentation are set by hand, because rendered segments have no errors. Pixels are those of
+/// images `width` px wide: errors of flow scale with the image width.
 struct PerceptionLevel {
   const char* name = "";
   int width = 620;
   // A segment that moves is flagged with probability logistic(moving0 + moving1 ln(r / px) +
   // moving2 ln(area / 1000 px^2)), r its motion in the image against the static world per frame.
   double moving0 = 8, moving1 = 0, moving2 = 0;
-  // One that stands still: logistic(still0 + still1 ln(area / 1000 px^2)).
+  // A static segment: logistic(still0 + still1 ln(area / 1000 px^2)).
   double still0 = -8, still1 = 0;
-  double persistence = 0;     ///< correlation of such a decision with that of the frame before
-  double reference = 0.1;     ///< px, median of the background's residual (m_bg of Eq. 7)
-  double reference_sd = 0;    ///< of its logarithm, from frame to frame
-  double motion_sd = 0;       ///< of the logarithm of a segment's measured motion
-  double false_rho_sd = 0.5;  ///< of the logarithm of r / m_bg of what is flagged but stands still
+  double persistence = 0;   ///< correlation of such a decision with that of the frame before
+  double reference = 0.1;   ///< px, median of the background's residual (m_bg of Eq. 7)
+  double reference_sd = 0;  ///< standard deviation of its logarithm over frames
+  double motion_sd = 0;     ///< standard deviation of the logarithm of a segment's measured motion
+  double false_rho_sd = 0.5;  ///< of the logarithm of r / m_bg of static segments that are flagged
   double false_rho = 5;       ///< its median
   double scale_sd = 0;        ///< of the logarithm of a segment's scale (Eq. 3)
   // Of segmentation; probabilities at 1000 px^2, falling with the root of the area.
-  double boundary = 0;         ///< px, sigma of where a segment ends
-  double confusion = 0;        ///< a thing has the class whose name is nearest to its own
-  double stuff_confusion = 0;  ///< likewise a block of stuff
+  double boundary = 0;         ///< px, standard deviation of segment boundaries
+  double confusion = 0;        ///< a thing has the class with the least semantic distance
+  double stuff_confusion = 0;  ///< the same for a block of stuff
   double missed = 0;           ///< a thing has no segment
-  double merged = 0;           ///< a thing is one segment with its neighbour of the same class
+  double merged = 0;           ///< a thing is merged with its neighbour of the same class
   double missing_frames = 0;   ///< share of frames without priors
-  double late_frames = 0;      ///< share of frames that have those of the frame before
+  double late_frames = 0;      ///< share of frames with the priors of the frame before
 };
 
 /// \throws InputError when it is none of exact, estimated, poor.
 const PerceptionLevel& perception_level(const std::string& name);
 
-/// Gives the features of a world the priors that build_priors would have made, one frame after the
-/// other: segments as the boxes cover the image, identities by the builder's own association,
-/// scale and motion by Eqs. 3, 7 and 8 with errors of a level. Everything depends on the world, the
-/// level and the seed alone.
+/// Simulates the priors that build_priors makes, for the features of a world, frame by frame:
+/// segments from the boxes in the image, identities by the association of the builder, scale and
+/// motion by Eqs. 3, 7 and 8 with the errors of a level. The result depends on the world, the level
+/// and the seed only.
 class Perception {
  public:
   Perception(const FeatureWorld& world, const PerceptionLevel& level, std::uint64_t seed);
 
-  /// Adds priors to a frame of the world. Frames in order, none left out.
-  void see(std::size_t index, FeatureFrame& frame);
+  /// Adds priors to a frame of the world. Call it for every frame, in order.
+  void add_priors(std::size_t index, FeatureFrame& frame);
 
-  /// What it said so far, and how often rightly: segments of things, both cameras.
+  /// Counts of thing segments so far, both cameras: truth and decisions.
   struct Score {
     std::int64_t moving = 0, moving_flagged = 0, still = 0, still_flagged = 0;
   };
@@ -65,12 +65,12 @@ class Perception {
  private:
   struct Segment {
     kys::Prior prior;   ///< without motion
-    double motion = 0;  ///< r / m_bg of its middle as measured; 0: not flagged
+    double motion = 0;  ///< measured r / m_bg of its centre; 0: not flagged
     double weight = 0;  ///< m_k / 100
     bool truly_moves = false;
     double area = 0, u = 0, v = 0, depth = 0;
   };
-  /// What is known of one image of one frame.
+  /// Perception of one image of one frame.
   struct View {
     std::unique_ptr<BoxRaster> raster;
     std::map<std::int32_t, std::size_t> segment_of;  ///< by object
@@ -84,7 +84,8 @@ class Perception {
     View now, before;
   };
 
-  void look(std::size_t index, int camera, const FrameScene& scene, const FeatureFrame& frame);
+  void make_segments(std::size_t index, int camera, const FrameScene& scene,
+                     const FeatureFrame& frame);
   void outline_segments(std::size_t index, int camera, View& view);
   void merge(std::size_t index, int camera, View& view);
   void identify(int camera, View& view);
@@ -102,7 +103,7 @@ class Perception {
 
   const FeatureWorld& world_;
   PerceptionLevel level_;
-  double shrink_;  ///< from the camera's pixels to the level's
+  double shrink_;  ///< factor from pixels of the camera to pixels of the level
   std::uint64_t seed_;
   std::array<Side, 2> sides_;
   std::vector<std::uint16_t> nearest_class_;

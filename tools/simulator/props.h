@@ -4,15 +4,16 @@
 
 namespace kys_slam::simulator {
 
-/// Things that stand or drive on the ground. Frame of a vehicle or person: x forward, y left,
-/// z up, origin on the ground below the middle. Metres.
+/// Meshes of objects on the ground. Frame of a vehicle or person: x forward, y left, z up, origin
+/// on the ground below the middle. Metres.
 
 enum class CarModel { kHatchback, kSaloon, kVan, kEstate };
 Mesh make_car(CarModel model);
 Mesh make_truck();  ///< box truck, 8 x 2.5 x 3.5 m
 Mesh make_bus();    ///< 11 x 2.55 x 3.1 m
 
-/// A person is a body and four limbs that swing about the hip or shoulder (their frame's origin).
+/// A person has a body and four limbs that swing about the hip or shoulder (the origin of their
+/// frame).
 struct PersonMeshes {
   Mesh body, leg, arm;
 };

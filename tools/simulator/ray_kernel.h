@@ -10,10 +10,10 @@ namespace kys_slam::simulator {
 
 inline constexpr int kPacket = 8;  ///< rays traced together
 
-/// Eight rays and what they hit. Directions need not be of unit length; `t` counts in them.
+/// Eight rays and their hits. Directions need not be of unit length; `t` counts in them.
 struct RayPacket {
   std::array<float, kPacket> ox, oy, oz, dx, dy, dz;
-  std::array<float, kPacket> t;  ///< in: farthest, out: hit (unchanged when nothing)
+  std::array<float, kPacket> t;  ///< in: farthest; out: hit, unchanged without one
   std::array<float, kPacket> u, v;
   std::array<int, kPacket> instance;  ///< -1: nothing hit
   std::array<int, kPacket> triangle;
@@ -32,8 +32,8 @@ class RayMeshes {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The scene at one moment, for one thread. The structure is built anew at every moment, by one
-/// thread, so that what is hit does not depend on the history or on the number of threads.
+/// The scene at one time, for one thread. The structure is rebuilt for every time by one thread, so
+/// that hits do not depend on the history or on the number of threads.
 class RayScene {
  public:
   RayScene(const RayMeshes& meshes, const Scene& scene);

@@ -11,7 +11,7 @@
 
 namespace kys_slam::simulator {
 
-/// What is needed of each triangle to shade it, in its mesh's frame.
+/// Data to shade a triangle, in the frame of its mesh.
 struct SurfaceTriangle {
   Eigen::Vector3f v0, e1, e2, normal;  ///< normal of unit length
   Eigen::Vector2f uv0, uv1, uv2;       ///< uv1, uv2: differences to uv0
@@ -21,7 +21,7 @@ struct SurfaceTriangle {
   bool smooth = false;
 };
 
-/// Everything about a world that all frames share.
+/// Data of a world that all frames share.
 class RenderAssets {
  public:
   explicit RenderAssets(const World& world);
@@ -31,22 +31,22 @@ class RenderAssets {
   std::vector<std::vector<SurfaceTriangle>> surfaces;  ///< by prototype, triangle
 };
 
-/// What each pixel centre of one view sees.
+/// Ground truth at each pixel centre of one view.
 struct ViewTruth {
   ImageOf<std::int32_t> instance;  ///< index into Scene::instances, -1 sky
   ImageOf<float> depth;            ///< m along the optical axis, 0 sky
   ImageOf<Eigen::Vector2f> flow;   ///< px to the next frame, NaN where undefined; may be empty
 };
 
-/// Renders the frames of a world, one at a time. One per thread; what it makes depends on the
-/// world and the frame's index alone.
+/// Renders the frames of a world, one at a time; one instance per thread. The result depends on the
+/// world and the frame index only.
 class FrameRenderer {
  public:
   explicit FrameRenderer(const RenderAssets& assets);
 
-  /// What the sensor gives; camera 0 is the left one.
+  /// The image of the sensor; camera 0 is the left one.
   GrayImage image(int frame, int camera);
-  /// What each pixel of the rectified view sees, and its flow when there is a next frame.
+  /// Ground truth of the rectified view, with flow when there is a next frame.
   ViewTruth truth(int frame, int camera);
 
  private:

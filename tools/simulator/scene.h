@@ -12,7 +12,7 @@
 
 namespace kys_slam::simulator {
 
-/// COCO panoptic category ids of what the worlds contain. `kUnlabelled` becomes void (id 0).
+/// COCO panoptic category ids used in the worlds. `kUnlabelled` becomes void (id 0).
 enum CocoClass : int {
   kUnlabelled = 0,
   kPerson = 1,
@@ -55,7 +55,7 @@ struct Instance {
   Motion motion;
 };
 
-/// A true object: what a thing segment, or one stuff class, is made of.
+/// An object: a thing, or all stuff of one class.
 struct SceneObject {
   int category = kUnlabelled;
   bool can_move = false;
@@ -68,10 +68,10 @@ struct Light {
   float ambient = 0.72F;
   float sky = 0.95F;  ///< brightness of the sky texture
   double shadow_ceiling =
-      std::numeric_limits<double>::infinity();  ///< m; casters above do not count
+      std::numeric_limits<double>::infinity();  ///< m; objects above cast no shadow
 };
 
-/// Everything that is seen. World frame: z up, metres.
+/// All visible objects. World frame: z up, m.
 struct Scene {
   MaterialLibrary materials;
   std::vector<Mesh> prototypes;

@@ -11,11 +11,12 @@ namespace kys_slam::simulator {
 
 /// One panoptic segment of one view: a thing, or all of one stuff class.
 struct Segment {
-  std::uint32_t id = 0;   ///< in this frame's PNG: R + 256 G + 65536 B; another one in every frame
-  int object = -1;        ///< index into Scene::objects; -1 for stuff
-  int category = 0;       ///< COCO panoptic
-  bool moving = false;    ///< moves between this frame and the next
-  std::int64_t area = 0;  ///< px
+  std::uint32_t id =
+      0;                ///< in the PNG of this frame: R + 256 G + 65536 B; different in every frame
+  int object = -1;      ///< index into Scene::objects; -1 for stuff
+  int category = 0;     ///< COCO panoptic
+  bool moving = false;  ///< true: moves between this frame and the next
+  std::int64_t area = 0;               ///< px
   int x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< bounding box, inclusive
 };
 
@@ -32,8 +33,8 @@ Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, in
 
 /// KITTI disparity PNG values: round(256 d), 0 where there is none (sky, or nearer than 256 px).
 Image16 encode_disparity(const ViewTruth& truth, double bf);
-/// KITTI flow PNG values. Valid wherever the flow is known, also where its end is hidden or
-/// outside the image, but not where it exceeds what the format holds (512 px).
+/// KITTI flow PNG values. Valid wherever the flow is known, also where its end is occluded or
+/// outside the image, except beyond the range of the format (512 px).
 Rgb16Image encode_flow(const ViewTruth& truth);
 
 }  // namespace kys_slam::simulator

@@ -4,16 +4,16 @@
 
 namespace kys_slam::simulator {
 
-/// What the sensor makes of the light that reaches it: grey = tone * exposure * vignetting + noise.
+/// Model of the sensor: grey = tone * exposure * vignetting + noise.
 struct Sensor {
   std::uint64_t seed = 0;
   float noise_sigma = 1.5F;  ///< grey levels
 
-  /// Brightness drift of a frame (both cameras, and one per cent between them).
+  /// Exposure factor of a frame: common to both cameras, with 1 % between them.
   [[nodiscard]] static float exposure(int frame, int camera);
-  /// Loss towards the corners; (u, v) px in a width x height image.
+  /// Brightness factor that falls towards the corners; (u, v) px in a width x height image.
   [[nodiscard]] static float vignetting(int u, int v, int width, int height);
-  /// Standard normal deviate of a pixel: depends on nothing but its arguments.
+  /// Standard normal deviate of a pixel; depends only on its arguments.
   [[nodiscard]] float noise(int frame, int camera, int u, int v) const;
 };
 

@@ -39,16 +39,16 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
   using namespace kys_slam::simulator;
   const std::size_t frames = world.path().poses.size();
   FeatureFileInfo info = world.info();
-  std::optional<Perception> eye;
+  std::optional<Perception> detector;
   if (o.labelled) {
-    eye.emplace(world, perception_level(perception), o.seed);
+    detector.emplace(world, perception_level(perception), o.seed);
     info.label_space = kFeatureLabelSpace;
   }
   FeatureSequenceWriter writer(output, info, info.version == 1 ? FeatureTruth{} : world.truth());
   double mover_share = 0;
   for (std::size_t i = 0; i < frames; ++i) {
     FeatureFrame frame = world.frame(i);
-    if (eye) eye->see(i, frame);
+    if (detector) detector->add_priors(i, frame);
     mover_share += frame.mover_share;
     writer.write(frame);
     progress("frames", static_cast<double>(i + 1) / static_cast<double>(frames));
@@ -60,8 +60,8 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
                 100 * mover_share / static_cast<double>(frames));
   }
   std::printf("\n");
-  if (!eye) return;
-  const Perception::Score& s = eye->score();
+  if (!detector) return;
+  const Perception::Score& s = detector->score();
   std::printf(
       "segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
       "not\n",
@@ -86,7 +86,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--camera", o.camera,
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
-  app.add_option("--seed", o.seed, "of landmarks and noise")
+  app.add_option("--seed", o.seed, "seed of landmarks and noise")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--start", o.start, "first pose used")->capture_default_str();
@@ -95,31 +95,30 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--features", o.features, "per image (default: kitti 2000, euroc 1200)");
   app.add_option("--pixel-noise", o.pixel_noise, "sigma at octave 0, px")->capture_default_str();
-  app.add_option("--wander", o.wander, "how far a corner moves with the view of it, octave 0, px")
+  app.add_option("--wander", o.wander, "viewpoint-dependent shift of a corner, octave 0, px")
       ->capture_default_str();
-  app.add_option("--lens", o.lens, "what calibration leaves of each lens' distortion, px")
+  app.add_option("--lens", o.lens, "residual lens distortion after calibration, px")
       ->capture_default_str();
   app.add_option("--bit-noise", o.bit_noise, "probability that a descriptor bit flips")
       ->capture_default_str();
-  app.add_option("--outliers", o.outliers, "share of features that are not seen again")
+  app.add_option("--outliers", o.outliers, "share of features that are never observed again")
       ->capture_default_str();
   app.add_option("--dropout", o.dropout, "share of visible landmarks that a camera does not detect")
       ->capture_default_str();
-  app.add_option("--repeats", o.repeats, "share of landmarks that look like others")
+  app.add_option("--repeats", o.repeats, "share of landmarks that share a descriptor with others")
       ->capture_default_str();
   app.add_option("--rate", o.rate, "Hz, for files without time stamps")->capture_default_str();
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
-  app.add_option("--traffic", a.traffic,
-                 "objects that move and hide what is behind them: none, light, city, jam")
+  app.add_option("--traffic", a.traffic, "moving objects with occlusion: none, light, city, jam")
       ->capture_default_str();
   app.add_option("--objects", a.objects,
-                 "objects.csv of a rendered world: its objects, in the place of traffic; the "
-                 "trajectory must be that world's");
+                 "objects.csv of a rendered world: use its objects instead of traffic; the "
+                 "trajectory must be that of the world");
   app.add_option("--width", o.width,
-                 "px, of KITTI's images; the camera is scaled with it (default: 1241)");
+                 "px, width of KITTI images; scales the camera (default: 1241)");
   app.add_option("--perception", a.perception,
-                 "priors for every feature, with the errors of a way to get them: none, exact, "
+                 "priors for every feature, with the errors of a level of perception: none, exact, "
                  "estimated, poor")
       ->capture_default_str();
   app.add_flag("--quiet", a.quiet, "no progress");

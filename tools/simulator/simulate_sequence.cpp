@@ -59,9 +59,9 @@ int run(int argc, char** argv) {
       "--jobs is.\n\n"
       "Example: simulate_sequence street --output street --seed 3");
   app.add_option("world", world_options.name, "street, traffic, jam, block or hall")->required();
-  app.add_option("--output", write_options.output, "folder to make; must not exist or be empty")
+  app.add_option("--output", write_options.output, "output folder; must not exist or be empty")
       ->required();
-  app.add_option("--seed", world_options.seed, "of houses, cars, textures, noise")
+  app.add_option("--seed", world_options.seed, "seed of houses, cars, textures, noise")
       ->check(kys_slam::whole_number(0))
       ->capture_default_str();
   auto* frames =
@@ -72,10 +72,10 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(1, 1024));
   app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
   app.add_option("--drop-camera", write_options.drop_camera,
-                 "hall: the camera (0 or 1) that loses frames")
+                 "hall: camera (0 or 1) whose frames are dropped")
       ->check(CLI::Range(0, 1));
   auto* share = app.add_option("--drop-share", write_options.drop_share,
-                               "hall: share of frames lost by --drop-camera (default 0.1)");
+                               "hall: share of frames dropped from --drop-camera (default 0.1)");
   app.add_flag("--quiet", write_options.quiet, "no progress");
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (!size.empty()) parse_size(size, world_options);

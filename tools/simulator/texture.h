@@ -12,9 +12,9 @@ class Texture {
   /// `albedo` holds side*side values in [0, 1], row-major; `side` is a power of two.
   Texture(int side, const std::vector<float>& albedo);
 
-  /// Mean albedo over a footprint: centre (u, v) in tiles, and the footprint's two half-open
-  /// axes as tile-space vectors (du1, dv1), (du2, dv2). Probes along the longer axis, at most
-  /// `max_probes`, each a trilinear lookup.
+  /// Mean albedo over a footprint: centre (u, v) in tiles, and the footprint's two half-open axes
+  /// as tile-space vectors (du1, dv1), (du2, dv2). Samples along the longer axis, at most
+  /// `max_probes`, each with trilinear interpolation.
   [[nodiscard]] float sample(float u, float v, float du1, float dv1, float du2, float dv2,
                              int max_probes) const;
 

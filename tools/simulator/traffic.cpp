@@ -197,7 +197,7 @@ void TrafficMaker::lead(double from, double to, Rng& rng) {
   const double lateral = rng.uniform(-0.25, 0.25);
   // The wobble is one of place: it stands still where the camera does.
   const auto steady = [=, this](double t) {
-    const double s = road_.way_at(t + headway) + rest;
+    const double s = road_.path_length_at(t + headway) + rest;
     return s + 1.2 * std::sin(2 * std::numbers::pi * s / 130 + phase);
   };
   const bool turns_off = rng.chance(0.7);
@@ -206,7 +206,8 @@ void TrafficMaker::lead(double from, double to, Rng& rng) {
   const double end = leaves < steady(to) ? to + 10 : to + 12;
   const auto pose = [=, this](double t) {
     // Over a distance, so that it never drives backwards.
-    const double away = 70 * (1 - smooth_step((road_.way_at(t) - road_.way_at(from)) / 120));
+    const double away =
+        70 * (1 - smooth_step((road_.path_length_at(t) - road_.path_length_at(from)) / 120));
     const double gone = leaves < steady(to) ? 0 : 70 * smooth_step((t - to) / 12);
     const double s = steady(t) + away + gone;
     if (s <= leaves) return on(s, lateral, 0, model.half);
@@ -220,7 +221,7 @@ void TrafficMaker::lead(double from, double to, Rng& rng) {
 void TrafficMaker::oncoming(double time, Rng& rng) {
   const Model model = vehicle(rng, 0.7 * density_.large);
   const double speed = rng.uniform(6, 13);
-  const double s = road_.way_at(time);
+  const double s = road_.path_length_at(time);
   const double lateral = kLeftLane + rng.uniform(-0.3, 0.3);
   add(model, FeatureObject::Kind::kRigid, time - 20, time + 6, [&, this](double t) {
     return on(s - speed * (t - time), lateral, std::numbers::pi, model.half);
@@ -231,7 +232,7 @@ void TrafficMaker::overtaking(double time, Rng& rng) {
   const Model model = vehicle(rng, 0.1);
   const double faster = rng.uniform(2.5, 5);
   add(model, FeatureObject::Kind::kRigid, time - 5, time + 30, [&, this](double t) {
-    const double s = road_.way_at(t) + faster * (t - time);
+    const double s = road_.path_length_at(t) + faster * (t - time);
     return on(s, kLeftLane + 0.2, 0, model.half);
   });
 }
@@ -252,7 +253,7 @@ void TrafficMaker::walker(double time, Rng& rng) {
   const Vector3d half(0.28, 0.86, 0.2);
   const bool back = rng.chance(0.5);
   const double speed = (back ? -1 : 1) * rng.uniform(0.9, 1.6);
-  const double s = road_.way_at(time);
+  const double s = road_.path_length_at(time);
   const double lateral = rng.chance(0.6) ? rng.uniform(4, 6.5) : rng.uniform(-10, -7.5);
   add({kPerson, half}, FeatureObject::Kind::kArticulated, time - 20, time + 4, [&, this](double t) {
     return on(s + speed * (t - time), lateral, back ? std::numbers::pi : 0, half);
@@ -262,7 +263,7 @@ void TrafficMaker::walker(double time, Rng& rng) {
 void TrafficMaker::cycle(double time, Rng& rng) {
   const Vector3d half(0.3, 0.85, 0.9);
   const double speed = rng.uniform(3.5, 5.5);
-  const double s = road_.way_at(time);
+  const double s = road_.path_length_at(time);
   add({kBicycle, half}, FeatureObject::Kind::kRigid, time - 20, time + 4,
       [&, this](double t) { return on(s + speed * (t - time), 2.1, 0, half); });
 }
@@ -280,7 +281,7 @@ void TrafficMaker::at_stops() {
 }
 
 void TrafficMaker::waiting(double from, double to, Rng& rng) {
-  const double s = road_.way_at(0.5 * (from + to)) + (has_lead(from) ? 24 : 13);
+  const double s = road_.path_length_at(0.5 * (from + to)) + (has_lead(from) ? 24 : 13);
   for (double t = from; t < to - 0.5;) {
     crossing(t, s + (rng.chance(0.5) ? 3.4 : 0), rng.uniform(6, 10), rng);
     t -= density_.at_stops * std::log(1 - rng.uniform());
@@ -304,7 +305,7 @@ std::vector<FeatureObject> TrafficMaker::on_road() {
   each(1, density_.oncoming, [this](double t, Rng& rng) { oncoming(t, rng); });
   each(2, density_.overtaking, [this](double t, Rng& rng) { overtaking(t, rng); });
   each(3, density_.crossing, [this](double t, Rng& rng) {
-    if (!has_lead(t)) crossing(t, road_.way_at(t + 2.5) + 5, rng.uniform(6, 10), rng);
+    if (!has_lead(t)) crossing(t, road_.path_length_at(t + 2.5) + 5, rng.uniform(6, 10), rng);
   });
   each(4, density_.walkers, [this](double t, Rng& rng) { walker(t, rng); });
   each(5, density_.cycles, [this](double t, Rng& rng) { cycle(t, rng); });
@@ -508,7 +509,7 @@ std::vector<FeatureObject> read_objects(const std::filesystem::path& file) {
   std::vector<FeatureObject> out;
   for (auto& [id, object] : objects) {
     if (!moves[id]) {
-      object.kind = FeatureObject::Kind::kStanding;
+      object.kind = FeatureObject::Kind::kStatic;
       object.first_frame = 0;
       object.poses.resize(1);
     }
@@ -519,7 +520,7 @@ std::vector<FeatureObject> read_objects(const std::filesystem::path& file) {
 }
 
 const Rigid3* pose_in_frame(const FeatureObject& object, std::size_t frame) {
-  if (object.kind == FeatureObject::Kind::kStanding) return object.poses.data();
+  if (object.kind == FeatureObject::Kind::kStatic) return object.poses.data();
   const auto at = static_cast<std::int64_t>(frame) - object.first_frame;
   if (at < 0 || at >= static_cast<std::int64_t>(object.poses.size())) return nullptr;
   return &object.poses[static_cast<std::size_t>(at)];

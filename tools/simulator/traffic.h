@@ -16,16 +16,15 @@ Traffic parse_traffic(const std::string& name);
 std::uint16_t coco_label(int category);
 inline constexpr const char* kFeatureLabelSpace = "coco_panoptic_133";
 
-/// Cars that stand at the kerbs of a road: in runs, right beside the own lane and left beyond the
-/// other one, never where the camera ever drives. Empty for a path without ground.
+/// Parked cars at the kerbs of a road, in runs: to the right of the camera's lane and to the left
+/// of the opposite lane, never on the path of the camera. Empty for a path without ground.
 std::vector<FeatureObject> park_cars(const FeaturePath& path, std::uint64_t seed);
 
-/// What moves along a path. On a road: vehicles ahead in the own lane, which drive as the camera
-/// will a second or two later, so that they start first at a light, and which leave straight on
-/// where the camera turns; oncoming vehicles; vehicles and people that cross, above all where the
-/// camera waits; overtaking ones; cycles; people on the pavement. In a room (no ground): people who
-/// walk through the view, some of them with things in their hands. Nothing comes nearer to the
-/// camera than a metre.
+/// Moving objects along a path. On a road: vehicles ahead in the camera's lane, which drive as the
+/// camera does one or two seconds later, and continue straight where the camera turns; oncoming,
+/// overtaking and crossing vehicles; crossing people, mostly where the camera waits; cycles; people
+/// on the pavement. Indoors (no ground): people who walk through the view, some of whom carry
+/// objects. No object comes nearer to the camera than 1 m.
 std::vector<FeatureObject> make_traffic(const FeaturePath& path, Traffic density,
                                         std::uint64_t seed);
 
@@ -33,10 +32,10 @@ std::vector<FeatureObject> make_traffic(const FeaturePath& path, Traffic density
 /// \throws InputError naming the file and line
 std::vector<FeatureObject> read_objects(const std::filesystem::path& file);
 
-/// T_w_o of an object in a frame, or null when it is not there.
+/// T_w_o of an object in a frame, or null when it does not exist in that frame.
 const Rigid3* pose_in_frame(const FeatureObject& object, std::size_t frame);
 
-/// Where a landmark of an object is in the object's frame at a time: people sway.
+/// Position (m) of a landmark in the frame of its object at a time (s): people oscillate.
 Eigen::Vector3d sway(const FeatureObject& object, const Eigen::Vector3d& p_o, double time);
 
 }  // namespace kys_slam::simulator

@@ -14,12 +14,12 @@ namespace kys_slam::simulator {
 
 enum class Layout { kKitti, kEuroc };
 
-/// What a user asks for.
+/// Options of a world.
 struct WorldOptions {
   std::string name;
   std::uint64_t seed = 1;
-  int frames = 0;  ///< 0: the world's own length
-  int width = 0;   ///< px; 0: the data set's own size
+  int frames = 0;  ///< 0: default of the world
+  int width = 0;   ///< px; 0: size of the data set
   int height = 0;
 };
 /// For check_options(); the keys are the names of the command line.
@@ -32,8 +32,8 @@ struct World {
   Layout layout = Layout::kKitti;
   Scene scene;
   StereoRig rig;
-  StereoCamera rectified;         ///< the pair as its reader rectifies it (kKitti: as it is)
-  StereoRig truth_rig;            ///< `rectified` as rays: what disparity and flow refer to
+  StereoCamera rectified;         ///< the pair after rectification (kKitti: as rendered)
+  StereoRig truth_rig;            ///< rays of `rectified`, to which disparity and flow refer
   std::vector<double> times;      ///< s, from 0; one per frame
   std::vector<Rigid3> T_w_c;      ///< left camera, one per frame
   std::vector<Rigid3> T_w_b;      ///< kEuroc only: body
@@ -43,10 +43,10 @@ struct World {
 /// Names of the worlds.
 const std::vector<std::string>& world_names();
 /// Builds a world.
-/// \throws InputError for an unknown name (naming the nearest) or sizes that make no sense.
+/// \throws InputError for an unknown name (with the nearest known name) or invalid sizes.
 World make_world(const WorldOptions& options);
 
-/// Adds KITTI 00's calibration, scaled to the size asked for (one focal length: by width).
+/// Adds the calibration of KITTI 00, scaled to the requested size (one focal length, by width).
 void set_kitti_rig(World& world, const WorldOptions& options);
 
 World make_street(const WorldOptions& options);

@@ -111,15 +111,14 @@ int compare(const Arguments& a) {
 
 int run(int argc, char** argv) {
   CLI::App app{
-      "What the modes cost on the tracking path, on the same frames in one run: each frame is fed "
-      "to one system per mode, in turns. A mode given twice shows how far the figures can be "
-      "trusted."};
+      "Compares the tracking time of modes on the same frames in one run: each frame is fed to one "
+      "system per mode, in turn. A mode given twice shows the measurement error."};
   Arguments a;
   app.add_option("SEQUENCE", a.sequence, "folder of the sequence")->required();
   app.add_option("--priors", a.priors, "folder of its prior files")->required();
   app.add_option("--modes", a.modes, "modes to compare with the first")->capture_default_str();
   one_at_a_time(
-      app.add_option("--set", a.settings, "KEY=VALUE: one setting for all, may be repeated"));
+      app.add_option("--set", a.settings, "KEY=VALUE: one setting for all modes, may be repeated"));
   app.add_option("--frames", a.frames, "number of frames (default: all)")->check(whole_number(1));
   app.add_option("--rounds", a.rounds, "passes over the sequence")
       ->check(CLI::Range(1, 1000))

@@ -6,14 +6,14 @@
 
 namespace kys_slam {
 
-/// The priors that a feature file's frames bring along.
+/// The priors in the frames of a feature file.
 class FramePriors : public PriorProvider {
  public:
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
 
-  /// Frames that came without.
+  /// Number of frames without priors.
   [[nodiscard]] std::int64_t missing() const { return missing_; }
 
  private:

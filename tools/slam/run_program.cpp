@@ -67,32 +67,33 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("SEQUENCE", a.sequence,
                  "folder of the sequence, or a feature file (simulate_features)");
   app.add_option("--priors", a.priors,
-                 "folder of this sequence's prior files (a feature file may bring its own)");
-  app.add_option(
-      "--mode", a.mode,
-      "how descriptors are compared: " + modes + " (default: verified with priors, stock without)");
+                 "folder of this sequence's prior files (a feature file may contain its own)");
+  app.add_option("--mode", a.mode,
+                 "matching mode: " + modes + " (default: verified with priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
   one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
-  app.add_flag("--list-settings", a.list_settings, "print every setting and its default, and stop");
+  app.add_flag("--list-settings", a.list_settings,
+               "print every setting with unit, meaning and range, and exit");
   app.add_option("--output", a.output, "folder for the results (default: runs/<sequence>-<mode>)");
   app.add_flag("--overwrite", a.overwrite,
-               "also a folder that holds the run of another sequence or mode");
-  app.add_option("--schedule", a.schedule,
-                 "pipelined: mapping beside tracking, reproducible; sequential: one after the "
-                 "other, reproducible; realtime: frames by their time stamps")
+               "allow an output folder with the run of another sequence or mode");
+  app.add_option(
+         "--schedule", a.schedule,
+         "pipelined: mapping in parallel with tracking, reproducible; sequential: mapping after "
+         "tracking of each frame, reproducible; realtime: frames at the pace of their time stamps")
       ->capture_default_str();
   app.add_option("--pair", a.pair,
-                 "cameras of a KITTI odometry sequence: grey (image_0, image_1; default where they "
-                 "are there) or colour (image_2, image_3)")
+                 "cameras of a KITTI odometry sequence: grey (image_0, image_1; default if they "
+                 "exist) or colour (image_2, image_3)")
       ->check(CLI::IsMember({"grey", "colour"}));
-  app.add_option("--start", a.start, "first frame")->check(whole_number(0));
+  app.add_option("--start", a.start, "first frame, from 0")->check(whole_number(0));
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
       ->check(whole_number(1));
   app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
-  app.add_option("--load-map", a.load_map, "go on with this map");
+  app.add_option("--load-map", a.load_map, "continue with this map");
   app.add_option("--save-map", a.save_map, "write the map to this file at the end");
   app.add_flag("--localize-only", a.localize_only,
-               "track in the map of --load-map and leave it as it is");
+               "track in the map of --load-map without changing it");
   app.add_flag("--quiet", a.quiet, "no progress, no table");
   app.add_option("--log-level", a.log_level, "trace, debug, info, warn, error, off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
@@ -348,7 +349,7 @@ int run(const RunProgram& program, const Arguments& a) {
   if (!watched.warning().empty()) info.warnings.push_back(watched.warning());
   if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
-  failures.guard([&] { outcome = judge_run(system, info); });
+  failures.guard([&] { outcome = summarise_run(system, info); });
   failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
   if (!a.save_map.empty()) failures.guard([&] { save_map(system, a.save_map, output); });
   if (!a.quiet) {

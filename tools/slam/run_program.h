@@ -7,7 +7,7 @@
 
 namespace kys_slam {
 
-/// What tells one of the run_stereo programs from another.
+/// Properties of one of the run_stereo programs.
 struct RunProgram {
   std::string name;
   std::string description;

@@ -5,8 +5,8 @@
 
 namespace kys_slam {
 
-/// Mixes 64 bits (SplitMix64 finaliser): the same everywhere, unlike the standard library's
-/// distributions.
+/// Mixes 64 bits (SplitMix64 finaliser). The same on every machine, unlike the distributions of the
+/// standard library.
 inline std::uint64_t mix(std::uint64_t x) {
   x += 0x9e3779b97f4a7c15ULL;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -14,13 +14,13 @@ inline std::uint64_t mix(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// Hash of a few integers, for values that must not depend on the order they are asked in.
+/// Hash of a few integers, for random values that must not depend on the order of requests.
 inline std::uint64_t hash_of(std::uint64_t a, std::uint64_t b = 0, std::uint64_t c = 0,
                              std::uint64_t d = 0) {
   return mix(mix(mix(mix(a) ^ b) ^ c) ^ d);
 }
 
-/// FNV-1a, 64 bits, over bytes one after the other: for what is stored in files.
+/// FNV-1a, 64 bits, byte by byte. For hashes stored in files.
 class Fnv1a {
  public:
   void add(std::uint8_t byte) { value_ = (value_ ^ byte) * 0x100000001B3ULL; }

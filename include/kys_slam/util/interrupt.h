@@ -9,7 +9,7 @@
 
 namespace kys_slam {
 
-/// A wait that can be cut short from another thread, for good.
+/// A wait that another thread can interrupt. Once interrupted, every later wait returns at once.
 class InterruptibleWait {
  public:
   /// Returns after `duration` or when `interrupt` has been called.
@@ -22,10 +22,10 @@ class InterruptibleWait {
   bool interrupted_ = false;
 };
 
-/// While it lives, SIGINT (Ctrl-C), SIGTERM and SIGHUP (the terminal is gone) do not end the
-/// program: they are noted, and `on_interrupt` is called once, from a thread of this object, so
-/// that it may do anything. A second Ctrl-C or SIGTERM ends the program at once. A signal that the
-/// parent had ignored (nohup) stays so. One at a time in a process.
+/// During its lifetime SIGINT (Ctrl-C), SIGTERM and SIGHUP (terminal closed) do not end the
+/// program. They set requested(), and `on_interrupt` is called once from a thread of this object,
+/// not from a signal handler. A second Ctrl-C or SIGTERM ends the program at once. A signal that
+/// the parent process ignores (nohup) stays ignored. At most one object per process.
 class InterruptGuard {
  public:
   explicit InterruptGuard(std::function<void()> on_interrupt);
@@ -34,7 +34,7 @@ class InterruptGuard {
   ~InterruptGuard();
 
   [[nodiscard]] bool requested() const { return requested_; }
-  /// Sleeps, but not beyond a signal.
+  /// Sleeps for `duration` or until a signal arrives.
   void wait_for(std::chrono::duration<double> duration) { pause_.wait_for(duration); }
 
  private:

@@ -6,7 +6,8 @@
 
 namespace kys_slam {
 
-/// The middle one of the values, the upper of two. There has to be one; the order is lost.
+/// The median; of an even count the upper of the two middle values. `values` must not be empty.
+/// Changes their order.
 template <typename T>
 T median(std::vector<T>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);

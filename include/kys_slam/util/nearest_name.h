@@ -6,11 +6,11 @@
 
 namespace kys_slam {
 
-/// Insertions, deletions, replacements and swaps of neighbours that turn one text into the other.
+/// Number of insertions, deletions, replacements and swaps of neighbours that turn `a` into `b`.
 std::size_t edit_distance(std::string_view a, std::string_view b);
 
-/// The candidate nearest to `name` (the first of equally near ones), or "" when none is near enough
-/// to be a typing error: at most a third of the name's letters, but two in any case.
+/// The candidate with the least edit distance to `name` (the first of equal ones). "" when the
+/// distance is above a third of the letters of `name` and above two.
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
 
 /// "; did you mean 'x'?" or "", to end a message about an unknown name.

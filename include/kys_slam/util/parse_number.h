@@ -8,7 +8,7 @@
 
 namespace kys_slam {
 
-/// The whole of `text` as a finite decimal number, or nothing: no blanks, trailing characters,
+/// Parses all of `text` as a finite decimal number. Nothing for blanks, trailing characters,
 /// infinities or NaN. Does not depend on the locale.
 inline std::optional<double> parse_double(std::string_view text) {
   if (text.starts_with('+')) {
@@ -22,7 +22,7 @@ inline std::optional<double> parse_double(std::string_view text) {
   return value;
 }
 
-/// The whole of `text` as a decimal integer, or nothing.
+/// Parses all of `text` as a decimal integer, or nothing.
 inline std::optional<std::int64_t> parse_int(std::string_view text) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);

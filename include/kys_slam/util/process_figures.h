@@ -2,7 +2,7 @@
 
 namespace kys_slam {
 
-/// What this process has used so far.
+/// Resources used by this process so far.
 struct ProcessFigures {
   double resident_mb = 0;       ///< resident memory now, MB (1e6 bytes)
   double peak_resident_mb = 0;  ///< largest resident memory so far, MB
@@ -12,9 +12,9 @@ struct ProcessFigures {
   [[nodiscard]] double cpu_seconds() const { return user_seconds + system_seconds; }
 };
 
-/// Takes some 20 us (two files of /proc).
+/// Reads two files of /proc; takes about 20 us.
 ProcessFigures process_figures();
-/// Only the resident memory now, MB; a few microseconds.
+/// Resident memory now, MB. Takes a few us.
 double resident_memory_mb();
 
 }  // namespace kys_slam

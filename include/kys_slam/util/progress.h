@@ -9,12 +9,11 @@
 
 namespace kys_slam {
 
-/// Shows how far a long task is, on stderr: a bar that redraws itself on a terminal, a plain line
-/// now and then otherwise. Nothing is shown for tasks that take less than two seconds, except on a
-/// terminal. Used from one thread.
+/// Shows the progress of a long task on stderr: a bar on a terminal, plain lines otherwise. Without
+/// a terminal, tasks of less than 2 s print nothing. For one thread.
 class Progress {
  public:
-  /// How to show: by what stderr is, or nothing at all.
+  /// kAuto: kBar on a terminal, kLines otherwise.
   enum class Style { kAuto, kBar, kLines, kNone };
 
   /// \param label  what is being done, e.g. "frames"
@@ -45,8 +44,8 @@ class Progress {
   std::size_t bar_length_ = 0;
 };
 
-/// Tells on stderr that something of unknown length is still going on: a line with the time that
-/// has passed after two seconds and every five from then on, until it is destroyed.
+/// Shows on stderr that a task of unknown length is running: a line with the elapsed time after 2 s
+/// and every 5 s from then on, until it is destroyed.
 class Waiting {
  public:
   explicit Waiting(std::string label, Progress::Style style = Progress::Style::kAuto,

@@ -4,7 +4,7 @@
 
 namespace kys_slam {
 
-/// Wall-clock time since its making or the last lap.
+/// Wall-clock time since construction or since the last lap.
 class Stopwatch {
  public:
   /// ms since the start or the last lap; starts the next one.

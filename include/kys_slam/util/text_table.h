@@ -8,14 +8,14 @@
 
 namespace kys_slam {
 
-/// One line of a text file cut into fields.
+/// One line of a text file, split into fields.
 struct TextRow {
   std::size_t line = 0;  ///< from 1
   std::vector<std::string_view> fields;
 };
 
 /// A text file as rows of fields separated by blanks, tabs or commas. Empty lines and lines that
-/// begin with '#' are left out; line ends may be LF or CR LF.
+/// begin with '#' are skipped. Line ends are LF or CR LF.
 class TextTable {
  public:
   /// \throws InputError when the file cannot be read.

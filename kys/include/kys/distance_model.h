@@ -14,8 +14,8 @@
 
 namespace kys {
 
-/// True in a build with the CMake option KYS_PLAIN_POPCOUNT: every distance is the plain popcount
-/// whatever the mode. Exists to show that mode `stock` changes nothing.
+/// True in a build with the CMake option KYS_PLAIN_POPCOUNT: every distance is the plain popcount,
+/// in every mode. It proves that mode `stock` changes nothing.
 #ifdef KYS_PLAIN_POPCOUNT
 inline constexpr bool kPriorsOff = true;
 #else
@@ -26,7 +26,7 @@ inline constexpr bool kPriorsOff = false;
 struct BestTwo {
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 
-  std::uint32_t index = kNone;         ///< of the best candidate; kNone: every one was rejected
+  std::uint32_t index = kNone;         ///< of the best candidate; kNone: all are rejected
   std::uint32_t second_index = kNone;  ///< of the second best
   Distance best;                       ///< value kRejected where there is none
   Distance second;
@@ -34,18 +34,17 @@ struct BestTwo {
   friend bool operator==(const BestTwo&, const BestTwo&) = default;
 };
 
-/// The distance of two descriptors under a mode. Immutable once made; any number of threads may
-/// share one.
+/// The distance of two descriptors under a mode. Immutable; any number of threads may share one.
 ///
 /// All modes are one formula with different numbers. With S the semantic and da the scale
 /// discrepancy (Eq. 4) of the pair, and the other numbers by its tier,
 ///
 ///     value = (base + semantic S + scale da) (1 + lambda max(ln(1 + mu))) d + offset S
 ///
-/// rejected when max(mu) is above the gate of the context, or when the labels differ and S reaches
-/// the filter's threshold. A pair with an end that has no valid label has value d and is never
-/// rejected, in every mode but `scaled`, which scales every pair. A label that is none of the label
-/// space's is not valid.
+/// rejected when max(mu) is above the gate of the context, or when the labels differ and S is not
+/// below the threshold of the filter. A pair in which a keypoint has no valid label has value d and
+/// is never rejected, in every mode but `scaled`, which scales every pair. A label outside the
+/// label space is not valid.
 class DistanceModel {
  public:
   /// Mode stock.
@@ -54,8 +53,8 @@ class DistanceModel {
   explicit DistanceModel(const ModeOptions& options);
   DistanceModel(const ModeOptions& options, const LabelSpace& space);
 
-  /// The distance of a pair. Given a `bound`, any value >= bound may stand for one: the pair's
-  /// lower bound, with tier kSkipped, and then no prior was looked at.
+  /// The distance of a pair, in bits. When the lower bound of the pair is not below `bound` (bits),
+  /// the result is that lower bound with tier kSkipped, and no prior is read.
   [[nodiscard]] Distance evaluate(const Descriptor& a, const Prior& pa, const Descriptor& b,
                                   const Prior& pb, Context context, float bound = kRejected) const {
     if constexpr (kPriorsOff) {
@@ -82,47 +81,45 @@ class DistanceModel {
     return distance;
   }
 
-  /// The distance of a pair whose Hamming distance d is known.
+  /// The distance of a pair with Hamming distance d (0..256), in bits.
   [[nodiscard]] Distance modulate(int d, const Prior& pa, const Prior& pb, Context context) const;
 
-  /// Best and second best of `candidates` (indices into `descriptors` and `priors`), as if each had
-  /// been given to evaluate() without a bound; pairs that can be neither are counted as skipped.
-  /// `priors` is either as long as `descriptors` or empty (no keypoint has a valid label). Indices
-  /// are not checked: a caller's index outside of `descriptors` is undefined behaviour.
+  /// Best and second best of `candidates` (indices into `descriptors` and `priors`), the same as
+  /// evaluate() on each without a bound. Pairs that cannot be among the two are counted as skipped.
+  /// `priors` has the length of `descriptors` or is empty (no keypoint has a valid label). Indices
+  /// are not checked: an index outside `descriptors` is undefined behaviour.
   [[nodiscard]] BestTwo best_two(const Descriptor& query, const Prior& query_prior,
                                  std::span<const Descriptor> descriptors,
                                  std::span<const Prior> priors,
                                  std::span<const std::uint32_t> candidates, Context context,
                                  Statistics& statistics) const;
 
-  /// Whether the keypoint is on a thing, in the mode that keeps what moves: statistics of the scene
-  /// are then taken without it. False in all other modes.
-  [[nodiscard]] bool stands_apart(const Prior& prior) const {
+  /// Mode `verified`, which keeps keypoints on moving instances: whether the keypoint is on a
+  /// segment of a thing class. Statistics of the static scene exclude it. False in all other modes.
+  [[nodiscard]] bool is_on_thing(const Prior& prior) const {
     return prior.label < things_.size() && things_[prior.label] != 0;
   }
 
-  /// Whether its motion lets this keypoint be matched at all in the context (the gate).
+  /// Whether the motion of this keypoint passes the gate of the context.
   [[nodiscard]] bool admits(const Prior& prior, Context context) const {
     return kPriorsOff || prior.label >= label_limit_ ||
            !(prior.motion > gates_[static_cast<std::size_t>(context)]);
   }
 
-  /// False: drop this keypoint at extraction (mode mask, keypoint of a moving segment).
+  /// False: drop this keypoint at extraction (mode `mask`, segment flagged as moving).
   [[nodiscard]] bool keeps_keypoint(const Prior& prior) const {
     return kPriorsOff || !drops_dynamic_ || prior.dynamic == 0 || prior.label >= label_limit_;
   }
 
-  /// Whether the mode wants belief in the place of motion (belief.h) outside the stereo context.
-  [[nodiscard]] bool wants_belief() const {
-    return !kPriorsOff && options_.mode == Mode::kVerified;
-  }
+  /// Whether the mode uses belief in place of motion (belief.h) outside the stereo context.
+  [[nodiscard]] bool uses_belief() const { return !kPriorsOff && options_.mode == Mode::kVerified; }
 
-  /// Whether the mode looks at priors at all: if not, the caller need not read any.
+  /// Whether the mode reads priors. If not, the caller need not provide any.
   [[nodiscard]] bool uses_priors() const { return !kPriorsOff && uses_priors_; }
 
   [[nodiscard]] const ModeOptions& options() const { return options_; }
 
-  /// No pair has a value below this times d.
+  /// Every value is at least this factor times d.
   [[nodiscard]] float lower_bound_factor() const { return native_ ? 1.0f : floor_; }
 
  private:
@@ -141,7 +138,7 @@ class DistanceModel {
   void set_structure();
   void set_lambdas();
   [[nodiscard]] Distance weigh(float d, const Prior& pa, const Prior& pb, float gate) const;
-  [[nodiscard]] int first_hopeless(float value) const;
+  [[nodiscard]] int first_skipped(float value) const;
 
   ModeOptions options_;
   std::array<Factors, 3> factors_;                                           ///< by Tier

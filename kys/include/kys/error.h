@@ -5,9 +5,9 @@
 
 namespace kys {
 
-/// Bad settings, a bad label space, or a prior that is not one. The message is one line that names
-/// the file or setting and what is wrong with it. Thrown when something is loaded or made, never
-/// when descriptors are compared.
+/// Invalid settings, an invalid label space or an invalid prior. The message is one line that names
+/// the file or setting and what is wrong with it. Thrown by loading and construction, never by
+/// comparison of descriptors.
 class Error : public std::runtime_error {
  public:
   explicit Error(const std::string& message) : std::runtime_error(message) {}

@@ -29,7 +29,8 @@ inline int popcount_portable(const Descriptor& a, const Descriptor& b) {
 }
 
 #if KYS_POPCNT_AT_RUN_TIME
-/// False until the library's start-up code has run: comparisons made before are right, only slower.
+/// False until the start-up code of the library has run. Comparisons before that are correct and
+/// slower.
 extern const bool has_popcnt;
 
 inline std::uint64_t popcnt(std::uint64_t word) {
@@ -55,15 +56,16 @@ inline int hamming(const Descriptor& a, const Descriptor& b) {
   return detail::popcount_portable(a, b);
 }
 
-/// hamming() of one descriptor and many: distances[i] is that to descriptors[candidates[i]]. Two to
-/// four times as fast as one by one, where the machine has AVX2 or AVX-512 (chosen at run time).
-/// `distances` must be at least as long as `candidates`; indices are not checked.
+/// hamming() of one descriptor and many: distances[i] is the distance to
+/// descriptors[candidates[i]], bits. With AVX2 or AVX-512 (chosen at run time) two to four times as
+/// fast as single calls. `distances` must be at least as long as `candidates`. Indices are not
+/// checked.
 void hamming_many(const Descriptor& query, std::span<const Descriptor> descriptors,
                   std::span<const std::uint32_t> candidates, std::span<std::int16_t> distances);
 
 namespace detail {
 
-/// One way to compute hamming_many() that this machine can run.
+/// One implementation of hamming_many() that this machine can run.
 struct HammingKernel {
   std::string_view name;
   void (*run)(const Descriptor& query, const Descriptor* descriptors,

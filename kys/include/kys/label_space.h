@@ -11,17 +11,17 @@ namespace kys {
 
 /// One class of a label space.
 struct LabelClass {
-  std::int32_t id = 0;  ///< the data set's own number, as in its annotation files
+  std::int32_t id = 0;  ///< the number of the class in the data set's annotation files
   std::string name;
   std::string text;        ///< words whose vectors make its semantic vector
   bool thing = false;      ///< countable object; false: stuff
-  bool surrogate = false;  ///< its distances are placeholders, not from word vectors
+  bool surrogate = false;  ///< its distances are estimates, not computed from word vectors
 };
 
 /// The classes a prior file's labels refer to, and their semantic distances S (Eq. 1).
 ///
-/// Priors carry the dense index of a class, 0..size()-1, which is its row in the class file; map
-/// the data set's own numbers with index_of() when priors are read. Immutable.
+/// Priors carry the dense index of a class, 0..size()-1, which is its row in the class file.
+/// index_of() maps the data set's numbers to it. Immutable.
 class LabelSpace {
  public:
   /// `table` is S, size x size, row by row, in bits. Throws Error for an empty or too long class
@@ -33,7 +33,7 @@ class LabelSpace {
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] std::size_t size() const { return classes_.size(); }
   [[nodiscard]] const std::vector<LabelClass>& classes() const { return classes_; }
-  /// Throws Error when the index is none of this space.
+  /// Throws Error when the index is not in this label space.
   [[nodiscard]] const LabelClass& at(std::uint16_t index) const;
 
   /// Dense index of the class with that id of the data set. Throws Error when there is none.
@@ -41,7 +41,8 @@ class LabelSpace {
   /// Dense index of the class of that name. Throws Error when there is none.
   [[nodiscard]] std::uint16_t index_of(std::string_view class_name) const;
 
-  /// S of two classes by dense index, in bits. Throws Error when an index is none of this space.
+  /// S of two classes by dense index, in bits. Throws Error when an index is not in this label
+  /// space.
   [[nodiscard]] float distance(std::uint16_t a, std::uint16_t b) const;
   /// S, size x size, row by row.
   [[nodiscard]] const std::vector<float>& table() const { return table_; }
@@ -57,8 +58,8 @@ class LabelSpace {
 /// "vkitti2".
 const std::vector<std::string>& builtin_label_spaces();
 
-/// Reads a class file and a table file (formats: README.md). Throws Error, naming the file and the
-/// line, for whatever is wrong with them.
+/// Reads a class file and a table file (formats: README.md). Throws Error naming file and line when
+/// one is invalid.
 LabelSpace load_label_space(const std::filesystem::path& class_file,
                             const std::filesystem::path& table_file);
 

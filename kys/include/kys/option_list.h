@@ -24,11 +24,11 @@ struct OptionChoice {
   void (*set)(void* place, std::size_t index) = nullptr;
 };
 
-/// One field of an options struct: its name, where its value lies, and what the value may be.
+/// One field of an options struct: its key, its value and the allowed values.
 struct Option {
   std::string key;           ///< "kys.alpha"
   std::string_view unit;     ///< "bits", or "" for a plain number, a truth value or a text
-  std::string_view meaning;  ///< "" when no text key sets it and its struct says what it is
+  std::string_view meaning;  ///< "" for a field that users cannot set; its struct documents it
   OptionRange range;         ///< of numbers
   bool settable = true;      ///< whether users may set it by its key
   std::variant<bool*, int*, long*, long long*, unsigned long*, unsigned long long*, float*, double*,
@@ -36,24 +36,25 @@ struct Option {
       value;
 
   [[nodiscard]] bool is_number() const { return range.most > range.least; }
-  /// Numbers in their shortest form that reads back as the same number.
+  /// The value as text. Numbers in the shortest form that reads back as the same number.
   [[nodiscard]] std::string text() const;
-  /// Sets the value, of any size. Returns false and leaves it when the text is not of its type.
+  /// Sets the value without a check of its range. Returns false, without change, when the text is
+  /// not of its type.
   [[nodiscard]] bool parse(std::string_view text) const;
-  /// What parse() takes: "a whole number", "true or false", ...
+  /// What parse() accepts: "a whole number", "true or false", ...
   [[nodiscard]] std::string expected() const;
-  /// "1 to 60000"; "" when it is no number.
+  /// "1 to 60000"; "" when it is not a number.
   [[nodiscard]] std::string range_text() const;
   /// "KEY must be between 1 and 8, is 9"; "" when the value is in its range.
   [[nodiscard]] std::string complaint() const;
 };
 
-/// The fields of an options struct, collected by its `describe(OptionList&, Options&)`. This is the
-/// one place where a range is written: checks of the struct, text keys and lists of settings read
-/// it. Holds pointers into the struct.
+/// The fields of an options struct, collected by its `describe(OptionList&, Options&)`. Ranges are
+/// stated there only: checks of the struct, text keys and lists of settings use them. Holds
+/// pointers into the struct.
 class OptionList {
  public:
-  /// A number. NaN is never in its range.
+  /// Adds a number. NaN is never in its range.
   template <typename T>
   requires(std::is_arithmetic_v<T> &&
            !std::is_same_v<T, bool>) void add(std::string_view key, T& value, OptionRange range,
@@ -82,10 +83,11 @@ class OptionList {
                       }},
          {}, "", meaning);
   }
-  /// What several fields have to satisfy together. \param complaint names the keys
+  /// A condition that joins several fields.
+  /// \param complaint message when it does not hold, names the keys
   void require(bool holds, std::string_view complaint);
 
-  /// While it lives, fields that are added cannot be set by users.
+  /// During its lifetime, fields that are added cannot be set by users.
   class [[nodiscard]] Fixed {
    public:
     explicit Fixed(OptionList& list) : list_(&list), before_(list.settable_) {

@@ -8,19 +8,18 @@
 
 namespace kys {
 
-/// What became of the pairs that were compared: plain counters owned by the caller, one object per
-/// thread and frame, summed with +=. Every pair given to the model is counted exactly once, under
-/// the tier of its Distance.
+/// Counters of compared pairs, owned by the caller: one object per thread and frame, summed with
+/// +=. Every pair given to the model is counted exactly once, under the tier of its Distance.
 ///
-/// With a bound (evaluate() with one, best_two() always) a pair that cannot win is counted as
-/// skipped before its priors are looked at, so its tier, gate or bypass is not known: the counters
-/// of tiers, gated, filtered and bypassed pairs are those of the pairs that could still win.
+/// With a bound (evaluate() with one, best_two() always) a pair that cannot be the best is counted
+/// as skipped before its priors are read, so its tier is not known. The counters of tiers, gated,
+/// filtered and bypassed pairs cover the other pairs.
 struct Statistics {
   std::array<std::uint64_t, kTierCount> pairs{};     ///< compared, by Tier
-  std::array<std::uint64_t, kTierCount> accepted{};  ///< turned into a match by the caller, by Tier
+  std::array<std::uint64_t, kTierCount> accepted{};  ///< accepted as matches by the caller, by Tier
 
   void count(Tier tier) { ++pairs[static_cast<std::size_t>(tier)]; }
-  /// For the caller, which alone knows: this pair passed its thresholds and became a match.
+  /// Called by the caller: this pair passed its thresholds and became a match.
   void accept(Tier tier) { ++accepted[static_cast<std::size_t>(tier)]; }
 
   [[nodiscard]] std::uint64_t evaluated(Tier tier) const {

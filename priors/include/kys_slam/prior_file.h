@@ -16,13 +16,14 @@ namespace kys_slam {
 /// Which camera of the pair.
 enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 
-/// What a prior file must have been made for. Fields that are empty or 0 are not checked.
+/// Requirements that a prior file must meet. Fields that are empty or 0 are not checked.
 struct ExpectedPriors {
-  int width = 0;                       ///< px
-  int height = 0;                      ///< px
-  std::uint64_t calibration_hash = 0;  ///< of calibration_hash(); a file's own 0 fits any camera
-  std::string label_space = {};        ///< e.g. "coco_panoptic_133"
-  std::size_t label_count = 0;         ///< labels must be below it
+  int width = 0;   ///< px
+  int height = 0;  ///< px
+  std::uint64_t calibration_hash =
+      0;                         ///< of calibration_hash(); a file with hash 0 fits any camera
+  std::string label_space = {};  ///< e.g. "coco_panoptic_133"
+  std::size_t label_count = 0;   ///< labels must be below it
 };
 
 /// One segment of one camera's panoptic map.
@@ -37,9 +38,9 @@ struct PriorSegment {
   friend bool operator==(const PriorSegment&, const PriorSegment&) = default;
 };
 
-/// The priors of one stereo frame as they are on disk: row-wise run lengths, looked up by pixel
-/// without ever making an image of them. Reading checks everything (sizes, checksum, offsets, every
-/// run), so that a PriorFile that exists is sound and look-ups need no checks. Immutable.
+/// The priors of one stereo frame as stored on disk: run lengths by row, looked up by pixel without
+/// decoding to an image. Reading checks everything (sizes, checksum, offsets, every run), so that
+/// every PriorFile object is valid and look-ups need no checks. Immutable.
 class PriorFile {
  public:
   /// Reads and checks a file. \throws InputError naming the file and what is wrong with it.
@@ -50,8 +51,8 @@ class PriorFile {
                          const ExpectedPriors& expected = {});
 
   /// Priors of keypoints by their rounded pixel. A keypoint outside the image, on a void pixel, or
-  /// of a camera the file does not have, gets a default Prior (no label). `out` is as long as
-  /// `keypoints`. Cost: one pass over the runs of the rows that have keypoints.
+  /// of a camera that is not in the file gets a default Prior (no label). `out` has the length of
+  /// `keypoints`. Cost: one pass over the runs of the rows with keypoints.
   void lookup(CameraSide side, std::span<const Keypoint> keypoints,
               std::span<kys::Prior> out) const;
 
@@ -60,18 +61,18 @@ class PriorFile {
   [[nodiscard]] std::size_t camera_count() const { return cameras_.size(); }
   [[nodiscard]] const std::string& label_space() const { return label_space_; }
   [[nodiscard]] std::uint64_t calibration_hash() const { return calibration_hash_; }
-  /// Digest of what the file was made from (settings and inputs); 0 when unknown.
+  /// Digest of settings and inputs that the file was made from; 0 when not known.
   [[nodiscard]] std::uint64_t content_key() const { return content_key_; }
-  /// Whether optical flow was there when the file was made.
+  /// Whether the file was made with optical flow (motion was judged).
   [[nodiscard]] bool has_motion() const { return has_motion_; }
-  /// Whether one object has one instance in both cameras; lookup() gives it the left one's number
-  /// in both then.
+  /// Whether an object has the same instance in both cameras. lookup() then returns the number of
+  /// the left camera for both.
   [[nodiscard]] bool shares_instances() const { return shares_instances_; }
   [[nodiscard]] std::size_t file_size() const { return bytes_.size(); }  ///< bytes
   [[nodiscard]] const std::vector<PriorSegment>& segments(CameraSide side) const;
 
-  /// One row, expanded, for tools: per pixel the segment (0 void, k = segments()[k-1]) and mu.
-  /// Both spans are width() long.
+  /// One decoded row, for tools: per pixel the segment (0 void, k = segments()[k-1]) and mu
+  /// (0..100). Both spans have length width().
   void expand_row(CameraSide side, int y, std::span<std::uint16_t> segment_of,
                   std::span<float> motion_of) const;
 

@@ -11,25 +11,25 @@
 
 namespace kys_slam {
 
-/// What the prior files of a run have to be made for. \throws InputError when there is no such
-/// label space (a name of the built-in ones, or the common beginning of a user's two files).
+/// Requirements for the prior files of a run.
+/// \param label_space built-in name, or path prefix of a user's two files
+/// \throws InputError when there is no such label space
 ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space);
 
-/// The prior files of one sequence, one per frame, found by the frame's name. One reader; no
-/// threads.
+/// The prior files of one sequence, one per frame, found by the frame's name. For one thread.
 class PriorFolder : public PriorProvider {
  public:
   /// Reported once, when the first file is missing.
   using Warning = std::function<void(const std::string& message)>;
 
-  /// \param strict  a missing file is an error
+  /// \param strict true: a missing file is an error
   /// \throws InputError when `folder` is not a folder with at least one prior file in it.
   PriorFolder(std::filesystem::path folder, ExpectedPriors expected, bool strict = false,
               Warning warn = {});
 
-  /// The priors of a frame (`name` is the stem of the left image: "000123"), or nothing when there
-  /// is no file for it; that is an error when `strict`.
-  /// \throws InputError naming the file when it is corrupt or made for something else.
+  /// The priors of a frame (`name` is the stem of the left image: "000123"), or nothing when it has
+  /// no file. \throws InputError naming the file when it is corrupt, does not meet the
+  /// requirements, or is missing and `strict` is set.
   std::optional<PriorFile> load(const std::string& name);
 
   /// \throws InputError as `load`.
@@ -37,7 +37,7 @@ class PriorFolder : public PriorProvider {
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
 
-  /// Asks the operating system to have a frame's file in memory soon; returns at once.
+  /// Asks the operating system to load the file of a frame into memory; returns at once.
   void prefetch(const std::string& name) const;
 
   [[nodiscard]] std::size_t loaded() const { return loaded_; }    ///< files
@@ -54,7 +54,7 @@ class PriorFolder : public PriorProvider {
   std::size_t missing_ = 0;
 };
 
-/// The file itself, or the prior files of a folder in order of name.
+/// The prior files of a folder by name, or `input` itself when it is a file.
 /// \throws InputError when there are none.
 std::vector<std::filesystem::path> list_prior_files(const std::filesystem::path& input);
 

@@ -4,8 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/// The numbers of the prior file format, version 1. The format itself is described byte by byte in
-/// priors/README.md; this header is its only copy in C++.
+/// Constants of the prior file format, version 1, which priors/README.md describes byte by byte.
 namespace kys_slam::prior_format {
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'P', 0x0D, 0x0A, 0x1A, 0x0A};
@@ -34,17 +33,17 @@ inline constexpr std::size_t kAtCalibration = 32;
 inline constexpr std::size_t kAtContentKey = 40;
 inline constexpr std::size_t kAtLabelSpace = 48;
 
-/// Frame flag: optical flow was there, so that "not dynamic" means "seen to be static".
+/// Frame flag: made with optical flow, so that "not dynamic" means "measured as static".
 inline constexpr std::uint16_t kFrameHasMotion = 1;
-/// Frame flag: what is one object in both cameras has the same instance in both, plus
-/// kRightInstances in the right one. Without it such an equality means nothing.
+/// Frame flag: an object has the same instance in both cameras, plus kRightInstances in the right
+/// one. Without the flag, instances of the two cameras are not related.
 inline constexpr std::uint16_t kFrameSharesInstances = 2;
 
 /// Segment flags.
 inline constexpr std::uint16_t kThing = 1;
 inline constexpr std::uint16_t kDynamic = 2;     ///< flagged as moving; its pixels carry motion
-inline constexpr std::uint16_t kRadialOnly = 4;  ///< only the radial test of Eq. 7 fired
-inline constexpr std::uint16_t kNotJudged = 8;   ///< of a thing: nothing says whether it moves
+inline constexpr std::uint16_t kRadialOnly = 4;  ///< only the radial test of Eq. 7 passed
+inline constexpr std::uint16_t kNotJudged = 8;   ///< of a thing: its motion was not measured
 inline constexpr std::uint16_t kKnownSegmentFlags = kThing | kDynamic | kRadialOnly | kNotJudged;
 
 /// Instances of camera 0 (left) are in [0, kRightInstances), those of camera 1 (right) in

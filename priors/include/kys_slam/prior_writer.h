@@ -13,9 +13,10 @@ namespace kys_slam {
 /// The priors of one camera before they are encoded.
 struct CameraPriors {
   std::vector<PriorSegment> segments;  ///< `area` is filled in by the encoder
-  ImageOf<std::uint16_t> segment_map;  ///< 0 void, k = segments[k-1]
+  ImageOf<std::uint16_t> segment_map;  ///< (height, width); 0 void, k = segments[k-1]
   SegmentRuns runs;                    ///< of the map; found by the encoder when empty
-  ImageOf<float> motion;  ///< mu, 0..100, read inside dynamic segments only; may be empty if none
+  ImageOf<float> motion;  ///< (height, width); mu, 0..100, read in dynamic segments only; empty if
+                          ///< there are none
 };
 
 /// The priors of one stereo frame before they are encoded.
@@ -30,20 +31,20 @@ struct FramePriors {
 
 /// How motion is coded.
 struct MotionCoding {
-  /// A run goes on while ln(1 + mu) is within this many steps of 0.0181 of the run's value.
+  /// A run continues while ln(1 + mu) is within this many steps of 0.0181 of the run's value.
   int tolerance_steps = 2;
-  /// mu and its coded value are on the same side of each of these (the gates of Sec. 3.4): nothing
-  /// is gated, or let through, by the coding.
+  /// mu and its coded value are on the same side of each of these gates (Sec. 3.4), so that coding
+  /// never changes the result of a gate.
   std::vector<float> keep_sides = {8.0F, 20.0F};
 };
 
-/// The bytes of a prior file. The same priors give the same bytes.
-/// \throws InputError, starting with `name`, for sizes that differ, segment numbers that are not in
-/// the table, values that are out of range or not finite.
+/// Encodes a prior file. The same priors give the same bytes. \throws InputError, starting with
+/// `name`, for sizes that differ, segment numbers that are not in the table, values that are out of
+/// range or not finite.
 std::vector<std::uint8_t> encode_priors(const FramePriors& priors, const std::string& name,
                                         const MotionCoding& coding = {});
 
-/// Everything in a file, expanded to images; for tools, not for the tracker.
+/// Decodes a whole file to images. For tools, not for tracking.
 FramePriors decode_priors(const PriorFile& file);
 
 /// The code whose value is nearest to mu among those on its side of the `keep_sides`.

@@ -11,7 +11,8 @@
 
 namespace kys_slam {
 
-/// First x > begin at which a row of numbers differs from its value at begin, or the width.
+/// First x > begin at which a row of `width` numbers differs from its value at `begin`; `width` if
+/// none.
 template <typename T>
 int run_end(const T* row, int begin, int width) {
   static_assert(std::is_unsigned_v<T> && sizeof(T) <= 4);
@@ -35,7 +36,7 @@ struct SegmentRun {
   std::uint16_t segment = 0;  ///< 0 void
 };
 
-/// All runs of a segment map, row by row: those of row y are row_begin[y]..row_begin[y+1].
+/// All runs of a segment map, row by row: row y has the runs row_begin[y]..row_begin[y+1]-1.
 struct SegmentRuns {
   std::vector<SegmentRun> runs;
   std::vector<std::uint32_t> row_begin;
