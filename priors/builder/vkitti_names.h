@@ -17,12 +17,12 @@ inline std::string vkitti_name(const std::string& prefix, const std::string& nam
   return prefix + (is_vkitti_frame(name) ? name.substr(4) : name) + ".png";
 }
 
-/// Whether a file is one of the instance pictures.
+/// Whether a file is one of the instance images.
 inline bool is_vkitti_instances(const std::filesystem::path& file) {
   return file.filename().string().starts_with("instancegt_");
 }
 
-/// Whether a file is one of the depth or flow pictures.
+/// Whether a file is one of the depth or flow images.
 inline bool is_vkitti_field(const std::filesystem::path& file) {
   const std::string name = file.filename().string();
   return name.starts_with("depth_") || name.starts_with("flow_") ||

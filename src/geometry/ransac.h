@@ -12,7 +12,7 @@ namespace kys_slam {
 template <std::size_t Size>
 class SampleGenerator {
  public:
-  /// `count` has to be at least Size.
+  /// `count` must be at least Size.
   SampleGenerator(std::size_t count, std::uint64_t seed) : count_(count), engine_(seed) {}
 
   std::array<std::size_t, Size> next() {

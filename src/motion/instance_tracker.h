@@ -114,7 +114,7 @@ class InstanceTracker {
  private:
   struct Thing {
     std::uint16_t label = kys::kVoidLabel;
-    double log_odds = 0;                      // of standing still; set by set_log_odds()
+    double log_odds = 0;                      // of being static; set by set_log_odds()
     double p_static = 0.5;                    // the same as probability
     kys::Prior belief;                        // its motion, from kys::with_belief()
     double file_log_odds = 0;                 // log-odds given by the last file

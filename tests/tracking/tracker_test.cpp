@@ -44,27 +44,27 @@ class TrackerTest : public ::testing::Test {
     return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(far),
                                                  std::move(u_right), std::vector<kys::Prior>{});
   }
-  /// What is seen of the world, and a lorry 8 m ahead that keeps its place in the image.
-  std::shared_ptr<const FrameFeatures> behind_lorry(std::int64_t index, double metres) {
+  /// What is seen of the world, and a truck 8 m ahead that keeps its place in the image.
+  std::shared_ptr<const FrameFeatures> behind_truck(std::int64_t index, double metres) {
     const auto seen = see(world_, index, weaving_pose(metres));
     FeatureSet all;
     std::vector<float> u_right;
-    const auto on_lorry = [](const Keypoint& k) {
+    const auto on_truck = [](const Keypoint& k) {
       return k.x > 450 && k.x < 750 && k.y > 60 && k.y < 300;
     };
     for (std::size_t i = 0; i < seen.features->size(); ++i) {
-      if (on_lorry(seen.features->keypoint(i))) continue;
+      if (on_truck(seen.features->keypoint(i))) continue;
       all.keypoints.push_back(seen.features->keypoint(i));
       all.descriptors.push_back(seen.features->descriptor(i));
       u_right.push_back(seen.features->u_right(i));
     }
     const StereoCamera camera = testing::kitti_camera();
-    const auto lorry = testing::random_features(camera, 2000, 5, 1.0);
-    for (std::size_t i = 0; i < lorry->size(); ++i) {
-      if (!on_lorry(lorry->keypoint(i))) continue;
-      all.keypoints.push_back(lorry->keypoint(i));
-      all.descriptors.push_back(lorry->descriptor(i));
-      u_right.push_back(lorry->keypoint(i).x - static_cast<float>(camera.bf() / 8));
+    const auto truck = testing::random_features(camera, 2000, 5, 1.0);
+    for (std::size_t i = 0; i < truck->size(); ++i) {
+      if (!on_truck(truck->keypoint(i))) continue;
+      all.keypoints.push_back(truck->keypoint(i));
+      all.descriptors.push_back(truck->descriptor(i));
+      u_right.push_back(truck->keypoint(i).x - static_cast<float>(camera.bf() / 8));
     }
     return std::make_shared<const FrameFeatures>(camera, std::move(all), std::move(u_right),
                                                  std::vector<kys::Prior>{});
@@ -130,7 +130,7 @@ TEST_F(TrackerTest, ACameraThatTurnsBackAtOnceDoesNotFollowWhatTurnsBackWithIt) 
   constexpr double kStep = 0.86;
   for (int i = 0; i < 24; ++i) {
     const double metres = kStep * (i < 12 ? i : 22 - i);
-    const TrackResult result = track(i, behind_lorry(i, metres));
+    const TrackResult result = track(i, behind_truck(i, metres));
     ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
     EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
         << i << ": " << result.reason;

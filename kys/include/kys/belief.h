@@ -10,9 +10,9 @@
 
 namespace kys {
 
-/// Whether things of a class can move by themselves.
+/// Whether objects of a class can move by themselves.
 enum class Mobility : std::uint8_t {
-  kFixed,    ///< stuff, and whatever has no valid label
+  kFixed,    ///< stuff, and labels that are not valid
   kCarried,  ///< objects that move only when somebody moves them: chairs, bags
   kMobile,   ///< people, animals, vehicles
 };
