@@ -46,7 +46,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("output")
     parser.add_argument("--api", help="folder of the API reference")
-    parser.add_argument("--check", action="store_true", help="build nothing")
+    parser.add_argument("--check", action="store_true", help="check links and pages only")
     arguments = parser.parse_args()
     folder = os.path.join(arguments.output, "pages")
     shutil.rmtree(folder, ignore_errors=True)

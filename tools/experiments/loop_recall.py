@@ -93,7 +93,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", nargs="+", type=pathlib.Path, help="output folder of a run")
-    parser.add_argument("--radius", type=float, default=4.0, help="m (default 4)")
+    parser.add_argument("--radius", type=float, default=4.0, help="m, between the cameras of a revisit (default 4)")
     parser.add_argument("--angle", type=float, default=30.0, help="degrees (default 30)")
     parser.add_argument("--gap", type=float, default=10.0, help="s (default 10)")
     parser.add_argument("--least", type=float, default=3.0, help="s (default 3)")

@@ -120,5 +120,5 @@ def arguments(description, inputs):
         parser.add_argument(name, help=text)
     parser.add_argument("--output", required=True, help="folder to write to")
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda, cuda:1, mps")
-    parser.add_argument("--overwrite", action="store_true", help="also frames that are there")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
     return parser

@@ -74,7 +74,7 @@ def process(files, output, backward, model, device, iterations=20, overwrite=Fal
 
 def main():
     parser = common.arguments(__doc__.splitlines()[0], [("images", "folder of images")])
-    parser.add_argument("--backward", help="folder for the flow back from the next frame")
+    parser.add_argument("--backward", help="folder for the backward flow, from the next frame")
     parser.add_argument("--model", choices=["raft_large", "raft_small"], default="raft_large")
     parser.add_argument("--weights", default="default", help="default (downloads) or a file")
     parser.add_argument("--iterations", type=int, default=20)

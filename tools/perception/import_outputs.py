@@ -69,8 +69,8 @@ def main():
     parser.add_argument("--output", required=True)
     parser.add_argument("--backward", help="folder for the backward flow")
     parser.add_argument("--right", help="folder for the right disparity")
-    parser.add_argument("--json", help="the predictions' document (kmax)")
-    parser.add_argument("--images", help="folder of the images they were made of")
+    parser.add_argument("--json", help="JSON file of the predictions (kmax)")
+    parser.add_argument("--images", help="folder of the input images")
     options = parser.parse_args()
     if options.kind == "kmax":
         if not options.json:

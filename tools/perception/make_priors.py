@@ -62,15 +62,15 @@ def main():
     parser.add_argument("--model", required=True, help="YAML file of the network")
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
     parser.add_argument("--output", required=True, type=Path)
-    parser.add_argument("--builder", help="the program build_priors")
+    parser.add_argument("--builder", help="path of the program build_priors")
     parser.add_argument("--pair", default="", choices=("grey", "colour"),
-                        help="image_0 and image_1 (default where they are there), or image_2 and "
+                        help="image_0 and image_1 (default if they exist), or image_2 and "
                         "image_3; run_stereo_kitti needs the same")
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
-    parser.add_argument("--frames", type=int, help="only the first so many")
+    parser.add_argument("--frames", type=int, help="number of frames (default: all)")
     parser.add_argument("--jobs", type=int, default=1, help="threads")
-    parser.add_argument("--overwrite", action="store_true", help="also what is there")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
     options = parser.parse_args(arguments)
     common.need("onnxruntime", "yaml", "cv2")
     builder = program(options.builder, "build_priors")

@@ -190,7 +190,7 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", help="output folder of a run")
     parser.add_argument("--ground-truth", metavar="FILE",
-                        help="default: RUN/ground_truth.tum when it is there")
+                        help="default: RUN/ground_truth.tum if it exists")
     parser.add_argument("--output", metavar="FILE", help="default: RUN/trajectory.png")
     parser.add_argument("--plane", choices=["xz", "xy"], default="xz",
                         help="axes of the view from above (default: xz; EuRoC: xy)")

@@ -107,9 +107,9 @@ def main():
     parser.add_argument("--min-area", type=int, default=200, help="px")
     parser.add_argument("--min-shift", type=float, default=0.3, help="m between frames")
     parser.add_argument("--max-depth", type=float, default=30.0, help="m")
-    parser.add_argument("--camera", choices=("left", "right"), help="only this one")
+    parser.add_argument("--camera", choices=("left", "right"), help="score only this camera")
     parser.add_argument("--mu-step", type=int, default=0,
-                        help="also the exported motion, of every so many-th frame (slow)")
+                        help="also score the exported motion, of every N-th frame (slow)")
     parser.add_argument("--list", action="store_true", help="every wrong decision")
     options = parser.parse_args()
     rows = read(Path(options.priors) / "segments.csv")
