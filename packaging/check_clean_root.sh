@@ -11,7 +11,7 @@ inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONT
 depends=$(sed -n 's/^  "\(libeigen3-dev, .*\)")$/\1/p' third_party/cmake/KysPackage.cmake | tr -d ,)
 [ -n "$depends" ] || { echo "check_clean_root.sh: no dependencies in KysPackage.cmake" >&2; exit 2; }
 if [ ! -x "$root/usr/bin/apt-get" ]; then
-  debootstrap --variant=minbase bookworm "$root" http://deb.debian.org/debian
+  debootstrap --variant=minbase bookworm "$root"
 fi
 cp /etc/resolv.conf "$root/etc/"
 inside apt-get update -qq
