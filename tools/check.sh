@@ -2,8 +2,8 @@
 # One stage of continuous integration, from a clean checkout. What it costs: CONTRIBUTING.md.
 #   tools/check.sh test     the README's test command; GCC, warnings are errors
 #   tools/check.sh format   clang-format
-#   tools/check.sh asan [PROGRAM...]   Clang, warnings are errors; unit and system tests, or those of
-#                           some test programs, under AddressSanitizer and UndefinedBehaviorSanitizer
+#   tools/check.sh asan [PROGRAM...]   Clang, warnings are errors; unit and system tests and hostile input,
+#                           or the tests of some programs, under AddressSanitizer and UndefinedBehaviorSanitizer
 #   tools/check.sh tsan     Clang; tests with threads under ThreadSanitizer
 #   tools/check.sh clang    Clang, warnings are errors; compiles everything, optimised
 #   tools/check.sh tidy     clang-tidy
@@ -17,7 +17,7 @@ configure() {
   cmake -G Ninja -S . -B "$1" -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DKYS_WARNINGS_AS_ERRORS=ON -DKYS_BUILD_PYTHON=OFF "${@:2}"
 }
-# The tests of GoogleTest programs: those of scripts need an optimised build.
+# Most tests of scripts need an optimised build.
 run_tests() { ctest --test-dir "$1" -j "$(nproc)" --output-on-failure --timeout 900 "${@:2}"; }
 # -O1: the optimiser costs more than it saves. Loops that have to be vectorised are not with checks in
 # them. The renderer and the benchmarks stay out.
@@ -41,10 +41,10 @@ case "$stage" in
     ;;
   asan)
     configure build/clang-asan "${sanitized[@]}" -DKYS_SANITIZE=address,undefined
-    programs=("${@:2}")
+    programs=("${@:2}") tests='^[a-z_]*_test/|^hostile$'
+    if [ "${#programs[@]}" -gt 0 ]; then tests="^($(IFS='|' && echo "${programs[*]}"))/"; fi
     cmake --build build/clang-asan ${programs[0]:+--target "${programs[@]}"}
-    IFS='|'
-    run_tests build/clang-asan -R "^(${programs[*]:-[a-z_]*_test})/"
+    run_tests build/clang-asan -R "$tests"
     ;;
   tsan)
     configure build/clang-tsan "${sanitized[@]}" -DKYS_SANITIZE=thread

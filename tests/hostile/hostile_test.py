@@ -14,11 +14,9 @@ import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import zlib
 
-SKIPPED = 77
 WIDTH, HEIGHT, FRAMES, DISPARITY = 320, 120, 12, 16
 FX, BF = 200.0, 100.0
 OUTPUTS = ("trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "graph.csv",
@@ -119,6 +117,9 @@ class Result:
 class Programs:
     def __init__(self, folder):
         self.folder = folder
+
+    def has(self, name):
+        return os.path.exists(os.path.join(self.folder, name))
 
     def start(self, name, arguments, before=None, **more):
         def prepare():
@@ -881,7 +882,7 @@ def signals_nobody_reads(f, programs):
     complete(f)
 
 
-def run_case(name, programs, sequence, folder, failures, lock):
+def run_case(name, programs, sequence, folder, failures):
     path = os.path.join(folder, name)
     os.mkdir(path)
     try:
@@ -891,11 +892,9 @@ def run_case(name, programs, sequence, folder, failures, lock):
         error = str(problem)
     except Exception as problem:  # pylint: disable=broad-except
         error = f"{type(problem).__name__}: {problem}"
-    with lock:
-        print(f"{'FAILED' if error else 'passed'}  {name}{': ' + error if error else ''}",
-              flush=True)
-        if error:
-            failures.append(name)
+    print(f"{'FAILED' if error else 'passed'}  {name}{': ' + error if error else ''}", flush=True)
+    if error:
+        failures.append(name)
 
 
 def main():
@@ -906,13 +905,15 @@ def main():
         names = [n for n in names if n not in ("limits_memory", "limits_descriptors",
                                                "limits_a_huge_image_in_the_middle",
                                                "limits_memory_in_use")]
-    failures, lock = [], threading.Lock()
+        if not programs.has("simulate_sequence"):
+            names = [n for n in names if "simulator" not in n]
+    failures = []
     with tempfile.TemporaryDirectory(prefix="kys_hostile_") as folder:
         os.chmod(folder, 0o755)
         sequence = os.path.join(folder, "sequence")
         make_sequence(sequence)
         for name in names:
-            run_case(name, programs, sequence, folder, failures, lock)
+            run_case(name, programs, sequence, folder, failures)
     print(f"{len(names) - len(failures)} of {len(names)} cases passed")
     return 1 if failures or not names else 0
 
