@@ -182,7 +182,8 @@ class Steps(unittest.TestCase):
             for name in ("jobs", "done"):
                 (work / name).mkdir()
             (work / "plan.json").write_text(json.dumps(
-                {"bin": folder, "source": str(SOURCE), "cores": 2, "jobs": [job["id"]]}))
+                {"bin": folder, "source": str(SOURCE), "cores": 2, "jobs": [job["id"]],
+                 "costs": [job["cost"]]}))
             (work / "jobs" / (job["id"] + ".json")).write_text(json.dumps(job))
             for name, result in (done or {}).items():
                 (work / "done" / (name + ".json")).write_text(json.dumps(result))
@@ -209,6 +210,23 @@ class Steps(unittest.TestCase):
                                 "cost": 1, "spec": {}},
                                {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
         self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
+
+    def test_the_rest_goes_on_like_what_was_done(self):
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            for name in ("jobs", "done"):
+                (work / name).mkdir()
+            ids = [f"run-{i:03}" for i in range(100)]
+            (work / "plan.json").write_text(json.dumps(
+                {"cores": 2, "jobs": ids, "costs": [20 if i % 2 else 10 for i in range(100)]}))
+            for i in range(60):  # in half the time that was expected; of two threads the odd ones
+                job = {"id": ids[i], "cost": 10, "threads": 1 + i % 2}
+                (work / "jobs" / f"{ids[i]}.json").write_text(json.dumps(job))
+                (work / "done" / f"{ids[i]}.json").write_text(json.dumps({"seconds": 5}))
+            (work / "done" / "of-an-earlier-plan.json").write_text(json.dumps({"seconds": 1e6}))
+            count, total, seconds = step.time_left(step.Work(folder))
+            self.assertEqual((count, total), (60, 100))
+            self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
 
 
 class Drives(unittest.TestCase):

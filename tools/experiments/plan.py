@@ -390,7 +390,10 @@ class Planner:
         return {"scale": self.options.scale, "source": SOURCE, "bin": self.options.bin,
                 "data": self.options.data, "worlds": self.options.worlds, "cores": self.options.cores,
                 "given": {n: s.folder for n, s in self.given.items()},
-                "jobs": list(self.jobs), "experiments": experiments}
+                "jobs": list(self.jobs),
+                "costs": [job["cost"] * min(job["threads"], self.options.cores)
+                          for job in self.jobs.values()],  # s of a core, as expected
+                "experiments": experiments}
 
 
 def write_plan(plan, jobs, output):
