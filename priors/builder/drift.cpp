@@ -87,6 +87,24 @@ void smooth_across(float* cells, int lines, int length, const std::vector<float>
   }
 }
 
+KYS_ALWAYS_INLINE void interpolate(float left, float right, const float* shares, float* out) {
+  store_lanes(left + load_lanes(shares) * (right - left), out);
+}
+
+/// From the middle of the first cell to that of the last, linearly.
+/// \param shares  of the right one of two cells, per column; whole lanes
+/// \param out     may be written a lane's width beyond the last middle
+KYS_VECTOR_CLONES void interpolate(const float* cells, int count, int cell,
+                                   const std::vector<float>& shares, float* out) {
+  const auto columns = static_cast<int>(shares.size());
+  for (int c = 0; c + 1 < count; ++c, out += cell) {
+    // Columns beyond the cell are overwritten by the next one.
+    for (int k = 0; k < columns; k += kFloatLanes) {
+      interpolate(cells[c], cells[c + 1], shares.data() + k, out + k);
+    }
+  }
+}
+
 }  // namespace
 
 DriftField::DriftField(const BuilderOptions::Drift& options, int width, int height)
@@ -167,8 +185,8 @@ void DriftField::smooth() {
   for (Field* field : {&u_, &v_, &mask_}) widen(*field);
 }
 
-/// Between the middles of two cells values change linearly; outside the outermost they stay.
-KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
+/// Values of a line of cells between their middles: linear there, constant outside the outermost.
+void DriftField::widen(Field& field) const {
   const int cell = options_.cell;
   // Of the right one of two cells, for the columns between their middles.
   const int vectors = (cell + kFloatLanes - 1) / kFloatLanes;
@@ -182,17 +200,12 @@ KYS_VECTOR_CLONES void DriftField::widen(Field& field) const {
   for (int cy = 0; cy < cells_y_; ++cy) {
     const float* from = field.cells.data() + static_cast<std::ptrdiff_t>(cy) * cells_x_;
     float* to = field.lines.data() + static_cast<std::ptrdiff_t>(cy) * stride_;
+    float* const end = to + stride_;
     std::fill(to, to + first, from[0]);
     to += first;
-    for (int c = 0; c + 1 < cells_x_; ++c, to += cell) {
-      // What is beyond the cell is overwritten by the next one.
-      for (int k = 0; k < vectors * kFloatLanes; k += kFloatLanes) {
-        const FloatLanes share = load_lanes(shares.data() + k);
-        store_lanes(from[c] + share * (from[c + 1] - from[c]), to + k);
-      }
-    }
-    std::fill(to, field.lines.data() + static_cast<std::ptrdiff_t>(cy + 1) * stride_,
-              from[cells_x_ - 1]);
+    interpolate(from, cells_x_, cell, shares, to);
+    to += static_cast<std::ptrdiff_t>(cells_x_ - 1) * cell;
+    std::fill(to, end, from[cells_x_ - 1]);
   }
 }
 

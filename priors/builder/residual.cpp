@@ -86,18 +86,22 @@ struct LaneSums {
     has_depth += share * load_lanes(row.has_depth + x);
     coverage += share * load_lanes(row.coverage + x);
   }
+
+  KYS_ALWAYS_INLINE void add(const CorrectedRow& row, const SegmentRun& run) {
+    // The lanes behind the end of a run have a share of zero.
+    alignas(32) static constexpr float kShares[2 * kFloatLanes] = {1, 1, 1, 1, 1, 1, 1, 1};
+    const FloatLanes whole = load_lanes(kShares);
+    int x = run.x0;
+    for (; x + kFloatLanes <= run.x1; x += kFloatLanes) add(row, x, whole);
+    add(row, x, load_lanes(kShares + kFloatLanes - (run.x1 - x)));
+  }
 };
 
 KYS_VECTOR_CLONES void add_runs(const CorrectedRow& row, std::span<const SegmentRun> runs,
                                 SegmentSums* sums) {
-  // Of the lanes behind a run's end nothing counts.
-  alignas(32) static constexpr float kShares[2 * kFloatLanes] = {1, 1, 1, 1, 1, 1, 1, 1};
-  const FloatLanes whole = load_lanes(kShares);
   for (const SegmentRun& run : runs) {
     LaneSums lanes;
-    int x = run.x0;
-    for (; x + kFloatLanes <= run.x1; x += kFloatLanes) lanes.add(row, x, whole);
-    lanes.add(row, x, load_lanes(kShares + kFloatLanes - (run.x1 - x)));
+    lanes.add(row, run);
     SegmentSums& s = sums[run.segment];
     s.residual += lane_sum(lanes.residual);
     s.flow_count += static_cast<std::uint32_t>(lane_sum(lanes.has_residual));

@@ -191,15 +191,18 @@ KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const d
   errors_of(to.measured, view.camera, to.errors);
 }
 
+KYS_ALWAYS_INLINE void add_cost(const LaneView& v, bool robust, Lanes& cost) {
+  static_cast<void>(huber_weight(v.measured.bound, v.errors.chi2, robust, broadcast(1), cost));
+}
+
 /// 1/2 the sum of rho over a point's observations.
 KYS_VECTOR_CLONES double cost_of(const ObservationLanes* groups, std::int32_t count,
                                  const View& view, const double* p_w) {
   Lanes cost{};
-  const Lanes all = broadcast(1);
   for (std::int32_t g = 0; g < count; ++g) {
     LaneView v;
     look(groups[g], view, p_w, v);
-    static_cast<void>(huber_weight(v.measured.bound, v.errors.chi2, view.robust, all, cost));
+    add_cost(v, view.robust, cost);
   }
   return lane_sum(cost);
 }

@@ -97,19 +97,22 @@ KYS_VECTOR_CLONES void accumulate_all(const ObservationLanes* lanes, int count,
   for (int i = 0; i < count; ++i) accumulate(lanes[i], camera, T, robust, sums);
 }
 
+/// chi2 over its bound; infinite where there is no error to speak of.
+KYS_ALWAYS_INLINE void relative_error(const ObservationLanes& o, const CameraNumbers& camera,
+                                      const double* T, double* errors) {
+  LaneErrors e;
+  errors_from(o, camera, T, e);
+  const LaneMask usable = o.bound > 0.0;
+  const LaneMask valid = usable & (e.z >= kMinDepth);
+  const Lanes infinite = broadcast(std::numeric_limits<double>::infinity());
+  const Lanes error = valid ? e.chi2 / (usable ? o.bound : broadcast(1.0)) : infinite;
+  for (int lane = 0; lane < kLanes; ++lane) errors[lane] = error[lane];
+}
+
 KYS_VECTOR_CLONES void relative_errors(const ObservationLanes* lanes, int count,
                                        const CameraNumbers& camera, const double* T,
                                        double* errors) {
-  const Lanes infinite = broadcast(std::numeric_limits<double>::infinity());
-  for (int i = 0; i < count; ++i) {
-    const ObservationLanes& o = lanes[i];
-    LaneErrors e;
-    errors_from(o, camera, T, e);
-    const LaneMask usable = o.bound > 0.0;
-    const LaneMask valid = usable & (e.z >= kMinDepth);
-    const Lanes error = valid ? e.chi2 / (usable ? o.bound : broadcast(1.0)) : infinite;
-    for (int lane = 0; lane < kLanes; ++lane) errors[i * kLanes + lane] = error[lane];
-  }
+  for (int i = 0; i < count; ++i) relative_error(lanes[i], camera, T, errors + i * kLanes);
 }
 
 /// Observations side by side; one that is not finite keeps a bound of zero.

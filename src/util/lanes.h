@@ -16,11 +16,21 @@ inline constexpr int kLanes = 4;
 using FloatLanes = float __attribute__((vector_size(32), aligned(32)));
 inline constexpr int kFloatLanes = 8;
 
-// A function marked so (it has lanes in it, or loops over image rows) exists for three kinds of
-// machines, and the loader takes the best one. What it calls is compiled so only when inlined.
-// Sanitizers do not start up before the loader chooses, hence not with them.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__AVX2__)
+// A function with this mark (it uses lanes, or loops over image rows) is compiled for three
+// instruction sets, and the loader takes the best one. Functions it calls are compiled for it only
+// when they are inlined, and must not return lanes by value (Clang refuses that between instruction
+// sets, inlined or not). Not with sanitizers, which start after the loader has chosen.
+#ifdef __has_feature
+#define KYS_HAS_FEATURE(feature) __has_feature(feature)
+#else
+#define KYS_HAS_FEATURE(feature) 0
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || \
+    KYS_HAS_FEATURE(address_sanitizer) || KYS_HAS_FEATURE(thread_sanitizer)
+#define KYS_SANITIZED
+#endif
+#if defined(__x86_64__) && defined(__linux__) && __has_attribute(target_clones) && \
+    !defined(KYS_SANITIZED) && !defined(__AVX2__)
 #define KYS_VECTOR_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define KYS_VECTOR_CLONES
