@@ -59,9 +59,10 @@ class Programs:
         run = self.path("run_stereo_kitti")
         listed = subprocess.run([run, "--list-settings"], capture_output=True, text=True, check=True)
         self.settings = self._keys(listed.stdout)
-        helped = subprocess.run([run, "--help"], capture_output=True, text=True, check=True).stdout
-        match = re.search(r"how descriptors are compared:([^(]*)", helped)
-        self.modes = set(re.findall(r"\w+", match[1])) if match else set()
+        match = re.search(r"^  mode: \w+ +# (.*)$", listed.stdout, re.MULTILINE)
+        if match is None:
+            raise InputError(f"{run}: --list-settings names no modes")
+        self.modes = set(re.findall(r"\w+", match[1])) - {"or"}
 
     @staticmethod
     def _keys(text):
