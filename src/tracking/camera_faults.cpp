@@ -57,14 +57,16 @@ std::string CameraFaults::look_at(const FeatureSet& left, const FeatureSet& righ
   const std::array<Trace, 2> traces{trace(left), trace(right)};
   const std::array<Trace, 2> before = std::exchange(last_, traces);
   for (std::size_t side = 0; side < 2; ++side) {
+    repeated_[side] = traces[side].features >= kEnough && traces[side] == before[side];
+  }
+  for (std::size_t side = 0; side < 2; ++side) {
     const std::string name = kNames[side];
     const std::string part = dead_part(counts[side], counts[1 - side]);
     if (part == "image") return "the " + name + " image shows nothing, the other one does";
     if (!part.empty()) {
       return "the " + part + " of the " + name + " image shows nothing, the other image does";
     }
-    const bool repeated = traces[side].features >= kEnough && traces[side] == before[side];
-    if (repeated && traces[1 - side] != before[1 - side]) {
+    if (repeated_[side] && traces[1 - side] != before[1 - side]) {
       return "the " + name + " image is that of the frame before, the other one is new";
     }
   }

@@ -18,6 +18,8 @@ class CameraFaults {
   /// \param width, height  of the images, px
   /// \returns one phrase, or "" when nothing is wrong
   std::string look_at(const FeatureSet& left, const FeatureSet& right, int width, int height);
+  /// Whether the left image looked at last is that of the frame before.
+  [[nodiscard]] bool left_repeated() const { return repeated_[0]; }
 
  private:
   /// Of a picture, to recognise it.
@@ -28,6 +30,7 @@ class CameraFaults {
   };
   [[nodiscard]] static Trace trace(const FeatureSet& features);
   std::array<Trace, 2> last_;
+  std::array<bool, 2> repeated_{};
 };
 
 }  // namespace kys_slam

@@ -104,6 +104,7 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
     features_ = {*frame.left_features, *frame.right_features};
   }
   result.fault = camera_faults_.look_at(features_[0], features_[1], camera_.width, camera_.height);
+  result.repeated = camera_faults_.left_repeated();
   result.times.extract = watch.lap_ms();
 
   const bool with_priors = attach_priors(frame, result);

@@ -35,6 +35,7 @@ struct FrontEndResult {
   int stereo_matches = 0;
   double prior_coverage = 0;  ///< share of keypoints with a valid label
   std::string fault;          ///< what one camera shows nothing of; "": nothing is wrong
+  bool repeated = false;      ///< the left image is that of the frame before
   int masked = 0;             ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 

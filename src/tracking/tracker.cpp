@@ -54,10 +54,11 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
 
 namespace {
 
-// A predicted pose is doubted when it fits less than this share of the matches that led to it, and
-// either no camera can have come to it or the share has fallen below this part of the last frame's.
+// A predicted pose is doubted when the share that it fits of the matches that led to it has fallen
+// below the part kFallen of the last frame's, and one that no camera can have come to when it is
+// below kDoubtfulShare.
 constexpr double kDoubtfulShare = 0.4;
-constexpr double kFallen = 0.4;
+constexpr double kFallen = 0.5;
 
 // m/s^2, of the camera; no vehicle brakes with 10.
 constexpr double kImpossible = 15;
@@ -85,12 +86,6 @@ constexpr double kMaxVote = 3;
 
 // A camera that gives a picture more often than that stands still.
 constexpr int kMostRepeats = 3;
-
-/// Whether two frames are one picture, given out twice. Places are not compared: the earlier
-/// frame's keypoints are aligned with their landmarks.
-bool repeats(const FrameFeatures& a, const FrameFeatures& b) {
-  return a.size() > 0 && std::ranges::equal(a.descriptors(), b.descriptors());
-}
 
 /// Gives matched features their landmarks; returns how many.
 int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
@@ -167,7 +162,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   if (last_) refresh_last_frame();
   Frame frame = make_frame(input);
   const std::optional<Velocity> moving = velocity_;
-  const bool repeated = last_ && repeats(*frame.features, *last_->features);
+  const bool repeated = last_ && input.repeated && last_->index + 1 == input.index;
   repeats_ = repeated ? repeats_ + 1 : 0;
   if (repeated && velocity_) velocity_->T_c_last = Rigid3();
   if (!last_) {
@@ -374,11 +369,13 @@ void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
     return found ? count_landmarks(unexpected.landmarks) / static_cast<double>(alternative.matches)
                  : 0.0;
   };
-  const double sampled = impossible_ ? 1 : fits(kSampled);
-  if (sampled >= kExplained && fits(1) >= kExplained &&
+  const double sampled = impossible_ ? kExplained : fits(kSampled);
+  const bool asked = sampled >= kExplained || (sampled >= kDoubtfulShare && is_jump(unexpected));
+  const double share = asked ? fits(1) : 0;
+  if (share >= kExplained &&
       count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks)) {
     replace(frame, result, std::move(unexpected), alternative);
-  } else if (!impossible_ && sampled >= kDoubtfulShare && is_jump(unexpected)) {
+  } else if (!impossible_ && share >= kDoubtfulShare && is_jump(unexpected)) {
     replace_jump(frame, result, kDoubtfulShare);
   }
   result.statistics += alternative.statistics;
@@ -444,7 +441,7 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
   const int inliers = refine_pose(frame, result);
   const double before = std::exchange(share_, inliers / static_cast<double>(matches));
   impossible_ = is_jump(frame);
-  doubtful_ = share_ < kDoubtfulShare && (impossible_ || share_ < kFallen * before);
+  doubtful_ = share_ < (impossible_ ? kDoubtfulShare : kFallen * before);
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
@@ -493,7 +490,8 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
 }
 
 /// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
-/// from the last pose. With `every` n, every n-th of the landmarks.
+/// from the last pose. With `every` n, every n-th of the landmarks, whatever pose they lead to: so
+/// few would rather fit by chance where the camera is expected.
 bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_t every) {
   const KeyFrameView& reference = replica_.keyframes().at(reference_);
   std::vector<DescriptorQuery> queries;
@@ -510,7 +508,8 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_
         {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);
   }
-  return predict_by_descriptor(frame, queries, landmarks, true, "reference keyframe", result);
+  return predict_by_descriptor(frame, {queries, landmarks, "reference keyframe", true, every == 1},
+                               result);
 }
 
 /// The same with all landmarks of the map around the last frame.
@@ -522,24 +521,22 @@ bool Tracker::predict_by_map(Frame& frame, TrackResult& result) {
     const LandmarkView& landmark = replica_.landmarks().at(id);
     queries.push_back({&landmark.descriptor, prior_of(landmark, priors)});
   }
-  return predict_by_descriptor(frame, queries, local.landmarks, false, "local map", result);
+  return predict_by_descriptor(frame, {queries, local.landmarks, "local map"}, result);
 }
 
-bool Tracker::predict_by_descriptor(Frame& frame, const std::vector<DescriptorQuery>& queries,
-                                    const std::vector<LandmarkId>& landmarks, bool angles,
-                                    const char* name, TrackResult& result) {
+bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, TrackResult& result) {
   std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
   const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio,
-                                       angles};
+                                       asked.angles};
   const std::vector<std::int32_t> matches =
-      match_descriptors(queries, *frame.features, options, *model_, result.statistics);
+      match_descriptors(asked.queries, *frame.features, options, *model_, result.statistics);
   int count = 0;
   for (std::size_t q = 0; q < matches.size(); ++q) {
     if (matches[q] < 0) continue;
-    frame.landmarks[static_cast<std::size_t>(matches[q])] = landmarks[q];
+    frame.landmarks[static_cast<std::size_t>(matches[q])] = asked.landmarks[q];
     ++count;
   }
-  const std::string before = (result.reason.empty() ? "" : result.reason + "; ") + name;
+  const std::string before = (result.reason.empty() ? "" : result.reason + "; ") + asked.name;
   if (count < options_.min_reference_matches) {
     result.reason = before + ": " + std::to_string(count) + " matches";
     return false;
@@ -547,15 +544,16 @@ bool Tracker::predict_by_descriptor(Frame& frame, const std::vector<DescriptorQu
   result.matches = count;
   frame.T_c_w = last_->T_c_w;
   result.overruled = false;
-  const int inliers = refine_pose(frame, result);
+  const int inliers = refine_pose(frame, result, asked.expects);
   result.reason = before;
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
   return false;
 }
 
-/// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers.
-int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
+/// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers. Unless it `expects`
+/// the camera to go on as it did, all poses are alike to it.
+int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const {
   result.held = false;
   std::vector<PoseObservation> observations;
   std::vector<Vote> votes;
@@ -571,7 +569,8 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result) const {
     observations.push_back({landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
   }
-  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  const std::optional<ExpectedPose> expected =
+      expects ? expected_pose(frame.timestamp) : std::nullopt;
   const Start start = result.overruled ? Start::kConsensus : Start::kGuess;
   const auto estimate = [&](const Rigid3& T_c_w, const PoseOptions& pose) {
     return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, start,

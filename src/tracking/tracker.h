@@ -59,6 +59,7 @@ struct TrackerInput {
   double timestamp = 0;  ///< s
   std::shared_ptr<const FrameFeatures> features;
   const ImagePyramid* left = nullptr;  ///< of the left image; null: features without images
+  bool repeated = false;               ///< the left image is that of the frame before
 };
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
@@ -162,13 +163,18 @@ class Tracker {
   void replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found);
   bool predict_by_reference(Frame& frame, TrackResult& result, std::size_t every = 1);
   bool predict_by_map(Frame& frame, TrackResult& result);
-  bool predict_by_descriptor(Frame& frame, const std::vector<DescriptorQuery>& queries,
-                             const std::vector<LandmarkId>& landmarks, bool angles,
-                             const char* name, TrackResult& result);
+  struct Unpredicted {
+    std::span<const DescriptorQuery> queries;
+    std::span<const LandmarkId> landmarks;  // per query
+    const char* name = "";
+    bool angles = false;
+    bool expects = true;  // the camera to go on as it did
+  };
+  bool predict_by_descriptor(Frame& frame, const Unpredicted& asked, TrackResult& result);
   bool track_local_map(Frame& frame, TrackResult& result);
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
-  int refine_pose(Frame& frame, TrackResult& result) const;
+  int refine_pose(Frame& frame, TrackResult& result, bool expects = true) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
   [[nodiscard]] int count_addable(const Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;

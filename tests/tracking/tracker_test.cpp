@@ -69,6 +69,28 @@ class TrackerTest : public ::testing::Test {
     return std::make_shared<const FrameFeatures>(camera, std::move(all), std::move(u_right),
                                                  std::vector<kys::Prior>{});
   }
+  /// What is seen of the world, but in the middle of the image, which shows another part of it, as
+  /// a camera at `middle_metres` sees it.
+  std::shared_ptr<const FrameFeatures> with_middle(std::int64_t index, double metres,
+                                                   double middle_metres) {
+    FeatureSet all;
+    std::vector<float> u_right;
+    const auto add = [&](const FeatureWorld& world, double at, bool middle, std::size_t every) {
+      const auto seen = see(world, index, weaving_pose(at));
+      for (std::size_t i = 0; i < seen.features->size(); ++i) {
+        const Keypoint& k = seen.features->keypoint(i);
+        const bool inside = k.x > 470 && k.x < 770 && k.y > 90 && k.y < 280;
+        if (inside != middle || seen.features->descriptor(i).words[0] % every != 0) continue;
+        all.keypoints.push_back(k);
+        all.descriptors.push_back(seen.features->descriptor(i));
+        u_right.push_back(seen.features->u_right(i));
+      }
+    };
+    add(world_, metres, false, 1);
+    add(world(2), middle_metres, true, 3);
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(all),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  }
   /// T_w_c of the truth relative to the first frame.
   static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
 
@@ -137,6 +159,18 @@ TEST_F(TrackerTest, ACameraThatTurnsBackAtOnceDoesNotFollowWhatTurnsBackWithIt) 
     if (i == 12) {
       EXPECT_EQ(result.reason, "impossible motion; local map");
     }
+  }
+}
+
+TEST_F(TrackerTest, ATurnIsNotHiddenByWhatLooksAsIfTheCameraWentOn) {
+  constexpr double kStep = 0.5;
+  for (int i = 0; i <= 12; ++i) {
+    const double metres = kStep * (i < 12 ? i : 10);
+    const TrackResult result = track(i, with_middle(i, metres, kStep * i));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
+    EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
+        << i << ": " << result.reason;
+    EXPECT_EQ(result.jumped, i == 12) << i << ": " << result.reason;
   }
 }
 
