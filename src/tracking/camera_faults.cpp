@@ -49,8 +49,8 @@ CameraFaults::Trace CameraFaults::trace(const FeatureSet& features) {
   return trace;
 }
 
-std::string CameraFaults::look_at(const FeatureSet& left, const FeatureSet& right, int width,
-                                  int height) {
+std::string CameraFaults::check(const FeatureSet& left, const FeatureSet& right, int width,
+                                int height) {
   constexpr std::array<const char*, 2> kNames{"left", "right"};
   const std::array<Counts, 2> counts{count_halves(left, width, height),
                                      count_halves(right, width, height)};

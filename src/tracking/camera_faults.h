@@ -9,20 +9,19 @@
 
 namespace kys_slam {
 
-/// Tells when one camera of the pair shows nothing while the other does: a camera that is dead or
-/// covered, an image that arrived in part, a picture given out again. By keypoints, so that it
-/// costs next to nothing.
+/// Detects faults of one camera of the pair: a dead or covered camera, an incomplete image, a
+/// repeated image, while the other camera works. Uses keypoints only, which takes little time.
 class CameraFaults {
  public:
   /// \param left, right  features of the next frame, before any is dropped
   /// \param width, height  of the images, px
   /// \returns one phrase, or "" when nothing is wrong
-  std::string look_at(const FeatureSet& left, const FeatureSet& right, int width, int height);
-  /// Whether the left image looked at last is that of the frame before.
+  std::string check(const FeatureSet& left, const FeatureSet& right, int width, int height);
+  /// Whether the left image of the last check() repeats that of the frame before.
   [[nodiscard]] bool left_repeated() const { return repeated_[0]; }
 
  private:
-  /// Of a picture, to recognise it.
+  /// Features of an image, to recognise a repetition.
   struct Trace {
     std::size_t features = 0;
     std::vector<kys::Descriptor> some;

@@ -103,7 +103,7 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   } else {
     features_ = {*frame.left_features, *frame.right_features};
   }
-  result.fault = camera_faults_.look_at(features_[0], features_[1], camera_.width, camera_.height);
+  result.fault = camera_faults_.check(features_[0], features_[1], camera_.width, camera_.height);
   result.repeated = camera_faults_.left_repeated();
   result.times.extract = watch.lap_ms();
 

@@ -33,29 +33,29 @@ struct FrontEndResult {
   FrontEndTimes times;
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
-  double prior_coverage = 0;  ///< share of keypoints with a valid label
-  std::string fault;          ///< what one camera shows nothing of; "": nothing is wrong
-  bool repeated = false;      ///< the left image is that of the frame before
+  double prior_coverage = 0;  ///< share of keypoints with a valid label, 0..1
+  std::string fault;          ///< fault of one camera (CameraFaults); "": none
+  bool repeated = false;      ///< the left image repeats that of the frame before
   int masked = 0;             ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 
-/// A stereo frame becomes features with disparities and priors: extraction of both images side by
-/// side, prior look-up, stereo matching.
+/// Computes the features of a stereo frame with disparities and priors: extraction of both images
+/// in parallel, prior look-up, stereo matching.
 class FrontEnd {
  public:
-  /// \param model has to outlive the front end, as has `priors` (null: none)
+  /// \param model must outlive the front end, as must `priors` (null: none)
   FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
            const kys::DistanceModel& model, PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
-  /// Things of the frames to come get their instance number raised by this, those of a loaded map
-  /// having used the ones below.
+  /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
+  /// below.
   /// \param is_thing by label
   void raise_instances(std::int32_t by, std::vector<std::uint8_t> is_thing) {
     instances_raised_by_ = by;
     is_thing_ = std::move(is_thing);
   }
-  /// px, added to the disparities of the frames to come.
+  /// px, added to the disparities of later frames.
   void set_disparity_offset(float offset) { disparity_offset_ = offset; }
 
  private:
