@@ -5,7 +5,7 @@
 #   tools/check.sh asan [PROGRAM...]   Clang, warnings are errors; unit and system tests and hostile input,
 #                           or the tests of some programs, under AddressSanitizer and UndefinedBehaviorSanitizer
 #   tools/check.sh tsan     Clang; tests with threads under ThreadSanitizer
-#   tools/check.sh clang    Clang, warnings are errors; compiles everything, optimised
+#   tools/check.sh clang    Clang, warnings are errors; everything, optimised; unit and system tests
 #   tools/check.sh tidy     clang-tidy
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -38,6 +38,7 @@ case "$stage" in
   clang)
     configure build/clang -DCMAKE_BUILD_TYPE=Release
     cmake --build build/clang
+    run_tests build/clang -R '^[a-z_]*_test/'
     ;;
   asan)
     configure build/clang-asan "${sanitized[@]}" -DKYS_SANITIZE=address,undefined

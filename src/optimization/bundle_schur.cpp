@@ -95,9 +95,11 @@ class BlockPlaces {
   std::vector<std::int32_t> place_;
 };
 
-// Columns of six as four and two, wherever they lie in memory.
-using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
-using Two = double __attribute__((vector_size(16), aligned(8), may_alias));
+// Columns of six as four and two, at any multiple of 8 bytes. The attributes follow the names:
+// behind the type Clang ignores an alignment below the natural one.
+using Four __attribute__((vector_size(32), aligned(8), may_alias)) = double;
+using Two __attribute__((vector_size(16), aligned(8), may_alias)) = double;
+static_assert(alignof(Four) == 8 && alignof(Two) == 8);
 
 /// S -= a b^T for column-major 6x3 a, b and 6x6 S.
 KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* S) {
@@ -108,8 +110,8 @@ KYS_ALWAYS_INLINE void subtract_outer(const double* a, const double* b, double* 
   const Two t1 = *reinterpret_cast<const Two*>(a + 10);
   const Two t2 = *reinterpret_cast<const Two*>(a + 16);
   for (int col = 0; col < 6; ++col) {
-    auto& top = *reinterpret_cast<Four*>(S + 6 * col);
-    auto& bottom = *reinterpret_cast<Two*>(S + 6 * col + 4);
+    Four& top = *reinterpret_cast<Four*>(S + 6 * col);
+    Two& bottom = *reinterpret_cast<Two*>(S + 6 * col + 4);
     top -= a0 * b[col] + a1 * b[col + 6] + a2 * b[col + 12];
     bottom -= t0 * b[col] + t1 * b[col + 6] + t2 * b[col + 12];
   }
@@ -307,7 +309,7 @@ KYS_ALWAYS_INLINE void to_rows(const Lanes* lanes, double (*rows)[kCount]) {
 
 KYS_ALWAYS_INLINE void add_in_row(const double* from, int count, double* to) {
   for (int k = 0; k < count; k += kLanes) {
-    auto& sum = *reinterpret_cast<Four*>(to + k);
+    Four& sum = *reinterpret_cast<Four*>(to + k);
     sum += *reinterpret_cast<const Four*>(from + k);
   }
 }
