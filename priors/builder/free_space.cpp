@@ -10,7 +10,7 @@
 namespace kys_slam {
 namespace {
 
-constexpr int kSlack = 2;                            // px, by which a prediction may be off
+constexpr int kWindow = 2;                           // px, by which a prediction may be off
 constexpr double kSame = 1.0, kSameShare = 0.04;     // px and share of the disparity: its error
 constexpr double kBeyond = 2.0, kBeyondShare = 0.1;  // likewise: the place is free beyond it
 
@@ -23,12 +23,12 @@ enum class Place { kUnknown, kOccupied, kFree, kHidden };
 /// What the other frame sees at (u, v), where a surface of disparity d is expected.
 Place look(const ImageOf<float>& other, double u, double v, double d) {
   const auto x = static_cast<int>(std::lround(u)), y = static_cast<int>(std::lround(v));
-  if (x < kSlack || y < kSlack || x >= other.width() - kSlack || y >= other.height() - kSlack) {
+  if (x < kWindow || y < kWindow || x >= other.width() - kWindow || y >= other.height() - kWindow) {
     return Place::kUnknown;
   }
   int farther = 0, nearer = 0, known = 0;
-  for (int j = y - kSlack; j <= y + kSlack; ++j) {
-    for (int i = x - kSlack; i <= x + kSlack; ++i) {
+  for (int j = y - kWindow; j <= y + kWindow; ++j) {
+    for (int i = x - kWindow; i <= x + kWindow; ++i) {
       const double seen = other.at(i, j);
       if (!(seen > 0)) continue;
       ++known;
@@ -37,7 +37,7 @@ Place look(const ImageOf<float>& other, double u, double v, double d) {
       nearer += seen > d ? 1 : 0;
     }
   }
-  constexpr int kAll = (2 * kSlack + 1) * (2 * kSlack + 1);
+  constexpr int kAll = (2 * kWindow + 1) * (2 * kWindow + 1);
   if (known < kAll / 2) return Place::kUnknown;
   if (farther == known) return Place::kFree;
   return nearer > 0 ? Place::kHidden : Place::kUnknown;
@@ -49,14 +49,14 @@ struct Pixel {
 };
 
 /// Pixels of a thing that have a disparity, and how many were looked at.
-struct Samples {
+struct ThingSamples {
   std::vector<Pixel> known;
   int looked_at = 0;
 };
 
-std::vector<Samples> sample(const ImageOf<float>& disparity, const SegmentRuns& runs,
-                            const std::vector<bool>& is_thing) {
-  std::vector<Samples> samples(is_thing.size());
+std::vector<ThingSamples> sample(const ImageOf<float>& disparity, const SegmentRuns& runs,
+                                 const std::vector<bool>& is_thing) {
+  std::vector<ThingSamples> samples(is_thing.size());
   for_each_on_grid(
       runs, is_thing.size(), [&](auto segment) { return is_thing[segment]; },
       [&](auto segment, int x, int y) {
@@ -72,6 +72,7 @@ std::vector<Samples> sample(const ImageOf<float>& disparity, const SegmentRuns& 
 void keep_surface(std::vector<Pixel>& pixels) {
   if (pixels.empty()) return;
   std::vector<float> d;
+  d.reserve(pixels.size());
   for (const Pixel& p : pixels) d.push_back(p.disparity);
   const float middle = median(d);
   std::erase_if(pixels, [&](const Pixel& p) {
@@ -89,7 +90,7 @@ std::vector<FreeSpaceEvidence> compare_space(const StereoCamera& camera, const R
   const Eigen::Vector3d offset(right ? camera.baseline : 0, 0, 0);
   const Eigen::Matrix3d R = T_other_now.R();
   const Eigen::Vector3d t = T_other_now.t() + R * offset - offset;
-  std::vector<Samples> samples = sample(disparity, runs, is_thing);
+  std::vector<ThingSamples> samples = sample(disparity, runs, is_thing);
   std::vector<FreeSpaceEvidence> evidence(is_thing.size());
   for (std::size_t k = 1; k < samples.size(); ++k) {
     keep_surface(samples[k].known);

@@ -62,6 +62,10 @@ void describe_decisions(kys::OptionList& list, BuilderOptions::Detection& o) {
                "detection.start_log_odds must not be beyond detection.max_log_odds");
 }
 
+[[noreturn]] void refuse(const kys::Option& option, const std::string& value) {
+  throw InputError("setting " + option.key + ": '" + value + "' is not " + option.expected());
+}
+
 }  // namespace
 
 void describe(kys::OptionList& list, BuilderOptions& o) {
@@ -82,7 +86,7 @@ void set_option(BuilderOptions& options, const std::string& name, const std::str
   for (const kys::OptionList list = list_of(options); const kys::Option& option : list.options()) {
     if (option.key != name) continue;
     if (option.parse(value)) return;
-    throw InputError("setting " + name + ": '" + value + "' is not " + option.expected());
+    refuse(option, value);
   }
   throw InputError("setting " + name + ": there is no such setting");
 }

@@ -215,6 +215,7 @@ std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports)
     if (!r.warning.empty()) ++found.try_emplace(r.warning, 0, r.index).first->second.first;
   }
   std::vector<std::string> lines;
+  lines.reserve(found.size());
   for (const auto& [warning, frames] : found) {
     lines.push_back(fmt::format("{} ({} of {} frames, the first is {})", warning, frames.first,
                                 reports.size(), frames.second));

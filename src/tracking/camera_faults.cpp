@@ -38,6 +38,10 @@ std::string dead_part(const Counts& camera, const Counts& other) {
   return "";
 }
 
+std::string empty_part(const std::string& part, const std::string& camera) {
+  return "the " + part + " of the " + camera + " image shows nothing, the other image does";
+}
+
 }  // namespace
 
 CameraFaults::Trace CameraFaults::trace(const FeatureSet& features) {
@@ -64,7 +68,7 @@ std::string CameraFaults::check(const FeatureSet& left, const FeatureSet& right,
     const std::string part = dead_part(counts[side], counts[1 - side]);
     if (part == "image") return "the " + name + " image shows nothing, the other one does";
     if (!part.empty()) {
-      return "the " + part + " of the " + name + " image shows nothing, the other image does";
+      return empty_part(part, name);
     }
     if (repeated_[side] && traces[1 - side] != before[1 - side]) {
       return "the " + name + " image is that of the frame before, the other one is new";

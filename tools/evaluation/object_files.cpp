@@ -37,8 +37,8 @@ void expect_columns(const TextTable& table, const TextRow& row, std::size_t coun
 
 Eigen::Vector3d vector_at(const TextTable& table, const TextRow& row, std::size_t column) {
   constexpr double kFar = 1e9;  // m or m/s: sums of such numbers are still numbers
-  const Eigen::Vector3d v(table.number(row, column), table.number(row, column + 1),
-                          table.number(row, column + 2));
+  Eigen::Vector3d v(table.number(row, column), table.number(row, column + 1),
+                    table.number(row, column + 2));
   if (!(v.cwiseAbs().maxCoeff() < kFar)) table.fail(row, "a number is out of range");
   return v;
 }
