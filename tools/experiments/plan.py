@@ -62,7 +62,7 @@ class Programs:
         match = re.search(r"^  mode: \w+ +# (.*)$", listed.stdout, re.MULTILINE)
         if match is None:
             raise InputError(f"{run}: --list-settings names no modes")
-        self.modes = set(re.findall(r"\w+", match[1])) - {"or"}
+        self.modes = set(re.split(", | or ", match[1]))
 
     @staticmethod
     def _keys(text):
