@@ -60,9 +60,11 @@ std::string CameraFaults::check(const FeatureSet& left, const FeatureSet& right,
                                      count_halves(right, width, height)};
   const std::array<Trace, 2> traces{trace(left), trace(right)};
   const std::array<Trace, 2> before = std::exchange(last_, traces);
+  std::array<bool, 2> repeated{};
   for (std::size_t side = 0; side < 2; ++side) {
-    repeated_[side] = traces[side].features >= kEnough && traces[side] == before[side];
+    repeated[side] = traces[side].features >= kEnough && traces[side] == before[side];
   }
+  left_repeated_ = repeated[0];
   for (std::size_t side = 0; side < 2; ++side) {
     const std::string name = kNames[side];
     const std::string part = dead_part(counts[side], counts[1 - side]);
@@ -70,7 +72,7 @@ std::string CameraFaults::check(const FeatureSet& left, const FeatureSet& right,
     if (!part.empty()) {
       return empty_part(part, name);
     }
-    if (repeated_[side] && traces[1 - side] != before[1 - side]) {
+    if (repeated[side] && traces[1 - side] != before[1 - side]) {
       return "the " + name + " image is that of the frame before, the other one is new";
     }
   }

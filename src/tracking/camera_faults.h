@@ -18,7 +18,7 @@ class CameraFaults {
   /// \returns one phrase, or "" when nothing is wrong
   std::string check(const FeatureSet& left, const FeatureSet& right, int width, int height);
   /// Whether the left image of the last check() repeats that of the frame before.
-  [[nodiscard]] bool left_repeated() const { return repeated_[0]; }
+  [[nodiscard]] bool left_repeated() const { return left_repeated_; }
 
  private:
   /// Features of an image, to recognise a repetition.
@@ -29,7 +29,7 @@ class CameraFaults {
   };
   [[nodiscard]] static Trace trace(const FeatureSet& features);
   std::array<Trace, 2> last_;
-  std::array<bool, 2> repeated_{};
+  bool left_repeated_ = false;
 };
 
 }  // namespace kys_slam

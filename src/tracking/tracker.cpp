@@ -67,9 +67,13 @@ constexpr double kImpossible = 15;
 // the camera a pose fits many, but not all.
 constexpr double kExplained = 0.8;
 
-// Where the share alone raises doubt, which traffic does often, the keyframe is asked by every n-th
-// of its landmarks first.
+// Where the share alone raises doubt, the keyframe is asked by every n-th of its landmarks first.
 constexpr std::size_t kSampled = 4;
+
+// Something moves along with the camera when at least this share of the other matches fits a camera
+// that has gone less than kStays of the way.
+constexpr double kMovesAlong = 0.5;
+constexpr double kStays = 0.5;
 
 // The expected pose joins the observations where they leave the camera's place this much of the
 // uncertainty that it has without them.
@@ -369,8 +373,11 @@ void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
     return found ? count_landmarks(unexpected.landmarks) / static_cast<double>(alternative.matches)
                  : 0.0;
   };
-  const double sampled = impossible_ ? kExplained : fits(kSampled);
-  const bool asked = sampled >= kExplained || (sampled >= kDoubtfulShare && is_jump(unexpected));
+  bool asked = impossible_;
+  if (!asked) {
+    const double sampled = fits(kSampled);
+    asked = sampled >= kExplained || (sampled >= kDoubtfulShare && is_jump(unexpected));
+  }
   const double share = asked ? fits(1) : 0;
   if (share >= kExplained &&
       count_landmarks(unexpected.landmarks) > count_landmarks(frame.landmarks)) {
@@ -438,14 +445,34 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
     result.reason = "motion model: " + std::to_string(matches) + " matches";
     return false;
   }
+  const std::vector<LandmarkId> matched = frame.landmarks;
   const int inliers = refine_pose(frame, result);
   const double before = std::exchange(share_, inliers / static_cast<double>(matches));
   impossible_ = is_jump(frame);
-  doubtful_ = share_ < (impossible_ ? kDoubtfulShare : kFallen * before);
+  doubtful_ = impossible_ ? share_ < kDoubtfulShare
+                          : share_ < kFallen * before && !others_move_along(frame, matched);
   result.reason = "motion model";
   if (inliers >= options_.min_pose_inliers) return true;
   result.reason += ": " + std::to_string(inliers) + " inliers";
   return false;
+}
+
+/// Whether most of the `matched` landmarks (per feature) that the frame has lost are on something
+/// that moves along with the camera: a camera that hardly moves fits them.
+bool Tracker::others_move_along(const Frame& frame, const std::vector<LandmarkId>& matched) const {
+  std::vector<PoseObservation> others;
+  for (std::size_t i = 0; i < matched.size(); ++i) {
+    if (!matched[i].valid() || frame.landmarks[i].valid()) continue;
+    const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
+    const Eigen::Vector3d& p_w = replica_.landmarks().at(matched[i]).p_w;
+    others.push_back({p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
+  }
+  const PoseResult pose = optimize_pose(camera_, last_->T_c_w, others);
+  const auto way = [this](const Rigid3& T_c_w) {
+    return (T_c_w.inverse_t() - last_->T_c_w.inverse_t()).norm();
+  };
+  return pose.inliers >= kMovesAlong * static_cast<double>(others.size()) &&
+         way(pose.T_c_w) < kStays * way(frame.T_c_w);
 }
 
 int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {

@@ -158,6 +158,8 @@ class Tracker {
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
+  [[nodiscard]] bool others_move_along(const Frame& frame,
+                                       const std::vector<LandmarkId>& matched) const;
   void replace_misfit(Frame& frame, TrackResult& result);
   bool replace_jump(Frame& frame, TrackResult& result, double least_share = 0);
   void replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found);

@@ -5,6 +5,7 @@
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
+#include <cmath>
 #include <set>
 
 #include "support/map_builder.h"
@@ -70,16 +71,16 @@ class TrackerTest : public ::testing::Test {
                                                  std::vector<kys::Prior>{});
   }
   /// What is seen of the world, but in the middle of the image, which shows another part of it, as
-  /// a camera at `middle_metres` sees it.
+  /// a camera at `middle_metres` sees it. The middle is 300 px wide and `height` px high.
   std::shared_ptr<const FrameFeatures> with_middle(std::int64_t index, double metres,
-                                                   double middle_metres) {
+                                                   double middle_metres, float height = 190) {
     FeatureSet all;
     std::vector<float> u_right;
     const auto add = [&](const FeatureWorld& world, double at, bool middle, std::size_t every) {
       const auto seen = see(world, index, weaving_pose(at));
       for (std::size_t i = 0; i < seen.features->size(); ++i) {
         const Keypoint& k = seen.features->keypoint(i);
-        const bool inside = k.x > 470 && k.x < 770 && k.y > 90 && k.y < 280;
+        const bool inside = k.x > 470 && k.x < 770 && std::abs(k.y - 185) < height / 2;
         if (inside != middle || seen.features->descriptor(i).words[0] % every != 0) continue;
         all.keypoints.push_back(k);
         all.descriptors.push_back(seen.features->descriptor(i));
@@ -171,6 +172,17 @@ TEST_F(TrackerTest, ATurnIsNotHiddenByWhatLooksAsIfTheCameraWentOn) {
     EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
         << i << ": " << result.reason;
     EXPECT_EQ(result.jumped, i == 12) << i << ": " << result.reason;
+  }
+}
+
+TEST_F(TrackerTest, ASampleOfTheKeyframeDoesNotPreferThePoseItJudges) {
+  constexpr double kStep = 0.3;
+  for (int i = 0; i <= 12; ++i) {
+    const double metres = kStep * (i < 12 ? i : 10);
+    const TrackResult result = track(i, with_middle(i, metres, kStep * i, 280));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
+    EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
+        << i << ": " << result.reason;
   }
 }
 
