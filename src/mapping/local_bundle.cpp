@@ -75,10 +75,11 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
   observations.reserve(most);
   problem.observations.reserve(most);
   problem.points.reserve(landmarks.size());
+  problem.weights.reserve(landmarks.size());
   for (const LandmarkId id : landmarks) {
     const Landmark& landmark = map.landmark(id);
     const auto point = static_cast<std::int32_t>(problem.points.size());
-    const float weight = map.weight(landmark);
+    problem.weights.push_back(map.weight(landmark));
     problem.points.push_back(landmark.p_w);
     for (const Observation& o : landmark.observations) {
       const std::int32_t pose = pose_index(o.keyframe);
@@ -86,7 +87,7 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
       const FrameFeatures& features = *map.keyframe(o.keyframe).features;
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
       problem.observations.push_back(
-          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, weight});
+          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
       observations.push_back({id, o.keyframe, o.feature});
     }
   }

@@ -29,6 +29,9 @@ void check(const BundleProblem& problem) {
   if (problem.pose_fixed.size() != problem.T_c_w.size()) {
     throw std::invalid_argument("adjust_bundle: pose_fixed and T_c_w differ in length");
   }
+  if (!problem.weights.empty() && problem.weights.size() != problem.points.size()) {
+    throw std::invalid_argument("adjust_bundle: weights and points differ in length");
+  }
   const auto poses = static_cast<std::int64_t>(problem.T_c_w.size());
   const auto points = static_cast<std::int64_t>(problem.points.size());
   for (const Observation& o : problem.observations) {

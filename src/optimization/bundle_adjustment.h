@@ -22,12 +22,13 @@ struct BundleProblem {
     float v = 0;          ///< px
     float u_right = 0;    ///< px, right image; NaN for a monocular observation
     float inv_sigma = 1;  ///< 1/px
-    float weight = 1;     ///< 0..1, factor on its cost; outlier bounds do not depend on it
   };
   StereoCamera camera;
-  std::vector<Rigid3> T_c_w;              ///< changed in place, but for the fixed ones
-  std::vector<std::uint8_t> pose_fixed;   ///< per pose
-  std::vector<Eigen::Vector3d> points;    ///< p_w, m; changed in place
+  std::vector<Rigid3> T_c_w;             ///< changed in place, but for the fixed ones
+  std::vector<std::uint8_t> pose_fixed;  ///< per pose
+  std::vector<Eigen::Vector3d> points;   ///< p_w, m; changed in place
+  std::vector<float> weights;  ///< per point, 0..1, factor on the cost of its observations; outlier
+                               ///< bounds do not depend on it; empty: 1
   std::vector<Observation> observations;  ///< faster when grouped by point; same result
 };
 

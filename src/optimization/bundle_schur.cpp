@@ -33,16 +33,9 @@ constexpr double kPointDamping = 1e-3;
 /// they are kept as the floats they come from.
 struct ObservationLanes {
   using Floats = std::array<float, kLanes>;
-  Floats u{}, v{}, u_right{};  // px
+  Floats u{}, v{}, u_right{};  // px; NaN where there is no u_right
   Floats inv_sigma{};          // 1/px
-  Floats share{};              // factor on the information
-  Floats stereo{};             // 1, or 0 where there is no u_right
   std::array<std::int32_t, kLanes> pose{};
-  std::array<std::int32_t, kLanes> free{-1, -1, -1, -1};  // among the free poses, -1: fixed
-
-  [[nodiscard]] KYS_ALWAYS_INLINE bool all_fixed() const {
-    return (free[0] & free[1] & free[2] & free[3]) < 0;  // the sign of all
-  }
 };
 
 /// One point: its observations [begin, end) in order, its groups of four from `group` on.
@@ -55,7 +48,8 @@ struct SchurPoint {
   [[nodiscard]] std::int32_t groups() const { return (end - begin + kLanes - 1) / kLanes; }
 };
 
-/// What back-substitution and the gain ratio need of an eliminated point.
+/// What back-substitution and the gain ratio need of an eliminated point. Windows keep it; whole
+/// maps compute it again.
 struct EliminatedPoint {
   std::array<double, 6> L_inverse;  // of the Cholesky factor of V + damping: lower triangle by rows
   Eigen::Vector3d b;                // J^T W r
@@ -146,12 +140,20 @@ KYS_ALWAYS_INLINE void transpose(Lanes& a, Lanes& b, Lanes& c, Lanes& d) {
   d = __builtin_shufflevector(ab1, cd1, 2, 3, 6, 7);
 }
 
-/// What every point is looked at with.
+/// What every point is looked at with. Of the poses, one more than there are: lanes past the end of
+/// a point have that.
 struct View {
   CameraNumbers camera;
   const PoseMatrix* poses;
+  const std::int32_t* free;  // per pose: its place among the free ones, or -1
   bool robust;
   double disparity_weight, chi2_mono, chi2_stereo;
+};
+
+/// A point that is looked at.
+struct PointView {
+  const double* p_w;
+  double share;  // factor on the information of its observations
 };
 
 /// Poses of four observations, [R|t] as lanes, and their errors.
@@ -167,19 +169,20 @@ KYS_ALWAYS_INLINE Lanes widen(const ObservationLanes::Floats& from) {
   return __builtin_convertvector(lanes, Lanes);
 }
 
-KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const double* p_w,
+KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const PointView& point,
                             LaneView& to) {
   MeasuredLanes& m = to.measured;
   m.u = widen(o.u);
   m.v = widen(o.v);
   m.u_right = widen(o.u_right);
   const Lanes inv_sigma = widen(o.inv_sigma);
-  const Lanes share = widen(o.share);
-  const Lanes stereo = widen(o.stereo);
+  const Lanes share = broadcast(point.share);
+  const LaneMask stereo = m.u_right == m.u_right;
+  m.u_right = stereo ? m.u_right : broadcast(0);
   // Errors and their bound shrink together: the kernel acts as on the unweighted error.
   m.weight = share * (inv_sigma * inv_sigma);
-  m.weight_disparity = m.weight * (stereo * view.disparity_weight);
-  m.bound = share * (stereo != 0.0 ? broadcast(view.chi2_stereo) : broadcast(view.chi2_mono));
+  m.weight_disparity = m.weight * (stereo ? broadcast(view.disparity_weight) : broadcast(0));
+  m.bound = share * (stereo ? broadcast(view.chi2_stereo) : broadcast(view.chi2_mono));
   for (int row = 0; row < 3; ++row) {
     Lanes* T = to.T + 4 * row;
     for (int k = 0; k < kLanes; ++k) {
@@ -187,10 +190,17 @@ KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const d
     }
     transpose(T[0], T[1], T[2], T[3]);
   }
+  const double* p_w = point.p_w;
   to.errors.x = to.T[0] * p_w[0] + to.T[1] * p_w[1] + to.T[2] * p_w[2] + to.T[3];
   to.errors.y = to.T[4] * p_w[0] + to.T[5] * p_w[1] + to.T[6] * p_w[2] + to.T[7];
   to.errors.z = to.T[8] * p_w[0] + to.T[9] * p_w[1] + to.T[10] * p_w[2] + to.T[11];
   errors_of(to.measured, view.camera, to.errors);
+}
+
+/// Places of four poses among the free ones; whether any is free.
+KYS_ALWAYS_INLINE bool any_free(const ObservationLanes& o, const View& view, std::int32_t* free) {
+  for (int k = 0; k < kLanes; ++k) free[k] = view.free[o.pose[k]];
+  return (free[0] & free[1] & free[2] & free[3]) >= 0;  // the sign of all
 }
 
 KYS_ALWAYS_INLINE void add_cost(const LaneView& v, bool robust, Lanes& cost) {
@@ -199,11 +209,11 @@ KYS_ALWAYS_INLINE void add_cost(const LaneView& v, bool robust, Lanes& cost) {
 
 /// 1/2 the sum of rho over a point's observations.
 KYS_VECTOR_CLONES double cost_of(const ObservationLanes* groups, std::int32_t count,
-                                 const View& view, const double* p_w) {
+                                 const View& view, const PointView& point) {
   Lanes cost{};
   for (std::int32_t g = 0; g < count; ++g) {
     LaneView v;
-    look(groups[g], view, p_w, v);
+    look(groups[g], view, point, v);
     add_cost(v, view.robust, cost);
   }
   return lane_sum(cost);
@@ -249,11 +259,12 @@ KYS_ALWAYS_INLINE void normal_in_view(const View& view, const LaneView& v, LaneN
 
 /// Of a point, the poses held.
 KYS_VECTOR_CLONES void point_normal_of(const ObservationLanes* groups, std::int32_t count,
-                                       const View& view, const double* p_w, PointNormal& normal) {
+                                       const View& view, const PointView& point,
+                                       PointNormal& normal) {
   PointLanes sums;
   for (std::int32_t g = 0; g < count; ++g) {
     LaneView v;
-    look(groups[g], view, p_w, v);
+    look(groups[g], view, point, v);
     LaneNormal n;
     normal_in_view(view, v, n);
     sums.add(v.T, n);
@@ -316,17 +327,18 @@ KYS_ALWAYS_INLINE void add_in_row(const double* from, int count, double* to) {
 
 /// Linearises a point's observations and sums up the point's own part.
 KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t count,
-                                 const View& view, const double* p_w, MixedLanes* mixed,
+                                 const View& view, const PointView& point, MixedLanes* mixed,
                                  PointNormal& normal) {
   PointLanes sums;
   for (std::int32_t g = 0; g < count; ++g) {
     const ObservationLanes& o = groups[g];
     LaneView v;
-    look(o, view, p_w, v);
+    look(o, view, point, v);
     LaneNormal n;
     normal_in_view(view, v, n);
     sums.add(v.T, n);
-    if (o.all_fixed()) continue;
+    std::int32_t free[kLanes];
+    if (!any_free(o, view, free)) continue;
     LanePoseNormal p;
     pose_normal_of(v.errors, n, p);
     const Lanes zero{};
@@ -356,15 +368,15 @@ KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t co
 
 /// Adds a linearised point's observations to the reduced system and takes the point out of it:
 /// Z = mixed L^-T of each of them.
+/// \param free per observation, the place of its pose among the free ones, or -1
 /// \param L_inverse 00, 10, 11, 20, 21, 22
-KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t count,
+KYS_VECTOR_CLONES void eliminate(const std::int32_t* free, std::int32_t count,
                                  const MixedLanes* mixed, const double* L_inverse, const double* y,
-                                 const std::int32_t* free, Matrix63* Z,
-                                 const ReducedSystem& system) {
-  const std::int32_t groups_count = (count + kLanes - 1) / kLanes;
-  for (std::int32_t g = 0; g < groups_count; ++g) {
-    const ObservationLanes& o = groups[g];
-    if (o.all_fixed()) continue;
+                                 Matrix63* Z, const ReducedSystem& system) {
+  for (std::int32_t begin = 0; begin < count; begin += kLanes) {
+    const std::int32_t* here = free + begin;
+    const std::int32_t g = begin / kLanes;
+    if ((here[0] & here[1] & here[2] & here[3]) < 0) continue;  // the sign of all
     const Lanes* m = mixed[g].block;
     Lanes z[20];
     Lanes sums[16];  // gradient, diagonal
@@ -390,7 +402,7 @@ KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t co
     to_rows<16>(sums, sum_rows);
     to_rows<36>(pose, pose_rows);
     for (int k = 0; k < kLanes; ++k) {
-      const std::int32_t r = o.free[k];
+      const std::int32_t r = here[k];
       if (r < 0) continue;
       __builtin_memcpy(Z[kLanes * g + k].data(), z_rows[k], 18 * sizeof(double));
       add_in_row(sum_rows[k], 16, system.sums[r].data());
@@ -406,19 +418,20 @@ KYS_VECTOR_CLONES void eliminate(const ObservationLanes* groups, std::int32_t co
 /// point's gradient. Made anew rather than kept from the linearisation: the mixed blocks of a whole
 /// map are the largest thing there would be to keep.
 KYS_VECTOR_CLONES void moved_gradient(const ObservationLanes* groups, std::int32_t count,
-                                      const View& view, const double* p_w, const PoseStep* steps,
-                                      double* gradient) {
+                                      const View& view, const PointView& point,
+                                      const PoseStep* steps, double* gradient) {
   Lanes sum[3]{};
   for (std::int32_t g = 0; g < count; ++g) {
     const ObservationLanes& o = groups[g];
-    if (o.all_fixed()) continue;
+    std::int32_t free[kLanes];
+    if (!any_free(o, view, free)) continue;
     LaneView v;
-    look(o, view, p_w, v);
+    look(o, view, point, v);
     LaneNormal n;
     normal_in_view(view, v, n);
     Lanes w[4], t[4];  // turn and shift, interleaved with what is not used
     for (int k = 0; k < kLanes; ++k) {
-      const double* step = steps[o.free[k] + 1].data();
+      const double* step = steps[free[k] + 1].data();
       w[k] = *reinterpret_cast<const Four*>(step);
       t[k] = *reinterpret_cast<const Four*>(step + 4);
     }
@@ -439,12 +452,15 @@ KYS_VECTOR_CLONES void moved_gradient(const ObservationLanes* groups, std::int32
 class SchurBundle {
  public:
   SchurBundle(BundleProblem& problem, const BundleOptions& options, const BundleRound& round)
-      : problem_(problem), options_(options), view_{CameraNumbers(problem.camera),
-                                                    nullptr,
-                                                    round.robust,
-                                                    options.disparity_weight,
-                                                    options.chi2_mono,
-                                                    options.chi2_stereo} {
+      : problem_(problem),
+        options_(options),
+        view_{CameraNumbers(problem.camera),
+              nullptr,
+              nullptr,
+              round.robust,
+              options.disparity_weight,
+              options.chi2_mono,
+              options.chi2_stereo} {
     number_free_poses(round);
     sort_observations(round);
     const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
@@ -455,8 +471,8 @@ class SchurBundle {
     lane_steps_.resize(free_pose_.size() + 1);
     pose_damping_.resize(free_pose_.size());
     pose_step_.resize(free_pose_.size());
-    eliminated_.resize(points_.size());
-    point_step_.resize(points_.size());
+    if (!round.sparse) eliminated_.resize(points_.size());
+    other_points_.resize(points_.size());
     const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
     if (!round.sparse) dense_.resize(size, size);
     flat_gradient_.resize(size);
@@ -514,12 +530,13 @@ class SchurBundle {
     for (std::size_t i = 0; i < problem_.observations.size(); ++i) {
       if (round.active[i] != 0) used[problem_.observations[i].pose] = 1;
     }
-    free_index_.assign(problem_.T_c_w.size(), -1);
+    free_index_.assign(problem_.T_c_w.size() + 1, -1);
     for (std::size_t i = 0; i < used.size(); ++i) {
       if (used[i] == 0 || round.pose_fixed[i] != 0) continue;
       free_index_[i] = static_cast<std::int32_t>(free_pose_.size());
       free_pose_.push_back(static_cast<std::int32_t>(i));
     }
+    view_.free = free_index_.data();
   }
 
   /// Groups the active observations by point (counting sort) and orders those of a point by free
@@ -551,13 +568,21 @@ class SchurBundle {
     }
     mixed_.resize(static_cast<std::size_t>(most));
     Z_.resize(static_cast<std::size_t>(kLanes * most));
-    free_of_.reserve(order.size());
-    for (const std::int32_t i : order) free_of_.push_back(free_of(i));
-    groups_.resize(static_cast<std::size_t>(groups));
+    free_.resize(Z_.size());
+    ObservationLanes none;
+    none.pose.fill(static_cast<std::int32_t>(problem_.T_c_w.size()));
+    groups_.resize(static_cast<std::size_t>(groups), none);
     for (const SchurPoint& p : points_) {
       for (std::int32_t k = 0; k < p.end - p.begin; ++k) {
         pack(all[order[p.begin + k]], k % kLanes, groups_[p.group + k / kLanes]);
       }
+    }
+  }
+
+  /// Per observation of a point and past its end, the place of its pose among the free ones, or -1.
+  void look_up_free(const SchurPoint& point, std::vector<std::int32_t>& free) const {
+    for (std::int32_t g = 0; g < point.groups(); ++g) {
+      any_free(groups_[point.group + g], view_, free.data() + kLanes * g);
     }
   }
 
@@ -572,27 +597,30 @@ class SchurBundle {
 
   /// Blocks of poses that see a point together.
   [[nodiscard]] BlockPattern shared_points() const {
-    // Observations by free pose, so that a row is finished before the next.
+    // Points by free pose, so that a row is finished before the next.
     std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
-    for (const std::int32_t r : free_of_) {
-      if (r >= 0) ++begin[r + 1];
-    }
+    std::vector<std::int32_t> free(free_.size());
+    const auto for_each = [&](const auto& use) {
+      for (std::size_t k = 0; k < points_.size(); ++k) {
+        look_up_free(points_[k], free);
+        for (std::int32_t i = 0; i < points_[k].end - points_[k].begin; ++i) {
+          if (free[i] >= 0) use(free[i], static_cast<std::int32_t>(k));
+        }
+      }
+    };
+    for_each([&](std::int32_t r, std::int32_t) { ++begin[r + 1]; });
     for (std::size_t r = 1; r < begin.size(); ++r) begin[r] += begin[r - 1];
     std::vector<std::int32_t> point_of(static_cast<std::size_t>(begin.back()));
     std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
-    for (std::size_t k = 0; k < points_.size(); ++k) {
-      for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
-        const std::int32_t r = free_of_[i];
-        if (r >= 0) point_of[next[r]++] = static_cast<std::int32_t>(k);
-      }
-    }
+    for_each([&](std::int32_t r, std::int32_t k) { point_of[next[r]++] = k; });
     BlockPattern pattern;
     std::vector<std::int32_t> seen_by(free_pose_.size(), -1);
     for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
       for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
         const SchurPoint& point = points_[point_of[k]];
-        for (std::int32_t i = point.begin; i < point.end; ++i) {
-          const std::int32_t c = free_of_[i];
+        look_up_free(point, free);
+        for (std::int32_t i = 0; i < point.end - point.begin; ++i) {
+          const std::int32_t c = free[i];
           if (c > r) break;
           if (c < 0 || seen_by[c] == r) continue;
           seen_by[c] = r;
@@ -605,30 +633,34 @@ class SchurBundle {
     return pattern;
   }
 
-  void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) const {
-    const bool stereo = !std::isnan(o.u_right);
+  static void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) {
     to.u[lane] = o.u;
     to.v[lane] = o.v;
-    to.u_right[lane] = stereo ? o.u_right : 0;
+    to.u_right[lane] = o.u_right;
     to.inv_sigma[lane] = o.inv_sigma;
-    to.share[lane] = o.weight;
-    to.stereo[lane] = stereo ? 1.0f : 0.0f;
     to.pose[lane] = o.pose;
-    to.free[lane] = free_index_[o.pose];
   }
 
   void update_matrices() {
-    matrices_.resize(problem_.T_c_w.size());
-    for (std::size_t i = 0; i < matrices_.size(); ++i) {
+    matrices_.resize(problem_.T_c_w.size() + 1);
+    for (std::size_t i = 0; i < problem_.T_c_w.size(); ++i) {
       using RowMajor = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
       Eigen::Map<RowMajor>(matrices_[i].rows.data()) = problem_.T_c_w[i].matrix();
     }
+    matrices_.back() = matrices_.front();
     view_.poses = matrices_.data();
+  }
+
+  [[nodiscard]] PointView view_of(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
+    return {p_w.data(), problem_.weights.empty() ? 1 : problem_.weights[point.point]};
+  }
+  [[nodiscard]] PointView view_of(const SchurPoint& point) const {
+    return view_of(point, problem_.points[point.point]);
   }
 
   /// 1/2 the sum of rho over the point's observations, the point being at p_w.
   [[nodiscard]] double loss(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
-    return cost_of(groups_.data() + point.group, point.groups(), view_, p_w.data());
+    return cost_of(groups_.data() + point.group, point.groups(), view_, view_of(point, p_w));
   }
 
   /// At the present poses and points.
@@ -647,8 +679,8 @@ class SchurBundle {
       if (k % kPointsBetweenStops == 0 && should_stop()) return;
       Eigen::Vector3d& p_w = problem_.points[points_[k].point];
       double cost = loss(points_[k], p_w);
-      if (const double before = loss(points_[k], old_points_[k]); before < cost) {
-        p_w = old_points_[k];
+      if (const double before = loss(points_[k], other_points_[k]); before < cost) {
+        p_w = other_points_[k];
         cost = before;
       }
       for (int round = 0; round < kPointRounds; ++round) {
@@ -665,8 +697,9 @@ class SchurBundle {
   [[nodiscard]] Eigen::Vector3d point_newton_step(const SchurPoint& point,
                                                   const Eigen::Vector3d& p_w) const {
     PointNormal normal;
-    point_normal_of(groups_.data() + point.group, point.groups(), view_, p_w.data(), normal);
-    Eigen::Matrix3d V = lower_of(normal);
+    point_normal_of(groups_.data() + point.group, point.groups(), view_, view_of(point, p_w),
+                    normal);
+    Eigen::Matrix3d V = lower_of(normal.V);
     const Eigen::Vector3d b(normal.b);
     V.diagonal() += kPointDamping * V.diagonal().cwiseMax(Damping::kMinDiagonal);
     const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
@@ -689,7 +722,7 @@ class SchurBundle {
       take_in(i, damping);
     }
     if (!solve_reduced(damping)) return -1;
-    const double predicted = back_substitute();
+    const double predicted = back_substitute(damping);
     if (std::isfinite(predicted) && predicted >= 0) apply();
     return predicted;
   }
@@ -698,27 +731,43 @@ class SchurBundle {
   void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
     const ReducedSystem system{reduced_.data(), &places_, sums_.data()};
-    const ObservationLanes* groups = groups_.data() + point.group;
     PointNormal normal;
-    linearise(groups, point.groups(), view_, problem_.points[point.point].data(), mixed_.data(),
+    linearise(groups_.data() + point.group, point.groups(), view_, view_of(point), mixed_.data(),
               normal);
-    EliminatedPoint& e = eliminated_[index];
-    Eigen::Matrix3d V = lower_of(normal);
+    const EliminatedPoint e = eliminated(normal, damping);
+    if (!sparse_) eliminated_[index] = e;
+    const Eigen::Vector3d y = lower_of(e.L_inverse) * e.b;
+    look_up_free(point, free_);
+    eliminate(free_.data(), point.end - point.begin, mixed_.data(), e.L_inverse.data(), y.data(),
+              Z_.data(), system);
+  }
+
+  static EliminatedPoint eliminated(const PointNormal& normal, double damping) {
+    EliminatedPoint e;
+    Eigen::Matrix3d V = lower_of(normal.V);
     e.b = Eigen::Vector3d(normal.b);
     e.damping = damping * V.diagonal().cwiseMax(Damping::kMinDiagonal);
     V.diagonal() += e.damping;
     const Eigen::Matrix3d L = inverse_of_cholesky(V);
     e.L_inverse = {L(0, 0), L(1, 0), L(1, 1), L(2, 0), L(2, 1), L(2, 2)};
-    const Eigen::Vector3d y = L * e.b;
-    eliminate(groups, point.end - point.begin, mixed_.data(), e.L_inverse.data(), y.data(),
-              free_of_.data() + point.begin, Z_.data(), system);
+    return e;
+  }
+
+  /// A point as it was eliminated.
+  [[nodiscard]] EliminatedPoint eliminated(std::size_t index, double damping) const {
+    if (!sparse_) return eliminated_[index];
+    const SchurPoint& point = points_[index];
+    PointNormal normal;
+    point_normal_of(groups_.data() + point.group, point.groups(), view_, view_of(point), normal);
+    return eliminated(normal, damping);
   }
 
   /// The lower triangle is all that is read.
-  static Eigen::Matrix3d lower_of(const PointNormal& n) {
-    Eigen::Matrix3d V;
-    V << n.V[0], 0, 0, n.V[1], n.V[2], 0, n.V[3], n.V[4], n.V[5];
-    return V;
+  template <typename Six>
+  static Eigen::Matrix3d lower_of(const Six& n) {
+    Eigen::Matrix3d lower;
+    lower << n[0], 0, 0, n[1], n[2], 0, n[3], n[4], n[5];
+    return lower;
   }
 
   /// Inverse of the lower Cholesky factor of a positive definite 3x3 matrix.
@@ -772,7 +821,7 @@ class SchurBundle {
 
   /// Increments of the points, and the decrease predicted for the whole step:
   /// 1/2 (step^T damping step - step^T gradient), with the gradient before elimination.
-  double back_substitute() {
+  double back_substitute(double damping) {
     double predicted = 0;
     for (std::size_t r = 0; r < pose_step_.size(); ++r) {
       predicted += pose_step_[r].dot(pose_damping_[r].cwiseProduct(pose_step_[r]));
@@ -782,36 +831,30 @@ class SchurBundle {
           pose_step_[r].dot(sums_[r].gradient());  // reduced: the point part is added below
     }
     for (std::size_t k = 0; k < points_.size(); ++k) {
-      const EliminatedPoint& e = eliminated_[k];
+      const EliminatedPoint e = eliminated(k, damping);
       const SchurPoint& point = points_[k];
       Eigen::Vector3d gradient;
-      moved_gradient(groups_.data() + point.group, point.groups(), view_,
-                     problem_.points[point.point].data(), lane_steps_.data(), gradient.data());
-      const auto& L = e.L_inverse;
-      Eigen::Matrix3d L_inverse;
-      L_inverse << L[0], 0, 0, L[1], L[2], 0, L[3], L[4], L[5];
+      moved_gradient(groups_.data() + point.group, point.groups(), view_, view_of(point),
+                     lane_steps_.data(), gradient.data());
+      const Eigen::Matrix3d L_inverse = lower_of(e.L_inverse);
       const Eigen::Vector3d moved = L_inverse * gradient;  // sum of Z^T pose_step
       const Eigen::Vector3d y = L_inverse * e.b;
-      point_step_[k] = -(L_inverse.transpose() * (y + moved));
-      predicted += point_step_[k].dot(e.damping.cwiseProduct(point_step_[k]));
-      predicted -= point_step_[k].dot(e.b) + moved.dot(y);
+      const Eigen::Vector3d step = -(L_inverse.transpose() * (y + moved));
+      other_points_[k] = problem_.points[point.point] + step;
+      predicted += step.dot(e.damping.cwiseProduct(step));
+      predicted -= step.dot(e.b) + moved.dot(y);
     }
     return 0.5 * predicted;
   }
 
   void apply() {
     old_poses_.clear();
-    old_points_.clear();
     for (std::size_t r = 0; r < free_pose_.size(); ++r) {
       Rigid3& T = problem_.T_c_w[free_pose_[r]];
       old_poses_.push_back(T);
       T = plus_left(T, pose_step_[r]);
     }
-    for (std::size_t k = 0; k < points_.size(); ++k) {
-      Eigen::Vector3d& p_w = problem_.points[points_[k].point];
-      old_points_.push_back(p_w);
-      p_w += point_step_[k];
-    }
+    swap_points();
     update_matrices();
   }
 
@@ -819,10 +862,14 @@ class SchurBundle {
     for (std::size_t r = 0; r < free_pose_.size(); ++r) {
       problem_.T_c_w[free_pose_[r]] = old_poses_[r];
     }
-    for (std::size_t k = 0; k < points_.size(); ++k) {
-      problem_.points[points_[k].point] = old_points_[k];
-    }
+    swap_points();
     update_matrices();
+  }
+
+  void swap_points() {
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      std::swap(problem_.points[points_[k].point], other_points_[k]);
+    }
   }
 
   template <typename T>
@@ -835,8 +882,8 @@ class SchurBundle {
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
-  std::vector<std::int32_t> free_of_;     // per observation, by point
-  std::vector<ObservationLanes> groups_;  // the same
+  std::vector<ObservationLanes> groups_;  // of all points
+  std::vector<std::int32_t> free_;        // of the point worked on
   std::vector<MixedLanes> mixed_;         // of the point worked on
   std::vector<PoseMatrix> matrices_;
 
@@ -849,11 +896,10 @@ class SchurBundle {
   std::optional<BlockCholesky> sparse_;
   Eigen::MatrixXd dense_;
   Eigen::VectorXd flat_gradient_;
-  AlignedVector<Matrix63> Z_;  // of the point worked on
-  std::vector<EliminatedPoint> eliminated_;
-  std::vector<Eigen::Vector3d> point_step_;
+  AlignedVector<Matrix63> Z_;                // of the point worked on
+  std::vector<EliminatedPoint> eliminated_;  // of windows
   std::vector<Rigid3> old_poses_;
-  std::vector<Eigen::Vector3d> old_points_;
+  std::vector<Eigen::Vector3d> other_points_;  // after a step not taken yet, or before it
 };
 
 }  // namespace

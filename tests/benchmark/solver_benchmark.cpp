@@ -221,6 +221,7 @@ ReducedSystem reduce(const BundleProblem& problem) {
     Eigen::Vector3d b = Eigen::Vector3d::Zero();
     std::vector<std::pair<std::int32_t, Matrix63>> mixed;
     const std::int32_t point = problem.observations[begin].point;
+    const double weight = problem.weights.empty() ? 1 : problem.weights[point];
     for (; end < problem.observations.size() && problem.observations[end].point == point; ++end) {
       const auto& o = problem.observations[end];
       const Rigid3& T = problem.T_c_w[o.pose];
@@ -236,7 +237,7 @@ ReducedSystem reduce(const BundleProblem& problem) {
       const double chi2 = o.inv_sigma * o.inv_sigma * e.squaredNorm();
       const double bound = stereo ? 7.815 : 5.991;
       const double w =
-          o.weight * o.inv_sigma * o.inv_sigma * (chi2 > bound ? std::sqrt(bound / chi2) : 1.0);
+          weight * o.inv_sigma * o.inv_sigma * (chi2 > bound ? std::sqrt(bound / chi2) : 1.0);
       const Eigen::Matrix3d J_point = J * T.R();
       Eigen::Matrix<double, 3, 6> J_pose;
       J_pose << -J * hat(p_c), J;

@@ -115,11 +115,11 @@ class CeresBundle {
     }
   }
 
-  /// The loss, which may be null, times the observation's weight.
+  /// The loss, which may be null, times its point's weight.
   ceres::LossFunction* loss(const BundleProblem::Observation& o, ceres::LossFunction* robust) {
-    if (o.weight == 1) return robust;
+    if (bundle_.weights.empty() || bundle_.weights[o.point] == 1) return robust;
     weighted_losses_.push_back(std::make_unique<ceres::ScaledLoss>(
-        robust, static_cast<double>(o.weight), ceres::DO_NOT_TAKE_OWNERSHIP));
+        robust, static_cast<double>(bundle_.weights[o.point]), ceres::DO_NOT_TAKE_OWNERSHIP));
     return weighted_losses_.back().get();
   }
 

@@ -105,7 +105,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("bin")
     parser.add_argument("faults")
-    parser.add_argument("--all", action="store_true", help="every allocation: takes an hour")
+    parser.add_argument("--all", action="store_true", help="every allocation: half an hour")
     parser.add_argument("--stacks", action="store_true",
                         help="first and last allocation of every stack: some thousand runs")
     parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"),

@@ -107,6 +107,31 @@ TEST_P(AdjustBundle, SetsOutliersAside) {
   EXPECT_LT(worst_pose(scene), 0.01);
 }
 
+TEST_P(AdjustBundle, AWeightScalesTheInformationOfAPoint) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1;
+  Scene weighted = make_scene(scene_options);
+  perturb(weighted, 0.002, 0.02, 0.02);
+  Scene blurred = weighted;
+  weighted.problem.weights.assign(weighted.points.size(), 1);
+  for (std::size_t k = 0; k < weighted.points.size(); k += 3) weighted.problem.weights[k] = 0.25f;
+  for (auto& o : blurred.problem.observations) {
+    if (o.point % 3 == 0) o.inv_sigma *= 0.5f;
+  }
+  BundleOptions plain = options();
+  plain.robust = false;
+  plain.refine_iterations = 0;
+  const auto a = adjust_bundle(weighted.problem, plain);
+  const auto b = adjust_bundle(blurred.problem, plain);
+  EXPECT_NEAR(a.final_cost, b.final_cost, 1e-9 * b.final_cost);
+  for (std::size_t k = 0; k < weighted.T_c_w.size(); ++k) {
+    EXPECT_LT(minus(weighted.problem.T_c_w[k], blurred.problem.T_c_w[k]).norm(), 1e-6) << k;
+  }
+  // The bounds of outliers know of no weight: those of the blurred points are wider.
+  EXPECT_GT(std::count(a.outlier.begin(), a.outlier.end(), 1),
+            std::count(b.outlier.begin(), b.outlier.end(), 1));
+}
+
 TEST_P(AdjustBundle, HoldsOnePoseWhenNoneIsFixed) {
   SceneOptions scene_options = small_scene();
   scene_options.fixed = 0;
@@ -394,6 +419,9 @@ TEST(AdjustBundleArguments, WrongOnesAreRefused) {
   scene.problem.observations[3].point = -1;
   EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
   scene.problem.observations[3].point = 0;
+  scene.problem.weights.resize(3, 1);
+  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
+  scene.problem.weights.clear();
   scene.problem.pose_fixed.pop_back();
   EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
 }
