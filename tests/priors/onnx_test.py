@@ -101,6 +101,24 @@ class Onnx(unittest.TestCase):
         self.assertAlmostEqual(segments[1]["area"], 30 * 50, delta=300)
         self.assertEqual(self.segment(network)["frames"], 0)
 
+    def test_any_number_of_threads_gives_the_same_files(self):
+        write_sequence(self.folder / "sequence")
+        network = segment_onnx.Network(write_network(self.folder))
+        self.segment(network)
+        names = [f"out/{i:06d}.png" for i in range(3)] + ["out.json"]
+        single = [(self.folder / name).read_bytes() for name in names]
+        made = self.segment(network, overwrite=True, jobs=3)
+        self.assertEqual(made["frames"], 3)
+        self.assertEqual([(self.folder / name).read_bytes() for name in names], single)
+
+    def test_an_image_that_cannot_be_read_ends_all_threads(self):
+        write_sequence(self.folder / "sequence")
+        (self.folder / "sequence" / "image_0" / "000001.png").write_bytes(b"no image")
+        network = segment_onnx.Network(write_network(self.folder))
+        with self.assertRaises(SystemExit) as ended:
+            self.segment(network, jobs=2)
+        self.assertIn("000001.png", str(ended.exception))
+
     def test_a_component_is_split_where_disparity_steps(self):
         mask = np.zeros((40, 100), bool)
         mask[10:30, 20:80] = True
@@ -134,6 +152,17 @@ class Onnx(unittest.TestCase):
             with self.assertRaises(SystemExit) as caught:
                 segment_onnx.Network(write_network(self.folder, **changes))
             self.assertIn(text, str(caught.exception))
+
+    def test_a_missing_input_ends_with_status_2_and_one_line(self):
+        settings = write_network(self.folder)
+        for images, other in ((self.folder / "none", []), (self.folder, ["--jobs", "2"])):
+            done = subprocess.run(
+                [sys.executable, ROOT / "tools" / "perception" / "segment_onnx.py", images, "--model", settings,
+                 "--output", self.folder / "out", *other],
+                capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            self.assertIn(str(images), done.stderr)
 
     @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
     def test_from_images_to_prior_files(self):

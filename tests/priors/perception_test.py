@@ -175,12 +175,12 @@ def tiny_mask2former(names, image):
 
 
 def run_main(module, *arguments):
-    """An adapter as from the command line; what it exits with, None when it ran to its end."""
+    """An adapter as from the command line; its message or status, None when it ran to its end."""
     with mock.patch.object(sys, "argv", [module.__name__, *map(str, arguments)]):
         try:
             module.main()
         except SystemExit as end:
-            return end.code
+            return getattr(end, "message", end.code)
     return None
 
 

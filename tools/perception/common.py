@@ -16,10 +16,10 @@ def list_images(folder):
     """Images of a folder in order of name. Exits with one line when there are none."""
     folder = Path(folder)
     if not folder.is_dir():
-        sys.exit(f"{folder}: is not a folder")
+        fail(f"{folder}: is not a folder")
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in IMAGE_ENDINGS)
     if not files:
-        sys.exit(f"{folder}: has no images")
+        fail(f"{folder}: has no images")
     return files
 
 
@@ -38,7 +38,7 @@ def read_rgb(path):
         with Image.open(path) as image:
             return np.array(image.convert("RGB"))
     except OSError as error:
-        sys.exit(f"{path}: cannot read: {error}")
+        fail(f"{path}: cannot read: {error}")
 
 
 def write_atomic(path, data):
@@ -85,13 +85,38 @@ def _lines(items, label):
         yield item
 
 
+class InputError(SystemExit):
+    """Ends the program with status 2. Its text is the message."""
+
+    def __init__(self, message):
+        super().__init__(2)
+        self.message = message
+
+    def __str__(self):
+        return self.message
+
+
+def fail(message):
+    """The input is at fault: one message, and status 2."""
+    print(message, file=sys.stderr)
+    raise InputError(message)
+
+
+def positive(text):
+    """A whole number of at least 1, for argparse."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return value
+
+
 def need(*modules):
     """Exits with one line when a network library is not installed."""
     for module in modules:
         try:
             importlib.import_module(module)
         except ImportError as error:
-            sys.exit(f"{error}; tools/setup.sh --perception installs what the adapters need")
+            fail(f"{error}; tools/setup.sh --perception installs what the adapters need")
 
 
 def choose_device(name):
@@ -104,7 +129,7 @@ def choose_device(name):
         device = torch.device(name)
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:
-        sys.exit(f"--device {name}: {first_line(error)}")
+        fail(f"--device {name}: {first_line(error)}")
     return device
 
 

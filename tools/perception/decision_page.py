@@ -37,7 +37,7 @@ def read_table(path):
         with open(path, newline="", encoding="utf-8") as stream:
             return list(csv.DictReader(stream))
     except (OSError, csv.Error, UnicodeDecodeError) as error:
-        sys.exit(f"{path}: {common.first_line(error)}")
+        common.fail(f"{path}: {common.first_line(error)}")
 
 
 def frame_number(text):
@@ -89,7 +89,7 @@ class Pictures:
             try:
                 self.frame = kysp.read(self.priors / (name + ".kysp"))
             except (OSError, kysp.FormatError) as error:
-                sys.exit(common.first_line(error))
+                common.fail(common.first_line(error))
             self.name = name
         return self.frame
 
@@ -107,7 +107,7 @@ class Pictures:
         path = self.folders[side] / (row["frame"] + ".png")
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None or image.shape[:2] != mask.shape:
-            sys.exit(f"{path}: is not an image of the priors' size")
+            common.fail(f"{path}: is not an image of the priors' size")
         border = (int(MARGIN * len(rows)) + 12, int(MARGIN * len(columns)) + 20)
         y0, y1 = max(0, rows[0] - border[0]), min(mask.shape[0], rows[-1] + border[0] + 1)
         x0, x1 = max(0, columns[0] - border[1]), min(mask.shape[1], columns[-1] + border[1] + 1)
@@ -175,7 +175,8 @@ def make_page(options):
     rows = [row for row in read_table(Path(options.priors) / "segments.csv")
             if int(row["area_px"]) >= options.min_area]
     if not rows or "log_odds" not in rows[0]:
-        sys.exit(f"{options.priors}: has no judged segments of {options.min_area} px (segments.csv)")
+        common.fail(f"{options.priors}: has no judged segments of {options.min_area} px "
+                    "(segments.csv)")
     last = max(frame_number(row["frame"]) for row in rows)
     rows = [row for row in rows if frame_number(row["frame"]) < last]
     truth = read_truth(options.truth) if options.truth else {}
@@ -229,7 +230,7 @@ def main():
     pairs = [("image_0", "image_1"), ("image_2", "image_3")]
     found = [pair for pair in pairs if (options.sequence / pair[0]).is_dir()]
     if not found:
-        sys.exit(f"{options.sequence}: has no images (image_0, image_2)")
+        common.fail(f"{options.sequence}: has no images (image_0, image_2)")
     options.images = [options.sequence / name for name in found[0]]
     make_page(options)
 

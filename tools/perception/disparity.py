@@ -34,10 +34,10 @@ def process(left, right, output, output_right, model, device, iterations=20, ove
         if all(t.exists() for t in targets) and not overwrite:
             continue
         if file.stem not in right_by_name:
-            sys.exit(f"{file}: has no partner in the right folder")
+            common.fail(f"{file}: has no partner in the right folder")
         pair = [common.read_rgb(file), common.read_rgb(right_by_name[file.stem])]
         if pair[0].shape != pair[1].shape:
-            sys.exit(f"{right_by_name[file.stem]}: has another size than the left image")
+            common.fail(f"{right_by_name[file.stem]}: has another size than the left image")
         forward = flow_module.estimate(model, *pair, device, iterations)
         common.write_pfm(targets[0], to_disparity(forward, -1))
         if output_right:

@@ -25,7 +25,7 @@ def load_raft(name, weights, device):
         if weights not in ("default", "none"):
             model.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True))
     except (OSError, RuntimeError, pickle.UnpicklingError, EOFError) as error:
-        sys.exit(f"weights {weights} of {name}: cannot load: {common.first_line(error)}")
+        common.fail(f"weights {weights} of {name}: cannot load: {common.first_line(error)}")
     return model.to(device).eval()
 
 
@@ -66,7 +66,7 @@ def process(files, output, backward, model, device, iterations=20, overwrite=Fal
             continue
         images = [common.read_rgb(now), common.read_rgb(following)]
         if images[0].shape != images[1].shape:
-            sys.exit(f"{following}: has another size than the frame before")
+            common.fail(f"{following}: has another size than the frame before")
         common.write_flo(targets[0], estimate(model, *images, device, iterations))
         if backward:
             common.write_flo(targets[1], estimate(model, *images[::-1], device, iterations))

@@ -25,7 +25,7 @@ def take(folder, ending, output, images):
     """Copies NAME<ending> to OUTPUT/NAME<suffix>; how many there are."""
     files = sorted(Path(folder).glob("*" + ending))
     if not files:
-        sys.exit(f"{folder}: holds no *{ending}")
+        common.fail(f"{folder}: holds no *{ending}")
     output = Path(output)
     output.mkdir(parents=True, exist_ok=True)
     for file in files:
@@ -45,14 +45,14 @@ def take_panoptic(folder, document, output, images):
             for info in infos:
                 int(info["id"]), int(info["category_id"])
     except OSError as error:
-        sys.exit(f"{document}: {error.strerror}")
+        common.fail(f"{document}: {error.strerror}")
     except (ValueError, KeyError, TypeError) as error:
-        sys.exit(f"{document}: not the document of COCO panoptic predictions ({error})")
+        common.fail(f"{document}: not the document of COCO panoptic predictions ({error})")
     output = Path(output)
     count = take(folder, ".png", output, images)
     missing = [f.stem for f in sorted(output.glob("*.png")) if f.stem not in segments]
     if missing:
-        sys.exit(f"{document}: says nothing of {missing[0]}.png")
+        common.fail(f"{document}: says nothing of {missing[0]}.png")
     kept = [{"file_name": f"{name}.png", "segments_info": infos}
             for name, infos in sorted(segments.items())]
     common.write_atomic(output.parent / f"{output.name}.json",
@@ -74,7 +74,7 @@ def main():
     options = parser.parse_args()
     if options.kind == "kmax":
         if not options.json:
-            sys.exit("kmax needs --json predictions.json")
+            common.fail("kmax needs --json predictions.json")
         count = take_panoptic(options.folder, options.json, options.output, options.images)
     else:
         ending, other, second = (("_pred.flo", "_pred_bwd.flo", options.backward)

@@ -30,9 +30,9 @@ def pair_of(sequence, wanted):
     for left, right in {"": PAIRS, "grey": PAIRS[:1], "colour": PAIRS[1:]}[wanted]:
         if (sequence / left).is_dir():
             if not (sequence / right).is_dir():
-                sys.exit(f"{sequence / right}: is not a folder")
+                common.fail(f"{sequence / right}: is not a folder")
             return sequence / left, sequence / right
-    sys.exit(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
+    common.fail(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
 
 
 def program(given, name):
@@ -41,7 +41,7 @@ def program(given, name):
     for candidate in (given, root / "build" / "release" / "bin" / name, shutil.which(name)):
         if candidate and Path(candidate).is_file():
             return str(candidate)
-    sys.exit(f"{name}: not found; build it, or give --builder")
+    common.fail(f"{name}: not found; build it, or give --builder")
 
 
 def run(arguments):
@@ -69,7 +69,7 @@ def main():
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
     parser.add_argument("--frames", type=int, help="number of frames (default: all)")
-    parser.add_argument("--jobs", type=int, default=1, help="threads")
+    segment_onnx.add_jobs(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
     options = parser.parse_args(arguments)
     common.need("onnxruntime", "yaml", "cv2")
@@ -77,8 +77,7 @@ def main():
     validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
     folders = pair_of(options.sequence, options.pair)
-    network = segment_onnx.Network(options.model, options.weights, options.jobs,
-                                   options.threshold)
+    network = segment_onnx.Network(options.model, options.weights, options.threshold)
     times = {}
     panoptic = []
     for side, (folder, other) in enumerate((folders, folders[::-1])):
@@ -86,7 +85,7 @@ def main():
         images = common.list_images(folder)[:options.frames]
         panoptic.append(options.output / "panoptic" / name)
         made = segment_onnx.segment_folder(network, images, panoptic[-1], other, bool(side),
-                                           options.overwrite, f"segmentation {name}")
+                                           options.overwrite, f"segmentation {name}", options.jobs)
         for stage in ("network", "segments"):
             times[stage] = times.get(stage, 0.0) + made[stage]
         times["segmented images"] = times.get("segmented images", 0) + made["frames"]

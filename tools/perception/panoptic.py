@@ -25,7 +25,7 @@ def read_label_space(name):
     """{class name: (category id, thing)} of a class file of the kys library, or of any such file."""
     path = Path(name) if name.endswith(".csv") else LABEL_SPACES / f"{name}.classes.csv"
     if not path.exists():
-        sys.exit(f"{path}: no such label space")
+        common.fail(f"{path}: no such label space")
     with open(path, newline="", encoding="utf-8") as stream:
         lines = [line for line in stream if not line.startswith(("#", "kys-classes"))]
     return {row["name"]: (int(row["id"]), row["thing"] == "1") for row in csv.DictReader(lines)}
@@ -45,7 +45,7 @@ def categories_of(model, space):
     by_place = dict(zip(sorted(names), space))
     if (len(names) != len(space) or 2 * len(unknown) > len(names)
             or any(name in space and by_place[label] != name for label, name in names.items())):
-        sys.exit(f"the model's class \"{unknown[0]}\" is not in the label space")
+        common.fail(f"the model's class \"{unknown[0]}\" is not in the label space")
     return {label: space[name] for label, name in by_place.items()}
 
 
@@ -163,7 +163,7 @@ def load(name):
         return (AutoImageProcessor.from_pretrained(name),
                 Mask2FormerForUniversalSegmentation.from_pretrained(name))
     except (OSError, ValueError) as error:
-        sys.exit(f"{name}: cannot load: {common.first_line(error)}")
+        common.fail(f"{name}: cannot load: {common.first_line(error)}")
 
 
 def main():

@@ -8,7 +8,9 @@ classes only get instances by connected components of things, split where dispar
 other camera's images are given.
 """
 
+import concurrent.futures
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -28,7 +30,7 @@ KINDS = ("semantic", "classes", "panoptic", "instances")
 class Network:
     """An ONNX network and what its YAML file says about it."""
 
-    def __init__(self, settings, weights=None, threads=0, threshold=None):
+    def __init__(self, settings, weights=None, threshold=None):
         import onnxruntime
         import yaml
 
@@ -36,12 +38,12 @@ class Network:
         try:
             self.settings = yaml.safe_load(self.path.read_text(encoding="utf-8"))
         except (OSError, yaml.YAMLError) as error:
-            sys.exit(f"{settings}: {common.first_line(error)}")
+            common.fail(f"{settings}: {common.first_line(error)}")
         if not isinstance(self.settings, dict):
-            sys.exit(f"{settings}: is not a list of settings")
+            common.fail(f"{settings}: is not a list of settings")
         self.kind = self._get("output", "kind")
         if self.kind not in KINDS:
-            sys.exit(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
+            common.fail(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
         default = 0.5 if self.kind == "instances" else 0.0
         given = self.settings["output"].get("min_score", default)
         self.threshold = float(given if threshold is None else threshold)
@@ -51,17 +53,17 @@ class Network:
         self.classes = []
         for name in self._get("classes"):
             if name is not None and name not in space:
-                sys.exit(f"{settings}: class '{name}' is not in label space {space_name}")
+                common.fail(f"{settings}: class '{name}' is not in label space {space_name}")
             self.classes.append(None if name is None else (name, *space[name]))
         self.file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = 1  # several images at a time: the same result for any number
         options.log_severity_level = 3
         try:
             self.session = onnxruntime.InferenceSession(
                 str(self.file), options, providers=onnxruntime.get_available_providers())
         except Exception as error:  # onnxruntime has no common base class of its errors
-            sys.exit(f"{self.file}: cannot be loaded: {common.first_line(error)}")
+            common.fail(f"{self.file}: cannot be loaded: {common.first_line(error)}")
         self.input = self.session.get_inputs()[0].name
         self.outputs = [o.name for o in self.session.get_outputs()]
 
@@ -74,7 +76,7 @@ class Network:
         value = self.settings
         for key in keys:
             if not isinstance(value, dict) or key not in value:
-                sys.exit(f"{self.path}: {'.'.join(keys)} is missing")
+                common.fail(f"{self.path}: {'.'.join(keys)} is missing")
             value = value[key]
         return value
 
@@ -109,7 +111,8 @@ class Network:
         if name is None and len(values) == 1:
             return next(iter(values.values()))
         if name not in values:
-            sys.exit(f"{self.path}: output.{key} is '{name}', the network has {', '.join(values)}")
+            common.fail(f"{self.path}: output.{key} is '{name}', the network has "
+                        f"{', '.join(values)}")
         return values[name]
 
 
@@ -142,8 +145,8 @@ def class_map(network, values, size):
         labels = resized(np.squeeze(found), size)
     else:
         if found.ndim != 3 or found.shape[0] < len(network.classes):
-            sys.exit(f"{network.path}: the network gives {found.shape}, not {len(network.classes)} "
-                     "classes by height by width")
+            common.fail(f"{network.path}: the network gives {found.shape}, not "
+                        f"{len(network.classes)} classes by height by width")
         # Logits, not labels, are enlarged: edges stay smooth.
         big = [cv2.resize(np.ascontiguousarray(plane, np.float32), size[::-1],
                           interpolation=cv2.INTER_LINEAR) for plane in found]
@@ -268,7 +271,7 @@ def write_ids(path, ids):
     channels = np.stack([(ids >> shift) & 255 for shift in (16, 8, 0)], axis=-1).astype(np.uint8)
     good, data = cv2.imencode(".png", channels)  # BGR
     if not good:
-        sys.exit(f"{path}: cannot be encoded")
+        common.fail(f"{path}: cannot be encoded")
     common.write_atomic(path, data.tobytes())
 
 
@@ -277,14 +280,14 @@ def read_image(path):
 
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        sys.exit(f"{path}: cannot read")
+        common.fail(f"{path}: cannot read")
     return np.ascontiguousarray(image[:, :, ::-1])
 
 
 def segment_folder(network, images, output, other=None, mirrored=False, overwrite=False,
-                   label="segmentation"):
-    """Writes OUTPUT/<name>.png and OUTPUT.json. \\return seconds in the network and beside it, frames
-    made."""
+                   label="segmentation", jobs=1):
+    """Writes OUTPUT/<name>.png and OUTPUT.json, `jobs` images at a time. \\return seconds in the
+    network and beside it, summed over the images, and frames made."""
     output = Path(output)
     parts = output / ".segments"
     parts.mkdir(parents=True, exist_ok=True)
@@ -299,10 +302,11 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
         for path in parts.glob("*.json"):
             path.unlink()
     common.write_atomic(made_with, now.encode("utf-8"))
-    for path in common.progress(images, label):
+
+    def segment(path):
         picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"
         if picture.exists() and info.exists():
-            continue
+            return {}
         image = read_image(path)
         start = time.perf_counter()
         values = network.run(image)
@@ -313,15 +317,27 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
         ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
         write_ids(picture, ids)
         common.write_atomic(info, json.dumps(segments).encode("ascii"))
-        times["network"] += between - start
-        times["segments"] += time.perf_counter() - between
-        times["frames"] += 1
+        return {"network": between - start, "segments": time.perf_counter() - between, "frames": 1}
+
+    pool = concurrent.futures.ThreadPoolExecutor(jobs)
+    try:
+        work = [pool.submit(segment, path) for path in images]
+        for done in common.progress(work, label):
+            for stage, value in done.result().items():
+                times[stage] += value
+    finally:
+        pool.shutdown(cancel_futures=True)
     annotations = [{"file_name": f"{path.stem}.png",
                     "segments_info": json.loads((parts / f"{path.stem}.json").read_text())}
                    for path in images]
     common.write_atomic(output.with_name(output.name + ".json"),
                         json.dumps({"annotations": annotations}).encode("ascii"))
     return times
+
+
+def add_jobs(parser):
+    parser.add_argument("--jobs", type=common.positive, default=os.cpu_count() or 1,
+                        help="threads (default: all)")
 
 
 def main():
@@ -332,11 +348,12 @@ def main():
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
     parser.add_argument("--right", action="store_true", help="the images are the right camera's")
+    add_jobs(parser)
     options = parser.parse_args()
     common.need("onnxruntime", "yaml", "cv2")
-    network = Network(options.model, options.weights, threshold=options.threshold)
+    network = Network(options.model, options.weights, options.threshold)
     times = segment_folder(network, common.list_images(options.images), options.output,
-                           options.other, options.right, options.overwrite)
+                           options.other, options.right, options.overwrite, jobs=options.jobs)
     frames = max(1, times["frames"])
     print(f"{times['frames']} frames, network {1e3 * times['network'] / frames:.0f} ms, "
           f"segments {1e3 * times['segments'] / frames:.0f} ms per frame")
