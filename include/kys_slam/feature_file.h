@@ -51,8 +51,8 @@ struct FeatureFrame {
   // The members below are in files of version 2 only.
   std::vector<FeatureLook> left_looks, right_looks;  ///< empty: all kRaw
   bool has_priors = false;
-  std::vector<kys::Prior> left_priors,
-      right_priors;       ///< one per feature; motion quantised to 256 codes
+  /// one per feature; motion quantised to 256 codes
+  std::vector<kys::Prior> left_priors, right_priors;
   float mover_share = 0;  ///< of the left image's area, 0..1
 };
 

@@ -10,8 +10,8 @@ namespace kys_slam {
 
 struct LandmarkCullingOptions {
   double min_found_ratio = 0.25;  ///< share of the frames with the landmark in view that match it
-  int min_observation_weight =
-      4;  ///< required after two keyframes; a stereo observation counts twice
+  /// required after two keyframes; a stereo observation counts twice
+  int min_observation_weight = 4;
 };
 /// For check_options().
 void describe(kys::OptionList& list, LandmarkCullingOptions& options);

@@ -13,8 +13,8 @@ namespace kys_slam {
 
 struct LocalBundleOptions {
   std::size_t max_keyframes = 20;  ///< optimised, the current one included
-  std::size_t max_fixed =
-      20;  ///< fixed keyframes that observe the same landmarks, most shared first
+  /// fixed keyframes that observe the same landmarks, most shared first
+  std::size_t max_fixed = 20;
   BundleOptions bundle;
 };
 /// For check_options().

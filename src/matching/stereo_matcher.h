@@ -18,10 +18,10 @@ struct StereoOptions {
   float max_distance = 75;  ///< bits, largest modulated distance accepted
   float row_tolerance = 2;  ///< px at the octave of the right keypoint
   bool refine = true;       ///< sub-pixel disparity by correlation of image patches
-  float median_cut =
-      2.1f;  ///< matches with a patch residual above this times the median are dropped
-  int moving_keypoints =
-      300;  ///< keypoints with disparity per instance flagged as moving; mode `verified` only
+  /// matches with a patch residual above this times the median are dropped
+  float median_cut = 2.1f;
+  /// keypoints with disparity per instance flagged as moving; mode `verified` only
+  int moving_keypoints = 300;
   float added_disparity = 0;  ///< px, an artificial error to test the regression suite
 };
 /// For check_options().

@@ -37,9 +37,9 @@ struct InstanceTrackerOptions {
   double max_search = 60;           ///< px, largest radius for instances of unknown motion
   double descriptor_distance = 80;  ///< bits
   double descriptor_ratio = 0.85;   ///< best / second best
-  double inherit_radius =
-      0.015;  ///< share of the image width within which a keypoint of a frame without a prior file
-              ///< takes the prior of the nearest predicted keypoint
+  /// share of the image width within which a keypoint of a frame without a prior file takes the
+  /// prior of the nearest predicted keypoint
+  double inherit_radius = 0.015;
   double memory = 1.5;  ///< s without a prior file after which no priors are inherited
 };
 /// For check_options().

@@ -51,9 +51,9 @@ struct ObjectTrackOptions {
   double speed_sigma = 0.05;          ///< m/s, added to every observed velocity
   double gate = 2.0;                  ///< m, largest distance of an observation from its prediction
   double gate_growth = 3.0;           ///< m/s, growth of the gate without observations
-  double restart_gate =
-      8.0;               ///< m, gate for an observation of the same instance; its filter restarts
-  double max_gap = 1.0;  ///< s without an observation after which a track ends
+  /// m, gate for an observation of the same instance; its filter restarts
+  double restart_gate = 8.0;
+  double max_gap = 1.0;      ///< s without an observation after which a track ends
   int min_observations = 3;  ///< a track with fewer is dropped
 };
 /// For check_options().

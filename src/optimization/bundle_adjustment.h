@@ -68,8 +68,8 @@ struct BundleSummary {
   double final_cost = 0;    ///< 1/2 sum of (rho of) chi2 over the observations of the last round
   int iterations = 0;       ///< of all rounds, rejected steps included
   bool stopped = false;     ///< `stop` was set: the poses and points are still valid
-  std::vector<std::uint8_t>
-      outlier;  ///< per observation: chi2 above the bound or behind the camera
+  /// per observation: chi2 above the bound or behind the camera
+  std::vector<std::uint8_t> outlier;
   std::vector<std::uint8_t> unconstrained;  ///< per pose: free, not moved for lack of observations
 };
 

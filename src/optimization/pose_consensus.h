@@ -12,17 +12,17 @@ namespace kys_slam {
 struct ConsensusOptions {
   bool enabled = true;         ///< false: the pose with most inlier matches is used
   int columns = kAreaColumns;  ///< cells across the image's width; cells are square
-  double contested =
-      0.15;          ///< share of the area with outliers above which competing poses are searched
-  double clear = 3;  ///< factor on the error bound beyond which a match is an outlier here
-  double tolerance = 2;          ///< factor on the error bound within which area supports a pose
-  double reach = 5;              ///< the same for poses before refinement
+  /// share of the area with outliers above which competing poses are searched
+  double contested = 0.15;
+  double clear = 3;      ///< factor on the error bound beyond which a match is an outlier here
+  double tolerance = 2;  ///< factor on the error bound within which area supports a pose
+  double reach = 5;      ///< the same for poses before refinement
   double cell_evidence = 2.5;    ///< nats, evidence of one cell of the static scene for a pose
   bool by_class = true;          ///< an instance that can move counts once, not by its area
   double margin = 1.02;          ///< factor on the support that a competing pose must exceed
   double max_acceleration = 20;  ///< m/s^2, of the camera
-  double doubtful_acceleration =
-      8;                   ///< m/s^2, more than a car brakes: competing poses are searched
+  /// m/s^2, more than a car brakes: competing poses are searched
+  double doubtful_acceleration = 8;
   int samples = 300;       ///< of three matches from three cells
   std::uint64_t seed = 0;  ///< of the samples
 };

@@ -45,9 +45,8 @@ struct PoseResult {
   Rigid3 T_c_w;
   std::vector<std::uint8_t> outlier;  ///< per observation, 1 = outlier
   int inliers = 0;
-  Eigen::Matrix<double, 6, 6> information =
-      Eigen::Matrix<double, 6, 6>::Zero();  ///< J^T W J at the solution, [rotation; translation];
-                                            ///< the prior's share included
+  /// J^T W J at the solution, [rotation; translation]; the prior's share included
+  Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();
 };
 
 struct ObservationLanes;

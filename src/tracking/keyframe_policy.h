@@ -7,14 +7,14 @@ namespace kys_slam {
 struct KeyFramePolicyOptions {
   int min_frames = 0;   ///< least number of frames between two keyframes
   int max_frames = 30;  ///< frames after which a busy mapper does not delay a keyframe
-  double reference_ratio =
-      0.75;  ///< share of the reference's landmarks below which a keyframe is made
+  /// share of the reference's landmarks below which a keyframe is made
+  double reference_ratio = 0.75;
   double starved_ratio = 0.25;  ///< share below which one is made also when the mapper is busy
   int tracked_close = 100;      ///< fewer tracked close stereo points call for a keyframe ...
   int untracked_close = 70;     ///< ... when more than this many could be added
   int min_inliers = 15;         ///< with fewer, no keyframe is made
-  int scarce =
-      100;  ///< landmarks in a frame below which addable points call for a keyframe; 0: off
+  /// landmarks in a frame below which addable points call for a keyframe; 0: off
+  int scarce = 100;
   int max_waiting = 4;  ///< keyframes the back end may still have in hand; below the delay of
                         ///< the pipelined schedule, a map with few landmarks would get none
 };
@@ -29,8 +29,8 @@ struct KeyFrameSituation {
   int reference_landmarks = 0;  ///< well-observed landmarks of the reference keyframe
   int tracked_close = 0;        ///< close stereo points of this frame with a landmark
   int untracked_close = 0;      ///< close stereo points without one
-  int addable =
-      0;  ///< stereo points without a landmark, close or far; counted below `scarce` landmarks
+  /// stereo points without a landmark, close or far; counted below `scarce` landmarks
+  int addable = 0;
   int waiting = 0;  ///< keyframes sent to the back end and not yet finished
 };
 

@@ -31,8 +31,8 @@ struct TrackerOptions {
   int min_start_points = 100;   ///< stereo points needed to start a map
   double close_baselines = 40;  ///< points nearer than this many baselines are close
   float motion_radius = 7;      ///< px at octave 0, search around the predicted pixel
-  int min_motion_matches =
-      10;  ///< with fewer, the radius is doubled, then the prediction is dropped
+  /// with fewer, the radius is doubled, then the prediction is dropped
+  int min_motion_matches = 10;
   int min_reference_matches = 15;
   int min_pose_inliers = 10;      ///< after the first pose of a frame
   int min_local_inliers = 30;     ///< after the local map; with fewer, lost

@@ -20,8 +20,8 @@ enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 struct ExpectedPriors {
   int width = 0;   ///< px
   int height = 0;  ///< px
-  std::uint64_t calibration_hash =
-      0;                         ///< of calibration_hash(); a file with hash 0 fits any camera
+  /// of calibration_hash(); a file with hash 0 fits any camera
+  std::uint64_t calibration_hash = 0;
   std::string label_space = {};  ///< e.g. "coco_panoptic_133"
   std::size_t label_count = 0;   ///< labels must be below it
 };
