@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets everything up, builds, and runs the tests.
-#   tools/test.sh [PRESET [CMAKE OPTION...]]     default release; others: debug, asan, tsan, native
+#   tools/test.sh [PRESET [CMAKE OPTION...]]     default release; others: debug, native
 set -euo pipefail
 cd "$(dirname "$0")/.."
 preset=${1:-release}
