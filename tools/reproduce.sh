@@ -14,11 +14,11 @@
 #   --worlds DIR    simulated worlds rendered before, taken where the command in their README fits
 #   --bin DIR       programs that are built already
 #   --no-setup      nothing is installed or built
-#   --dry-run       say what would be done
+#   --dry-run       say what would be done, and how long it is expected to take
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scale=full cores=$(nproc) profile=local output="" setup=true bin=build/release/bin
+scale=full cores=$(nproc) profile=local output="" setup=true dry=false bin=build/release/bin
 plan=() snake=()
 while [ $# -gt 0 ]; do
   case $1 in
@@ -31,7 +31,7 @@ while [ $# -gt 0 ]; do
     --worlds) plan+=(--worlds "${2:?--worlds DIR}"); shift 2 ;;
     --data) plan+=(--data "${2:?--data ROOT}"); shift 2 ;;
     --no-setup) setup=false; shift ;;
-    --dry-run) snake+=(--dry-run); shift ;;
+    --dry-run) dry=true snake+=(--dry-run); shift ;;
     --only | --seeds | --inputs)
       plan+=("$1"); shift
       while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
@@ -60,10 +60,14 @@ flock -n 9 || { echo "tools/reproduce.sh: another one is at work in $output" >&2
 "$python" tools/experiments/plan.py --output "$output" --scale "$scale" --cores "$cores" \
   --bin "$bin" "${plan[@]}"
 status=0
+if $dry; then  # thousands of lines
+  exec >"$output/dry-run.txt"
+  echo "reproduce.sh: the jobs are listed in $output/dry-run.txt" >&2
+fi
 "$python" -m snakemake --snakefile tools/experiments/Snakefile --directory "$output" \
   --profile "$profile" --cores "$cores" --nolock --rerun-incomplete --rerun-triggers mtime \
   --keep-going --quiet all "${snake[@]}" || status=$?
-[ ${#snake[@]} -eq 0 ] || exit "$status"
+! $dry || exit "$status"
 [ "$status" -lt 128 ] || exit "$status"
 "$python" tools/experiments/report.py "$output"
 exit "$status"

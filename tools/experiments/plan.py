@@ -439,11 +439,12 @@ def main():
         return 2
     for name, sequence in sorted(planner.given.items()):
         print(f"found {name} in {sequence.folder}")
-    left = [planner.jobs[j] for j in plan["jobs"]
+    left = [cost for j, cost in zip(plan["jobs"], plan["costs"])
             if not os.path.exists(os.path.join(options.output, "done", j + ".json"))]
     runs = sum(len(e["runs"]) for e in plan["experiments"])
     print(f"{len(plan['experiments'])} experiments, {runs} results of {len(plan['jobs'])} jobs, "
-          f"{len(left)} of them to do")
+          f"{len(left)} of them to do: expected to take {sum(left) / options.cores / 3600:.1f} h "
+          f"of {options.cores} cores")
     return 0
 
 
