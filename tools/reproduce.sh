@@ -18,8 +18,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scale=full cores=$(nproc) profile=local output="" setup=true dry=false bin=build/release/bin
-plan=() snake=()
+scale=full cores=$(nproc) profile=local output="" setup=true dry="" bin=build/release/bin
+plan=()
 while [ $# -gt 0 ]; do
   case $1 in
     --quick) scale=quick; shift ;;
@@ -31,7 +31,7 @@ while [ $# -gt 0 ]; do
     --worlds) plan+=(--worlds "${2:?--worlds DIR}"); shift 2 ;;
     --data) plan+=(--data "${2:?--data ROOT}"); shift 2 ;;
     --no-setup) setup=false; shift ;;
-    --dry-run) dry=true snake+=(--dry-run); shift ;;
+    --dry-run) dry=--dry-run; shift ;;
     --only | --seeds | --inputs)
       plan+=("$1"); shift
       while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
@@ -60,14 +60,14 @@ flock -n 9 || { echo "tools/reproduce.sh: another one is at work in $output" >&2
 "$python" tools/experiments/plan.py --output "$output" --scale "$scale" --cores "$cores" \
   --bin "$bin" "${plan[@]}"
 status=0
-if $dry; then  # thousands of lines
+if [ -n "$dry" ]; then  # thousands of lines
   exec >"$output/dry-run.txt"
   echo "reproduce.sh: the jobs are listed in $output/dry-run.txt" >&2
 fi
 "$python" -m snakemake --snakefile tools/experiments/Snakefile --directory "$output" \
   --profile "$profile" --cores "$cores" --nolock --rerun-incomplete --rerun-triggers mtime \
-  --keep-going --quiet all "${snake[@]}" || status=$?
-! $dry || exit "$status"
+  --keep-going --quiet all $dry || status=$?
+[ -z "$dry" ] || exit "$status"
 [ "$status" -lt 128 ] || exit "$status"
 "$python" tools/experiments/report.py "$output"
 exit "$status"

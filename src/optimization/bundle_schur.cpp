@@ -197,10 +197,14 @@ KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const P
   errors_of(to.measured, view.camera, to.errors);
 }
 
-/// Places of four poses among the free ones; whether any is free.
-KYS_ALWAYS_INLINE bool any_free(const ObservationLanes& o, const View& view, std::int32_t* free) {
+/// Places of four poses among the free ones.
+KYS_ALWAYS_INLINE void look_up_free(const ObservationLanes& o, const View& view,
+                                    std::int32_t* free) {
   for (int k = 0; k < kLanes; ++k) free[k] = view.free[o.pose[k]];
-  return (free[0] & free[1] & free[2] & free[3]) >= 0;  // the sign of all
+}
+
+KYS_ALWAYS_INLINE bool all_fixed(const std::int32_t* free) {
+  return (free[0] & free[1] & free[2] & free[3]) < 0;  // the sign of all
 }
 
 KYS_ALWAYS_INLINE void add_cost(const LaneView& v, bool robust, Lanes& cost) {
@@ -326,9 +330,10 @@ KYS_ALWAYS_INLINE void add_in_row(const double* from, int count, double* to) {
 }
 
 /// Linearises a point's observations and sums up the point's own part.
-KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t count,
-                                 const View& view, const PointView& point, MixedLanes* mixed,
-                                 PointNormal& normal) {
+/// \param free per lane, the place of its pose among the free ones, or -1
+KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, const std::int32_t* free,
+                                 std::int32_t count, const View& view, const PointView& point,
+                                 MixedLanes* mixed, PointNormal& normal) {
   PointLanes sums;
   for (std::int32_t g = 0; g < count; ++g) {
     const ObservationLanes& o = groups[g];
@@ -337,8 +342,7 @@ KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t co
     LaneNormal n;
     normal_in_view(view, v, n);
     sums.add(v.T, n);
-    std::int32_t free[kLanes];
-    if (!any_free(o, view, free)) continue;
+    if (all_fixed(free + kLanes * g)) continue;
     LanePoseNormal p;
     pose_normal_of(v.errors, n, p);
     const Lanes zero{};
@@ -368,7 +372,7 @@ KYS_VECTOR_CLONES void linearise(const ObservationLanes* groups, std::int32_t co
 
 /// Adds a linearised point's observations to the reduced system and takes the point out of it:
 /// Z = mixed L^-T of each of them.
-/// \param free per observation, the place of its pose among the free ones, or -1
+/// \param free as of linearise
 /// \param L_inverse 00, 10, 11, 20, 21, 22
 KYS_VECTOR_CLONES void eliminate(const std::int32_t* free, std::int32_t count,
                                  const MixedLanes* mixed, const double* L_inverse, const double* y,
@@ -376,7 +380,7 @@ KYS_VECTOR_CLONES void eliminate(const std::int32_t* free, std::int32_t count,
   for (std::int32_t begin = 0; begin < count; begin += kLanes) {
     const std::int32_t* here = free + begin;
     const std::int32_t g = begin / kLanes;
-    if ((here[0] & here[1] & here[2] & here[3]) < 0) continue;  // the sign of all
+    if (all_fixed(here)) continue;
     const Lanes* m = mixed[g].block;
     Lanes z[20];
     Lanes sums[16];  // gradient, diagonal
@@ -424,7 +428,8 @@ KYS_VECTOR_CLONES void moved_gradient(const ObservationLanes* groups, std::int32
   for (std::int32_t g = 0; g < count; ++g) {
     const ObservationLanes& o = groups[g];
     std::int32_t free[kLanes];
-    if (!any_free(o, view, free)) continue;
+    look_up_free(o, view, free);
+    if (all_fixed(free)) continue;
     LaneView v;
     look(o, view, point, v);
     LaneNormal n;
@@ -579,13 +584,6 @@ class SchurBundle {
     }
   }
 
-  /// Per observation of a point and past its end, the place of its pose among the free ones, or -1.
-  void look_up_free(const SchurPoint& point, std::vector<std::int32_t>& free) const {
-    for (std::int32_t g = 0; g < point.groups(); ++g) {
-      any_free(groups_[point.group + g], view_, free.data() + kLanes * g);
-    }
-  }
-
   [[nodiscard]] BlockPattern all_blocks() const {
     BlockPattern pattern;
     for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
@@ -597,30 +595,34 @@ class SchurBundle {
 
   /// Blocks of poses that see a point together.
   [[nodiscard]] BlockPattern shared_points() const {
-    // Points by free pose, so that a row is finished before the next.
-    std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
-    std::vector<std::int32_t> free(free_.size());
-    const auto for_each = [&](const auto& use) {
-      for (std::size_t k = 0; k < points_.size(); ++k) {
-        look_up_free(points_[k], free);
-        for (std::int32_t i = 0; i < points_[k].end - points_[k].begin; ++i) {
-          if (free[i] >= 0) use(free[i], static_cast<std::int32_t>(k));
-        }
+    std::vector<std::int32_t> free_of;  // per observation, by point
+    if (!points_.empty()) free_of.reserve(static_cast<std::size_t>(points_.back().end));
+    for (const SchurPoint& p : points_) {
+      for (std::int32_t i = 0; i < p.end - p.begin; ++i) {
+        free_of.push_back(free_index_[groups_[p.group + i / kLanes].pose[i % kLanes]]);
       }
-    };
-    for_each([&](std::int32_t r, std::int32_t) { ++begin[r + 1]; });
+    }
+    // Observations by free pose, so that a row is finished before the next.
+    std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
+    for (const std::int32_t r : free_of) {
+      if (r >= 0) ++begin[r + 1];
+    }
     for (std::size_t r = 1; r < begin.size(); ++r) begin[r] += begin[r - 1];
     std::vector<std::int32_t> point_of(static_cast<std::size_t>(begin.back()));
     std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
-    for_each([&](std::int32_t r, std::int32_t k) { point_of[next[r]++] = k; });
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
+        const std::int32_t r = free_of[i];
+        if (r >= 0) point_of[next[r]++] = static_cast<std::int32_t>(k);
+      }
+    }
     BlockPattern pattern;
     std::vector<std::int32_t> seen_by(free_pose_.size(), -1);
     for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
       for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
         const SchurPoint& point = points_[point_of[k]];
-        look_up_free(point, free);
-        for (std::int32_t i = 0; i < point.end - point.begin; ++i) {
-          const std::int32_t c = free[i];
+        for (std::int32_t i = point.begin; i < point.end; ++i) {
+          const std::int32_t c = free_of[i];
           if (c > r) break;
           if (c < 0 || seen_by[c] == r) continue;
           seen_by[c] = r;
@@ -731,13 +733,15 @@ class SchurBundle {
   void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
     const ReducedSystem system{reduced_.data(), &places_, sums_.data()};
+    const ObservationLanes* groups = groups_.data() + point.group;
+    for (std::int32_t g = 0; g < point.groups(); ++g) {
+      look_up_free(groups[g], view_, free_.data() + kLanes * g);
+    }
     PointNormal normal;
-    linearise(groups_.data() + point.group, point.groups(), view_, view_of(point), mixed_.data(),
-              normal);
+    linearise(groups, free_.data(), point.groups(), view_, view_of(point), mixed_.data(), normal);
     const EliminatedPoint e = eliminated(normal, damping);
     if (!sparse_) eliminated_[index] = e;
     const Eigen::Vector3d y = lower_of(e.L_inverse) * e.b;
-    look_up_free(point, free_);
     eliminate(free_.data(), point.end - point.begin, mixed_.data(), e.L_inverse.data(), y.data(),
               Z_.data(), system);
   }

@@ -103,6 +103,11 @@ int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId
   return count;
 }
 
+/// Between two camera centres, m.
+double distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
+  return (T_a_w.inverse_t() - T_b_w.inverse_t()).norm();
+}
+
 int count_stereo(const FrameFeatures& features) {
   int stereo = 0;
   for (std::size_t i = 0; i < features.size(); ++i) stereo += features.has_stereo(i) ? 1 : 0;
@@ -463,16 +468,11 @@ bool Tracker::others_move_along(const Frame& frame, const std::vector<LandmarkId
   std::vector<PoseObservation> others;
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (!matched[i].valid() || frame.landmarks[i].valid()) continue;
-    const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
-    const Eigen::Vector3d& p_w = replica_.landmarks().at(matched[i]).p_w;
-    others.push_back({p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
+    others.push_back(observation(frame, i, replica_.landmarks().at(matched[i])));
   }
   const PoseResult pose = optimize_pose(camera_, last_->T_c_w, others);
-  const auto way = [this](const Rigid3& T_c_w) {
-    return (T_c_w.inverse_t() - last_->T_c_w.inverse_t()).norm();
-  };
   return pose.inliers >= kMovesAlong * static_cast<double>(others.size()) &&
-         way(pose.T_c_w) < kStays * way(frame.T_c_w);
+         distance(pose.T_c_w, last_->T_c_w) < kStays * distance(frame.T_c_w, last_->T_c_w);
 }
 
 int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
@@ -578,6 +578,12 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
   return false;
 }
 
+PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
+                                     const LandmarkView& landmark) const {
+  const StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
+  return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma};
+}
+
 /// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers. Unless it `expects`
 /// the camera to go on as it did, all poses are alike to it.
 int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const {
@@ -587,13 +593,11 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
   std::vector<std::size_t> features;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (!frame.landmarks[i].valid()) continue;
-    const StereoPixel pixel = frame.features->stereo_pixel(i, scales_);
     const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
-    const float share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
+    observations.push_back(observation(frame, i, landmark));
+    observations.back().share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
     if (options_.consensus.by_class)
       votes.push_back(vote(frame.features->prior(i), landmark.prior));
-
-    observations.push_back({landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, share});
     features.push_back(i);
   }
   const std::optional<ExpectedPose> expected =
@@ -609,7 +613,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
     const PosePrior prior{expected->T_c_w, options_.acceleration * reach,
                           options_.turn_acceleration * reach};
     // A camera that turns back at once is not where it was expected: predict() tells.
-    const double away = (consensus.pose.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+    const double away = distance(consensus.pose.T_c_w, expected->T_c_w);
     const bool doubtful =
         consensus.pose.inliers < kDoubtfulShare * static_cast<double>(observations.size()) &&
         away > options_.consensus.max_acceleration * reach;
@@ -632,7 +636,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
 bool Tracker::is_expected(const Frame& frame) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected || options_.acceleration <= 0) return false;
-  const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+  const double away = distance(frame.T_c_w, expected->T_c_w);
   return away <= options_.consensus.max_acceleration * expected->reach;
 }
 
@@ -640,7 +644,7 @@ bool Tracker::is_expected(const Frame& frame) const {
 bool Tracker::is_jump(const Frame& frame) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected) return false;
-  const double away = (frame.T_c_w.inverse_t() - expected->T_c_w.inverse_t()).norm();
+  const double away = distance(frame.T_c_w, expected->T_c_w);
   return away > kImpossible * expected->reach;
 }
 

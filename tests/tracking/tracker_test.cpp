@@ -73,7 +73,7 @@ class TrackerTest : public ::testing::Test {
   /// What is seen of the world, but in the middle of the image, which shows another part of it, as
   /// a camera at `middle_metres` sees it. The middle is 300 px wide and `height` px high.
   std::shared_ptr<const FrameFeatures> with_middle(std::int64_t index, double metres,
-                                                   double middle_metres, float height = 190) {
+                                                   double middle_metres, float height) {
     FeatureSet all;
     std::vector<float> u_right;
     const auto add = [&](const FeatureWorld& world, double at, bool middle, std::size_t every) {
@@ -91,6 +91,15 @@ class TrackerTest : public ::testing::Test {
     add(world(2), middle_metres, true, 3);
     return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(all),
                                                  std::move(u_right), std::vector<kys::Prior>{});
+  }
+  /// Frame `i` of a camera that turns back at frame 12 while the middle of the image goes on: it is
+  /// tracked at its true place.
+  void turn_back(int i, double step, float height, TrackResult& result) {
+    const double metres = step * (i < 12 ? i : 10);
+    result = track(i, with_middle(i, metres, step * i, height));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
+    EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
+        << i << ": " << result.reason;
   }
   /// T_w_c of the truth relative to the first frame.
   static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
@@ -164,25 +173,17 @@ TEST_F(TrackerTest, ACameraThatTurnsBackAtOnceDoesNotFollowWhatTurnsBackWithIt) 
 }
 
 TEST_F(TrackerTest, ATurnIsNotHiddenByWhatLooksAsIfTheCameraWentOn) {
-  constexpr double kStep = 0.5;
   for (int i = 0; i <= 12; ++i) {
-    const double metres = kStep * (i < 12 ? i : 10);
-    const TrackResult result = track(i, with_middle(i, metres, kStep * i));
-    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
-    EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
-        << i << ": " << result.reason;
+    TrackResult result;
+    ASSERT_NO_FATAL_FAILURE(turn_back(i, 0.5, 190, result));
     EXPECT_EQ(result.jumped, i == 12) << i << ": " << result.reason;
   }
 }
 
 TEST_F(TrackerTest, ASampleOfTheKeyframeDoesNotPreferThePoseItJudges) {
-  constexpr double kStep = 0.3;
   for (int i = 0; i <= 12; ++i) {
-    const double metres = kStep * (i < 12 ? i : 10);
-    const TrackResult result = track(i, with_middle(i, metres, kStep * i, 280));
-    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
-    EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
-        << i << ": " << result.reason;
+    TrackResult result;
+    ASSERT_NO_FATAL_FAILURE(turn_back(i, 0.3, 280, result));
   }
 }
 
