@@ -244,7 +244,9 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   if (!terms.empty()) now.pose = PoseWithout(camera_, T_c_w, terms);
   for (std::size_t i = 0; i < now.features->size(); ++i) {
     const kys::Prior& prior = now.features->prior(i);
-    if (now.features->has_stereo(i) && follows(prior)) now.keypoints[prior.instance].push_back(i);
+    if (!follows(prior)) continue;
+    std::vector<std::size_t>& members = now.keypoints[prior.instance];
+    if (now.features->has_stereo(i)) members.push_back(i);
   }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
@@ -279,6 +281,7 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   std::vector<SearchQuery> queries;
   std::vector<std::size_t> sources;
   for (const auto& [instance, members] : last.keypoints) {
+    if (members.empty()) continue;
     const Thing& thing = things_.at(instance);
     const bool known =
         thing.compared == last.timestamp && (thing.velocity || thing.log_odds > kSurelyStatic);
@@ -370,9 +373,9 @@ InstanceState InstanceTracker::test_motion(std::int32_t instance,
                                            std::span<const Rigid3> past) const {
   InstanceState state;
   state.instance = instance;
-  state.label = now.features->prior(keypoints.front()).label;
+  state.label = things_.at(instance).label;
   state.keypoints = static_cast<int>(keypoints.size());
-  if (frames_.empty()) return state;
+  if (keypoints.empty() || frames_.empty()) return state;
 
   const Followed followed =
       follow_back(keypoints, now, frames_, options_.motion.min_matches, options_.kept_share);

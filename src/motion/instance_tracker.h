@@ -50,7 +50,7 @@ struct InstanceState {
   std::int32_t instance = -1;
   std::uint16_t label = kys::kVoidLabel;
   double p_static = 1;
-  int keypoints = 0;      ///< stereo keypoints on it in this frame
+  int keypoints = 0;      ///< stereo keypoints on it in this frame; 0: others only
   int matches = 0;        ///< of these, tracked from an earlier frame and used
   double log_ratio = 0;   ///< nats, evidence of this frame; > 0: static
   double span = 0;        ///< s, between the two frames compared; 0: not compared
@@ -129,7 +129,7 @@ class InstanceTracker {
   struct Frame {
     double timestamp = 0;
     std::shared_ptr<const FrameFeatures> features;
-    Keypoints keypoints;              // on instances, with disparity
+    Keypoints keypoints;              // with disparity, of every instance with keypoints
     std::vector<std::int32_t> back;   // per feature: its match in the frame before; -1: none
     std::optional<PoseWithout> pose;  // empty: exact, the pose defines the world
   };

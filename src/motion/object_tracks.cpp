@@ -27,8 +27,13 @@ void describe(kys::OptionList& list, ObjectTrackOptions& o) {
            "growth of the gate without observations");
   list.add("objects.restart_gate", o.restart_gate, {0, 1000}, "m",
            "gate for an observation of the same instance; its filter restarts");
+  list.add("objects.restart_share", o.restart_share, {0, 1}, "",
+           "share of the keypoints per frame below which a short part before or after a restart "
+           "takes the motion of the other part");
   list.add("objects.max_gap", o.max_gap, {0.001, 1000}, "s",
            "without an observation after which a track ends");
+  list.add("objects.max_extrapolation", o.max_extrapolation, {0, 1000}, "s",
+           "before the first and after the last observation of the position of an object");
   list.add("objects.min_observations", o.min_observations, {1, 1000000}, "",
            "observations below which a track is dropped");
 }
@@ -91,16 +96,22 @@ Place world_velocity(const ObjectFrame& frame, const ObservedVelocity& seen,
   return {R * seen.velocity_c, covariance};
 }
 
+struct Seen {
+  std::size_t frame = 0;
+  std::size_t observation = 0;
+  bool used = true;  // for position and velocity
+};
+
 /// A thing that is followed. The first observations may be without place: they came before the one
 /// that started it.
 struct Track {
   std::int32_t identity = 0;
   std::int32_t instance = 0;  // the name under which it was seen last
   std::uint16_t label = 0;
-  std::vector<std::pair<std::size_t, std::size_t>> seen;  // frame, observation
-  double timestamp = 0;                                   // of the last one
-  Gaussian state;                                         // then
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();       // m, seen last, in the world
+  std::vector<Seen> seen;
+  double timestamp = 0;                              // of the last one
+  Gaussian state;                                    // then
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // m, seen last, in the world
 };
 
 /// Assigns observations to tracks, frame by frame.
@@ -178,7 +189,7 @@ class Assigner {
     }
     if (!seen.place) {
       continued[t] = true;
-      active_[t].seen.emplace_back(k, o);
+      active_[t].seen.push_back({k, o});
     } else if (jump(active_[t], frame, *seen.place) <= options_.restart_gate) {
       const std::int32_t identity = active_[t].identity;
       ended_.push_back(std::move(active_[t]));
@@ -193,10 +204,10 @@ class Assigner {
   void wait(std::size_t k, std::size_t o) {
     auto& waiting = waiting_[frames_[k].observations[o].instance];
     if (!waiting.empty() &&
-        frames_[k].timestamp - frames_[waiting.back().first].timestamp > options_.max_gap) {
+        frames_[k].timestamp - frames_[waiting.back().frame].timestamp > options_.max_gap) {
       waiting.clear();
     }
-    waiting.emplace_back(k, o);
+    waiting.push_back({k, o});
   }
 
   void end_old(double now) {
@@ -223,7 +234,7 @@ class Assigner {
       const Place velocity = world_velocity(frame, *seen.velocity, options_);
       update(track.state, 3, velocity.value, velocity.covariance);
     }
-    track.seen.emplace_back(k, o);
+    track.seen.push_back({k, o});
     track.timestamp = frame.timestamp;
     track.instance = seen.instance;
     track.label = seen.label;
@@ -240,7 +251,7 @@ class Assigner {
     Track track;
     track.identity = identity;
     if (const auto waiting = waiting_.find(seen.instance); waiting != waiting_.end()) {
-      const std::size_t last = waiting->second.back().first;
+      const std::size_t last = waiting->second.back().frame;
       if (frame.timestamp - frames_[last].timestamp <= options_.max_gap) {
         track.seen = std::move(waiting->second);
       }
@@ -268,22 +279,86 @@ class Assigner {
   const ObjectTrackOptions& options_;
   std::vector<Track> active_;
   std::vector<Track> ended_;
-  /// Observations without place of names that no track has: frame, observation.
-  std::map<std::int32_t, std::vector<std::pair<std::size_t, std::size_t>>> waiting_;
+  std::map<std::int32_t, std::vector<Seen>> waiting_;  // without place, of names that no track has
   std::int32_t next_identity_ = 1 << 30;
 };
+
+/// What is used for the motion of a track.
+struct Support {
+  double begin = 0, end = 0;  // s
+  double keypoints = 0;       // per frame
+};
+
+bool is_placed(std::span<const ObjectFrame> frames, const Seen& seen) {
+  return seen.used && frames[seen.frame].observations[seen.observation].place.has_value();
+}
+
+Support support_of(std::span<const ObjectFrame> frames, const Track& track) {
+  Support support;
+  int count = 0;
+  for (const Seen& seen : track.seen) {
+    if (!is_placed(frames, seen)) continue;
+    if (count++ == 0) support.begin = frames[seen.frame].timestamp;
+    support.end = frames[seen.frame].timestamp;
+    support.keypoints += frames[seen.frame].observations[seen.observation].keypoints;
+  }
+  support.keypoints /= count;
+  return support;
+}
+
+/// Joins the parts of a track before and after a restart where one of them is short and has few
+/// keypoints: that part keeps its frames and takes the motion of the other.
+void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
+                   std::vector<Track>& tracks) {
+  std::stable_sort(tracks.begin(), tracks.end(), [](const Track& a, const Track& b) {
+    return std::tie(a.identity, a.seen.front().frame) < std::tie(b.identity, b.seen.front().frame);
+  });
+  std::vector<Track> joined;
+  for (Track& next : tracks) {
+    if (joined.empty() || joined.back().identity != next.identity) {
+      joined.push_back(std::move(next));
+      continue;
+    }
+    Track& last = joined.back();
+    const Support before = support_of(frames, last);
+    const Support after = support_of(frames, next);
+    const auto is_poor = [&](const Support& part, const Support& other) {
+      return part.keypoints < options.restart_share * other.keypoints &&
+             part.end - part.begin <= options.max_extrapolation;
+    };
+    const bool poor_before = is_poor(before, after);
+    if (after.begin - before.end > options.max_gap || !(poor_before || is_poor(after, before))) {
+      joined.push_back(std::move(next));
+      continue;
+    }
+    for (Seen& seen : poor_before ? last.seen : next.seen) seen.used = false;
+    last.seen.insert(last.seen.end(), next.seen.begin(), next.seen.end());
+  }
+  tracks = std::move(joined);
+}
+
+/// Drops what is seen of a track too long before or after its observations of the position.
+void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options, Track& track) {
+  const auto time = [&](const Seen& seen) { return frames[seen.frame].timestamp; };
+  const auto placed = [&](const Seen& seen) { return is_placed(frames, seen); };
+  const auto first = std::find_if(track.seen.begin(), track.seen.end(), placed);
+  const auto last = std::find_if(track.seen.rbegin(), track.seen.rend(), placed);
+  const double begin = time(*first) - options.max_extrapolation;
+  const double end = time(*last) + options.max_extrapolation;
+  std::erase_if(track.seen, [&](const Seen& s) { return time(s) < begin || time(s) > end; });
+}
 
 /// Filters a track forward with each velocity in the middle of its span, then smooths it backward
 /// (Rauch, Tung, Striebel). The state after each observation, in their order.
 std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& track,
                              const ObjectTrackOptions& options) {
   const std::size_t count = track.seen.size();
-  const auto time = [&](std::size_t i) { return frames[track.seen[i].first].timestamp; };
+  const auto time = [&](std::size_t i) { return frames[track.seen[i].frame].timestamp; };
   std::vector<std::vector<Place>> velocities(count);
   for (std::size_t i = 0; i < count; ++i) {
-    const ObjectFrame& frame = frames[track.seen[i].first];
-    const auto& velocity = frame.observations[track.seen[i].second].velocity;
-    if (!velocity) continue;
+    const ObjectFrame& frame = frames[track.seen[i].frame];
+    const auto& velocity = frame.observations[track.seen[i].observation].velocity;
+    if (!velocity || !track.seen[i].used) continue;
     const double middle = frame.timestamp - velocity->span / 2;
     std::size_t at = i;
     while (at > 0 && std::abs(time(at - 1) - middle) <= std::abs(time(at) - middle)) --at;
@@ -291,9 +366,9 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
   }
   std::vector<std::optional<Place>> places(count);
   for (std::size_t i = 0; i < count; ++i) {
-    const ObjectFrame& frame = frames[track.seen[i].first];
-    const auto& place = frame.observations[track.seen[i].second].place;
-    if (place) places[i] = world_place(frame, *place, options);
+    const ObjectFrame& frame = frames[track.seen[i].frame];
+    const auto& place = frame.observations[track.seen[i].observation].place;
+    if (place && track.seen[i].used) places[i] = world_place(frame, *place, options);
   }
   std::vector<Gaussian> predicted(count);
   std::vector<Gaussian> filtered(count);
@@ -329,12 +404,18 @@ std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
                                           const ObjectTrackOptions& options) {
   check_options(options);
   std::vector<ObjectEstimate> estimates;
-  for (const Track& track : Assigner(frames, options).run()) {
-    if (track.seen.size() < static_cast<std::size_t>(options.min_observations)) continue;
+  std::vector<Track> tracks = Assigner(frames, options).run();
+  join_restarts(frames, options, tracks);
+  for (Track& track : tracks) {
+    trim(frames, options, track);
+    const auto count = std::count_if(track.seen.begin(), track.seen.end(), [&](const Seen& seen) {
+      return !frames[seen.frame].observations[seen.observation].doubtful;
+    });
+    if (count < options.min_observations) continue;
     const std::vector<Gaussian> states = smooth(frames, track, options);
     for (std::size_t i = 0; i < states.size(); ++i) {
-      const auto [k, o] = track.seen[i];
-      const ObjectObservation& seen = frames[k].observations[o];
+      const std::size_t k = track.seen[i].frame;
+      const ObjectObservation& seen = frames[k].observations[track.seen[i].observation];
       ObjectEstimate estimate;
       estimate.frame = static_cast<std::int64_t>(k);
       estimate.instance = track.identity;

@@ -33,6 +33,9 @@ struct ObjectObservation {
   std::uint16_t label = 0;
   double p_moving = 0;
   int keypoints = 0;  ///< stereo keypoints on it
+  /// it may be static, or shows too little: continues a track, and does not start one or count for
+  /// min_observations
+  bool doubtful = false;
   std::optional<ObservedPlace> place;
   std::optional<ObservedVelocity> velocity;
 };
@@ -53,14 +56,22 @@ struct ObjectTrackOptions {
   double gate_growth = 3.0;           ///< m/s, growth of the gate without observations
   /// m, gate for an observation of the same instance; its filter restarts
   double restart_gate = 8.0;
-  double max_gap = 1.0;      ///< s without an observation after which a track ends
+  /// of two parts of a track with a restart between them, share of the other's keypoints per frame
+  /// below which a short part takes the motion of the other
+  double restart_share = 0.5;
+  double max_gap = 1.0;  ///< s without an observation after which a track ends
+  /// s, before the first and after the last observation of the position, in which a track may extend
+  double max_extrapolation = 0.5;
   int min_observations = 3;  ///< a track with fewer is dropped
 };
 /// For check_options().
 void describe(kys::OptionList& list, ObjectTrackOptions& options);
 
 /// Tracks moving objects over time. Observations are assigned to tracks by position and instance.
-/// An object that jumps but keeps its instance keeps its identity, with a new filter. Each track is
+/// An object that jumps but keeps its instance keeps its identity, with a new filter. A part of up
+/// to `max_extrapolation` before or after a jump that has few keypoints takes the motion of the
+/// other part: of an object that comes into view, the edge of what hides it is seen first. Each
+/// track is
 /// a Kalman filter of constant velocity (position and velocity with covariance), smoothed at the
 /// end. A velocity observed over a span is that of the middle of the span. Camera poses are taken
 /// as exact. A pure function. \return one estimate per observation, by frame, then instance

@@ -10,8 +10,10 @@ namespace kys_slam {
 void describe(kys::OptionList& list, ObjectOptions& o) {
   list.add("objects.min_probability", o.min_probability, {0.001, 1}, "",
            "of moving, from which an instance is logged");
+  list.add("objects.keep_probability", o.keep_probability, {0.001, 1}, "",
+           "the same in the frames before and after those");
   list.add("objects.min_keypoints", o.min_keypoints, {0, 60000}, "",
-           "stereo keypoints from which an instance is logged");
+           "stereo keypoints from which an instance is logged; a track is continued with fewer");
   describe(list, o.tracks);
 }
 
@@ -20,13 +22,15 @@ namespace {
 /// \param step  s between two frames. Velocities over longer spans share keypoints with those of
 /// the
 ///   frames before: their covariance grows so that together they say no more than they know.
-ObjectObservation observe(const InstanceState& state, double step) {
+ObjectObservation observe(const InstanceState& state, double step, bool doubtful) {
   ObjectObservation seen;
   seen.instance = state.instance;
   seen.label = state.label;
   seen.p_moving = 1 - state.p_static;
   seen.keypoints = state.keypoints;
-  if (state.span <= 0) return seen;
+  seen.doubtful = doubtful;
+  if (state.span <= 0 || doubtful)
+    return seen;  // what was measured there is of a thing that stands
   seen.place = {state.motion.centre, state.motion.centre_covariance};
   if (2 * state.motion.inliers <= state.matches) return seen;  // nothing that most agree on
   ObservedVelocity velocity;
@@ -46,10 +50,11 @@ void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) 
   ObjectFrame& frame = frames_.emplace_back();
   frame.timestamp = timestamp;
   for (const InstanceState& state : instances) {
-    if (1 - state.p_static < options_.min_probability || state.keypoints < options_.min_keypoints) {
-      continue;
-    }
-    frame.observations.push_back(observe(state, step));
+    const double p_moving = 1 - state.p_static;
+    const bool doubtful =
+        p_moving < options_.min_probability || state.keypoints < options_.min_keypoints;
+    if (doubtful && p_moving < options_.keep_probability) continue;
+    frame.observations.push_back(observe(state, step, doubtful));
   }
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <kys/kys.h>
 
+#include <limits>
 #include <memory>
 #include <random>
 #include <utility>
@@ -48,6 +49,8 @@ class Street {
     }
   }
 
+  /// Keypoints on it lose their disparity, as on an object that leaves the view of one camera.
+  void lose_disparity(std::int32_t instance) { without_disparity_ = instance; }
   /// The file calls the wrong one moving.
   void spoil_flags() {
     for (Point& p : points_) p.prior.dynamic = p.prior.instance == kParked ? 1 : 0;
@@ -87,7 +90,9 @@ class Street {
       if (!kCamera.in_image(pixel.x(), pixel.y())) continue;
       set.keypoints.push_back({static_cast<float>(pixel.x()), static_cast<float>(pixel.y())});
       set.descriptors.push_back(p.descriptor);
-      u_right.push_back(static_cast<float>(pixel.z()));
+      const bool mono = p.prior.instance == without_disparity_;
+      u_right.push_back(mono ? std::numeric_limits<float>::quiet_NaN()
+                             : static_cast<float>(pixel.z()));
       priors.push_back(p.prior);
       seen_.push_back(p.prior);
       const StereoPixel stereo{set.keypoints.back().x, set.keypoints.back().y, u_right.back(),
@@ -141,6 +146,7 @@ class Street {
   std::vector<kys::Prior> seen_;
   std::vector<InstanceState> states_;
   int frames_ = 0;
+  std::int32_t without_disparity_ = -1;
 };
 
 TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
@@ -210,6 +216,22 @@ TEST(InstanceTracker, ANewNameTakesOverBelief) {
   street.rename(kParked, 70010);
   street.frame();
   EXPECT_GT(street.tracker().p_static(70010), 0.9);
+}
+
+TEST(InstanceTracker, AnInstanceWithoutDisparitiesKeepsItsBelief) {
+  Street street;
+  for (int k = 0; k < 8; ++k) street.frame();
+  const double before = street.tracker().p_static(kDriving);
+  ASSERT_LT(before, 0.1);
+  street.lose_disparity(kDriving);
+  street.frame();
+  const InstanceState* state = street.state(kDriving);
+  ASSERT_NE(state, nullptr);
+  EXPECT_EQ(state->keypoints, 0);
+  EXPECT_EQ(state->span, 0);
+  EXPECT_NEAR(state->p_static, before, 0.05);
+  street.frame();  // nothing of the frame before can be tracked
+  EXPECT_LT(street.tracker().p_static(kDriving), 0.15);
 }
 
 TEST(InstanceTracker, StuffIsNotDoubted) {

@@ -253,6 +253,59 @@ TEST(ObjectTracks, AThingThatJumpsKeepsItsIdentityAndForgetsItsMotion) {
   }
 }
 
+// An object that comes into view behind the edge of another: few keypoints, all of the edge.
+TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
+  Thing edge, thing;
+  edge.start = {-1, 0, 8};
+  edge.velocity = {0, 0, 8};
+  thing.start = {-3, 0, 40};
+  thing.velocity = {0, 0, -7};
+  const std::vector<ObjectFrame> before = film({edge}, 18);
+  const auto run = [&](int keypoints, std::size_t first) {
+    std::vector<ObjectFrame> frames = film({thing}, 30);
+    for (std::size_t k = 0; k < first; ++k) frames[k].observations.clear();
+    for (std::size_t k = first; k < 18; ++k) {
+      frames[k] = before[k];
+      frames[k].observations[0].keypoints = keypoints;
+    }
+    return track_objects(frames);
+  };
+  const auto estimates = run(15, 14);  // 15 of 40 keypoints, over 0.3 s
+  ASSERT_EQ(estimates.size(), 16u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_NEAR(e.velocity.z(), -7, 0.8) << e.frame;
+    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+  }
+  // As many keypoints, or for too long: both parts are believed.
+  EXPECT_NEAR(run(40, 14).front().velocity.z(), 8, 0.8);
+  EXPECT_NEAR(run(15, 10).front().velocity.z(), 8, 0.8);
+}
+
+TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
+  const Thing thing;
+  std::vector<ObjectFrame> frames = film({thing}, 30);
+  const auto doubt = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      frames[k].observations[0].doubtful = true;
+      frames[k].observations[0].place.reset();
+      frames[k].observations[0].velocity.reset();
+    }
+  };
+  doubt(0, 9);
+  doubt(22, 30);
+  const auto estimates = track_objects(frames);
+  // Frames 9 to 21, and 0.5 s before and after.
+  ASSERT_EQ(estimates.size(), 23u);
+  EXPECT_EQ(estimates.front().frame, 4);
+  EXPECT_EQ(estimates.back().frame, 26);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+  }
+  doubt(11, 22);  // two are left
+  EXPECT_TRUE(track_objects(frames).empty());
+}
+
 TEST(ObjectTracks, ShortTracksAreDropped) {
   EXPECT_TRUE(track_objects(film({Thing{}}, 2)).empty());
   EXPECT_TRUE(track_objects({}).empty());

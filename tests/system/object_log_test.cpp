@@ -82,6 +82,28 @@ TEST(ObjectLog, LeavesOutWhatStandsIsSmallOrHasNoPose) {
   }
 }
 
+TEST(ObjectLog, AnObjectIsLoggedWhereItIsLessSureOrHasNoDisparity) {
+  const auto count = [](double p_static, int keypoints) {
+    ObjectLog log({});
+    for (int k = 0; k < 10; ++k) {
+      InstanceState state = car(k);
+      if (k < 2 || k == 9) {
+        state.p_static = p_static;
+        state.keypoints = keypoints;
+        state.motion.centre.x() = 30;  // not believed
+      }
+      const std::vector<InstanceState> things = {state};
+      log.add(0.1 * k, things);
+    }
+    const auto objects = log.objects(poses(10, Rigid3()));
+    for (const ObjectEstimate& o : objects) EXPECT_NEAR(o.position.x(), 0, 0.1) << o.frame;
+    return objects.size();
+  };
+  EXPECT_EQ(count(0.75, 40), 10u);
+  EXPECT_EQ(count(0.1, 0), 10u);
+  EXPECT_EQ(count(0.85, 40), 7u);
+}
+
 // Velocities over two frames share the keypoints of one: two of them say as much as one over one.
 TEST(ObjectLog, LongSpansDoNotCountTwice) {
   const auto variance = [](double span, double displacement_variance) {
