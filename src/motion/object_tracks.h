@@ -60,7 +60,7 @@ struct ObjectTrackOptions {
   /// below which a short part takes the motion of the other
   double restart_share = 0.5;
   double max_gap = 1.0;  ///< s without an observation after which a track ends
-  /// s, before the first and after the last observation of the position, in which a track may extend
+  /// s, largest extent of a track before the first and after the last observation of its position
   double max_extrapolation = 0.5;
   int min_observations = 3;  ///< a track with fewer is dropped
 };

@@ -257,27 +257,13 @@ class Planner:
                 usable.append(c)
         return usable
 
-    def worlds_exist(self, experiment, name):
-        if name.startswith("drive/"):
-            real = name.partition("@")[2]
-            if real and real not in self.trajectories:
-                self.leave_out(experiment["name"], name, f"no trajectory of {real} given (--data)")
-                return False
+    def has_trajectory(self, experiment, name):
+        """Whether the real trajectory of a drive, if it has one, is given."""
+        real = name.partition("@")[2]
+        if not name.startswith("drive/") or not real or real in self.trajectories:
             return True
-        if name in self.given or not name.startswith("world/"):
-            return True
-        world = name.removeprefix("world/").partition("@")[0]
-        if world in self.worlds():
-            return True
-        self.leave_out(experiment["name"], name, f"no world {world} in this program")
+        self.leave_out(experiment["name"], name, f"no trajectory of {real} given (--data)")
         return False
-
-    def worlds(self):
-        if not hasattr(self, "_worlds"):
-            done = subprocess.run([self.programs.path("simulate_sequence"), "--help"],
-                                  capture_output=True, text=True, check=True)
-            self._worlds = set(re.findall(r"\b[a-z]+\b", done.stdout))
-        return self._worlds
 
     def survey_of(self, source, name, seed):
         """Job that looks at the prior files of an input; gates show against files without motion."""
@@ -312,7 +298,7 @@ class Planner:
         rows = []
         configurations = self.configurations_of(experiment)
         for name in experiment["inputs"]:
-            if not self.worlds_exist(experiment, name):
+            if not self.has_trajectory(experiment, name):
                 continue
             for seed in experiment["seeds"]:
                 source = (self.drive_of(name, seed, experiment, "exact")

@@ -10,6 +10,16 @@ from pathlib import Path
 import numpy as np
 
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
+PAIRS = {"grey": ("image_0", "image_1"), "colour": ("image_2", "image_3")}
+
+
+def image_pair(sequence, wanted=""):
+    """Left and right image folder that run_stereo_kitti tracks (--pair). The right one may be
+    missing. Exits with one line when there is no left one."""
+    for name, (left, right) in PAIRS.items():
+        if wanted in ("", name) and (Path(sequence) / left).is_dir():
+            return Path(sequence) / left, Path(sequence) / right
+    fail(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
 
 
 def list_images(folder):

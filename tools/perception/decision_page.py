@@ -227,11 +227,7 @@ def main():
     if options.wrong and not options.truth:
         parser.error("--wrong needs --truth")
     common.need("cv2")
-    pairs = [("image_0", "image_1"), ("image_2", "image_3")]
-    found = [pair for pair in pairs if (options.sequence / pair[0]).is_dir()]
-    if not found:
-        common.fail(f"{options.sequence}: has no images (image_0, image_2)")
-    options.images = [options.sequence / name for name in found[0]]
+    options.images = common.image_pair(options.sequence)
     make_page(options)
 
 

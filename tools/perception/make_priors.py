@@ -21,18 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import common  # noqa: E402
 import segment_onnx  # noqa: E402
 
-PAIRS = (("image_0", "image_1"), ("image_2", "image_3"))
 ROBUST = Path(__file__).resolve().parents[2] / "configs" / "priors_robust.yaml"
-
-
-def pair_of(sequence, wanted):
-    """Folders of the pair that run_stereo_kitti tracks (--pair)."""
-    for left, right in {"": PAIRS, "grey": PAIRS[:1], "colour": PAIRS[1:]}[wanted]:
-        if (sequence / left).is_dir():
-            if not (sequence / right).is_dir():
-                common.fail(f"{sequence / right}: is not a folder")
-            return sequence / left, sequence / right
-    common.fail(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
 
 
 def program(given, name):
@@ -76,7 +65,9 @@ def main():
     builder = program(options.builder, "build_priors")
     validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
-    folders = pair_of(options.sequence, options.pair)
+    folders = common.image_pair(options.sequence, options.pair)
+    if not folders[1].is_dir():
+        common.fail(f"{folders[1]}: is not a folder")
     network = segment_onnx.Network(options.model, options.weights, options.threshold)
     times = {}
     panoptic = []
