@@ -107,9 +107,18 @@ class InputError(SystemExit):
 
 
 def fail(message):
-    """The input is at fault: one message, and status 2."""
-    print(message, file=sys.stderr)
+    """The input is at fault: ends the program with status 2; run() prints the message."""
     raise InputError(message)
+
+
+def run(main):
+    """Calls main() and prints the message of an InputError: once, also when several threads
+    failed."""
+    try:
+        main()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        raise
 
 
 def positive(text):
