@@ -19,9 +19,8 @@ void describe(kys::OptionList& list, ObjectOptions& o) {
 
 namespace {
 
-/// \param step  s between two frames. Velocities over longer spans share keypoints with those of
-/// the
-///   frames before: their covariance grows so that together they say no more than they know.
+/// \param step s between two frames. Velocities over longer spans share keypoints with those of the
+/// frames before: their covariance grows so that together they say no more than they know.
 ObjectObservation observe(const InstanceState& state, double step, bool doubtful) {
   ObjectObservation seen;
   seen.instance = state.instance;
@@ -29,8 +28,8 @@ ObjectObservation observe(const InstanceState& state, double step, bool doubtful
   seen.p_moving = 1 - state.p_static;
   seen.keypoints = state.keypoints;
   seen.doubtful = doubtful;
-  if (state.span <= 0 || doubtful)
-    return seen;  // what was measured there is of a thing that stands
+  // What was measured of it while it seemed to stand still is not used.
+  if (state.span <= 0 || doubtful) return seen;
   seen.place = {state.motion.centre, state.motion.centre_covariance};
   if (2 * state.motion.inliers <= state.matches) return seen;  // nothing that most agree on
   ObservedVelocity velocity;

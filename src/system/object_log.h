@@ -15,8 +15,7 @@ namespace kys_slam {
 
 struct ObjectOptions {
   double min_probability = 0.5;  ///< of moving; instances below start no track
-  /// of moving; below, the instance is not logged: a track is continued down to it, and starts
-  /// where the instance was seen first with at least it
+  /// of moving; an instance between the two continues a track, also before its start
   double keep_probability = 0.2;
   int min_keypoints = 1;  ///< stereo keypoints; instances with fewer start no track
   ObjectTrackOptions tracks;
