@@ -15,6 +15,7 @@ try:
     import figures
     import paired
     import plan
+    import report
     import results
     import step
     import town_path
@@ -90,6 +91,22 @@ class Statistics(unittest.TestCase):
         keys, first, second = results.pairs(base, mine, "ate")
         self.assertEqual([k[:2] for k in keys], [("a", 1), ("b", 1)])
         self.assertEqual((first, second), ([1.0, 4.0], [4.0, 1.0]))  # repeats are averaged
+
+    def test_verified_over_the_others_by_exact_and_wrong_priors(self):
+        row = lambda configuration, case, seed, ate: {
+            "input": "world/a", "seed": seed, "case": case, "variant": "votes", "schedule": "pipelined",
+            "repeat": 0, "configuration": configuration, "ate": ate, "tracked": 100.0}
+        rows = []
+        for seed in (1, 2, 3):
+            rows += [row("mask", "exact", seed, 1.0), row("verified", "exact", seed, 1.0 * seed),
+                     row("mask", "late", seed, 4.0), row("verified", "late", seed, 1.0),
+                     row("mask", "flip", seed, 1.0), row("verified", "flip", seed, 1.0)]
+        table = report.wrong_prior_table({"name": "study"}, rows)
+        exact, wrong = [r for r in table.rows if r[0] == "all"]
+        # exact: geometric mean of 1, 2, 3; wrong: of 1/4 and 1 for every seed
+        self.assertEqual(exact[2:6], ["exact", "mask", 3, "1.8"])
+        self.assertEqual(wrong[2:7], ["wrong", "mask", 3, "0.5", "0.5 to 0.5"])
+        self.assertEqual(wrong[8], "smaller")
 
 
 class Tables(unittest.TestCase):
