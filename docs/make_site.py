@@ -21,6 +21,7 @@ NAVIGATION = [
     ("Start", "README.md"),
     ("Architecture", "docs/architecture.md"),
     ("Differences from the paper", "docs/differences.md"),
+    ("Results", "docs/results.md"),
     ("Python", "python/README.md"),
     ("Priors", "priors/README.md"),
     ("Matching library", "kys/README.md"),
