@@ -33,7 +33,7 @@ struct ObjectObservation {
   std::uint16_t label = 0;
   double p_moving = 0;
   int keypoints = 0;  ///< stereo keypoints on it
-  /// it may be static, or shows too little: continues a track, and does not start one or count for
+  /// it may be static, or shows too little: it has no position, and does not count for
   /// min_observations
   bool doubtful = false;
   std::optional<ObservedPlace> place;
