@@ -418,6 +418,7 @@ void System::Impl::observe(const FrameReport& report, const FrameFeatures& featu
   seen_tiers.assign(features.size(), kys::Tier::kSkipped);
   seen_instances.clear();
   for (const InstanceState& i : instances) {
+    if (i.keypoints == 0) continue;  // nothing of it was compared
     seen_instances.push_back({i.instance, i.label, 1 - i.p_static, i.keypoints});
   }
   const std::span<const LandmarkId> landmarks = tracker.last_landmarks();
