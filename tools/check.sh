@@ -26,7 +26,10 @@ sanitized=(-DCMAKE_BUILD_TYPE=RelWithDebInfo
   -DKYS_BUILD_SIMULATOR=OFF -DKYS_BUILD_BENCHMARKS=OFF)
 
 case "$stage" in
-  test) exec tools/test.sh release -DKYS_WARNINGS_AS_ERRORS=ON ;;
+  test)
+    tools/setup.sh --browser
+    exec tools/test.sh release -DKYS_WARNINGS_AS_ERRORS=ON
+    ;;
   format)
     tools/setup.sh --format
     exec tools/lint.sh --format

@@ -6,6 +6,7 @@
 #   tools/setup.sh --python   and what the Python package and its tests need in it
 #   tools/setup.sh --format   and clang-format (tools/check.sh format)
 #   tools/setup.sh --checks   and Clang, clang-format, clang-tidy (tools/check.sh, tools/lint.sh)
+#   tools/setup.sh --browser  and Chromium, in which a test opens the report of the experiments
 #   tools/setup.sh --site     and MkDocs in it (target site)
 #   tools/setup.sh --view        the same, and Rerun, to see and record runs (0.6 GB)
 #   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
@@ -70,6 +71,9 @@ case "${1:-}" in
   --checks)  # the sanitizers' libraries have Clang's version in their name
     version=$(clang -dumpversion)
     install "libclang-rt-${version%%.*}-dev"
+    ;;
+  --browser)
+    type chromium >/dev/null 2>&1 || type google-chrome >/dev/null 2>&1 || install chromium
     ;;
   --site)
     make_environment
