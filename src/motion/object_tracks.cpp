@@ -289,8 +289,12 @@ struct Support {
   double keypoints = 0;       // per frame
 };
 
+const ObjectObservation& observation(std::span<const ObjectFrame> frames, const Seen& seen) {
+  return frames[seen.frame].observations[seen.observation];
+}
+
 bool is_placed(std::span<const ObjectFrame> frames, const Seen& seen) {
-  return seen.used && frames[seen.frame].observations[seen.observation].place.has_value();
+  return seen.used && observation(frames, seen).place.has_value();
 }
 
 Support support_of(std::span<const ObjectFrame> frames, const Track& track) {
@@ -300,14 +304,29 @@ Support support_of(std::span<const ObjectFrame> frames, const Track& track) {
     if (!is_placed(frames, seen)) continue;
     if (count++ == 0) support.begin = frames[seen.frame].timestamp;
     support.end = frames[seen.frame].timestamp;
-    support.keypoints += frames[seen.frame].observations[seen.observation].keypoints;
+    support.keypoints += observation(frames, seen).keypoints;
   }
   support.keypoints /= count;
   return support;
 }
 
-/// Joins the parts of a track before and after a restart where one of them is short and has few
-/// keypoints: that part keeps its frames and takes the motion of the other.
+/// Of two parts of a track, before and after a restart, the one that is short and has few
+/// keypoints; null: none.
+Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
+                 Track& first, Track& second) {
+  const Support before = support_of(frames, first);
+  const Support after = support_of(frames, second);
+  if (after.begin - before.end > options.max_gap) return nullptr;
+  const auto is_poor = [&](const Support& part, const Support& other) {
+    return part.keypoints < options.restart_share * other.keypoints &&
+           part.end - part.begin <= options.max_extrapolation;
+  };
+  if (is_poor(before, after)) return &first;
+  return is_poor(after, before) ? &second : nullptr;
+}
+
+/// Joins the parts of a track before and after a restart where one of them is poor: that part keeps
+/// its frames and takes the motion of the other.
 void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
                    std::vector<Track>& tracks) {
   std::stable_sort(tracks.begin(), tracks.end(), [](const Track& a, const Track& b) {
@@ -315,24 +334,14 @@ void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions
   });
   std::vector<Track> joined;
   for (Track& next : tracks) {
-    if (joined.empty() || joined.back().identity != next.identity) {
+    const bool continues = !joined.empty() && joined.back().identity == next.identity;
+    Track* poor = continues ? poor_part(frames, options, joined.back(), next) : nullptr;
+    if (poor == nullptr) {
       joined.push_back(std::move(next));
       continue;
     }
-    Track& last = joined.back();
-    const Support before = support_of(frames, last);
-    const Support after = support_of(frames, next);
-    const auto is_poor = [&](const Support& part, const Support& other) {
-      return part.keypoints < options.restart_share * other.keypoints &&
-             part.end - part.begin <= options.max_extrapolation;
-    };
-    const bool poor_before = is_poor(before, after);
-    if (after.begin - before.end > options.max_gap || !(poor_before || is_poor(after, before))) {
-      joined.push_back(std::move(next));
-      continue;
-    }
-    for (Seen& seen : poor_before ? last.seen : next.seen) seen.used = false;
-    last.seen.insert(last.seen.end(), next.seen.begin(), next.seen.end());
+    for (Seen& seen : poor->seen) seen.used = false;
+    joined.back().seen.insert(joined.back().seen.end(), next.seen.begin(), next.seen.end());
   }
   tracks = std::move(joined);
 }
@@ -357,7 +366,7 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
   std::vector<std::vector<Place>> velocities(count);
   for (std::size_t i = 0; i < count; ++i) {
     const ObjectFrame& frame = frames[track.seen[i].frame];
-    const auto& velocity = frame.observations[track.seen[i].observation].velocity;
+    const auto& velocity = observation(frames, track.seen[i]).velocity;
     if (!velocity || !track.seen[i].used) continue;
     const double middle = frame.timestamp - velocity->span / 2;
     std::size_t at = i;
@@ -366,9 +375,9 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
   }
   std::vector<std::optional<Place>> places(count);
   for (std::size_t i = 0; i < count; ++i) {
-    const ObjectFrame& frame = frames[track.seen[i].frame];
-    const auto& place = frame.observations[track.seen[i].observation].place;
-    if (place && track.seen[i].used) places[i] = world_place(frame, *place, options);
+    const Seen& seen = track.seen[i];
+    if (!is_placed(frames, seen)) continue;
+    places[i] = world_place(frames[seen.frame], *observation(frames, seen).place, options);
   }
   std::vector<Gaussian> predicted(count);
   std::vector<Gaussian> filtered(count);
@@ -409,15 +418,14 @@ std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
   for (Track& track : tracks) {
     trim(frames, options, track);
     const auto count = std::count_if(track.seen.begin(), track.seen.end(), [&](const Seen& seen) {
-      return !frames[seen.frame].observations[seen.observation].doubtful;
+      return !observation(frames, seen).doubtful;
     });
     if (count < options.min_observations) continue;
     const std::vector<Gaussian> states = smooth(frames, track, options);
     for (std::size_t i = 0; i < states.size(); ++i) {
-      const std::size_t k = track.seen[i].frame;
-      const ObjectObservation& seen = frames[k].observations[track.seen[i].observation];
+      const ObjectObservation& seen = observation(frames, track.seen[i]);
       ObjectEstimate estimate;
-      estimate.frame = static_cast<std::int64_t>(k);
+      estimate.frame = static_cast<std::int64_t>(track.seen[i].frame);
       estimate.instance = track.identity;
       estimate.label = seen.label;
       estimate.p_moving = seen.p_moving;

@@ -233,53 +233,43 @@ TEST(ObjectTracks, NamesAloneKeepATrack) {
   EXPECT_TRUE(track_objects(frames).empty());
 }
 
-// What was taken for the thing at first was the edge of another: it jumps, and keeps its name.
-TEST(ObjectTracks, AThingThatJumpsKeepsItsIdentityAndForgetsItsMotion) {
-  Thing edge, thing;
-  edge.start = {-1, 0, 8};
-  edge.velocity = {0, 0, 8};
-  thing.start = {-3, 0, 40};
-  thing.velocity = {0, 0, -7};
-  std::vector<ObjectFrame> frames = film({thing}, 30);
+const Thing kComing{.start = {-3, 0, 40}, .velocity = {0, 0, -7}};
+
+/// `kComing` comes into view at frame `first`. Before frame 18 the edge of what hides it is taken
+/// for it, at 22.4 m at last, where the thing is at 27.4 m; with `keypoints` where the thing
+/// has 40.
+std::vector<ObjectFrame> film_behind_an_edge(std::size_t first, int keypoints) {
+  const Thing edge{.start = {-1, 0, 8}, .velocity = {0, 0, 8}};
+  std::vector<ObjectFrame> frames = film({kComing}, 30);
   const std::vector<ObjectFrame> before = film({edge}, 18);
-  for (std::size_t k = 12; k < 18; ++k) frames[k] = before[k];
-  for (std::size_t k = 0; k < 12; ++k) frames[k].observations.clear();
-  // At 1.8 s the edge is at 22.4 m, the thing at 27.4 m.
-  const auto estimates = track_objects(frames);
+  for (std::size_t k = 0; k < first; ++k) frames[k].observations.clear();
+  for (std::size_t k = first; k < 18; ++k) {
+    frames[k] = before[k];
+    frames[k].observations[0].keypoints = keypoints;
+  }
+  return frames;
+}
+
+TEST(ObjectTracks, AThingThatJumpsKeepsItsIdentityAndForgetsItsMotion) {
+  const auto estimates = track_objects(film_behind_an_edge(12, 40));
   ASSERT_EQ(estimates.size(), 18u);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_EQ(e.instance, kComing.instance);
     EXPECT_NEAR(e.velocity.z(), e.frame < 18 ? 8 : -7, 0.8) << e.frame;
   }
 }
 
-// An object that comes into view behind the edge of another: few keypoints, all of the edge.
 TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
-  Thing edge, thing;
-  edge.start = {-1, 0, 8};
-  edge.velocity = {0, 0, 8};
-  thing.start = {-3, 0, 40};
-  thing.velocity = {0, 0, -7};
-  const std::vector<ObjectFrame> before = film({edge}, 18);
-  const auto run = [&](int keypoints, std::size_t first) {
-    std::vector<ObjectFrame> frames = film({thing}, 30);
-    for (std::size_t k = 0; k < first; ++k) frames[k].observations.clear();
-    for (std::size_t k = first; k < 18; ++k) {
-      frames[k] = before[k];
-      frames[k].observations[0].keypoints = keypoints;
-    }
-    return track_objects(frames);
-  };
-  const auto estimates = run(15, 14);  // 15 of 40 keypoints, over 0.3 s
+  const auto estimates = track_objects(film_behind_an_edge(14, 15));  // for 0.3 s
   ASSERT_EQ(estimates.size(), 16u);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_EQ(e.instance, kComing.instance);
     EXPECT_NEAR(e.velocity.z(), -7, 0.8) << e.frame;
-    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+    EXPECT_LT((e.position - kComing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
   }
   // As many keypoints, or for too long: both parts are believed.
-  EXPECT_NEAR(run(40, 14).front().velocity.z(), 8, 0.8);
-  EXPECT_NEAR(run(15, 10).front().velocity.z(), 8, 0.8);
+  EXPECT_NEAR(track_objects(film_behind_an_edge(14, 40)).front().velocity.z(), 8, 0.8);
+  EXPECT_NEAR(track_objects(film_behind_an_edge(10, 15)).front().velocity.z(), 8, 0.8);
 }
 
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {

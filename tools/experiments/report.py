@@ -8,6 +8,7 @@ and LaTeX, with every run as a row of NAME.runs.csv; the figures in WORK/figures
 """
 import base64
 import html
+import itertools
 import json
 import os
 import re
@@ -176,13 +177,17 @@ def paired_rows(label, baseline_rows, rows, metric, ignore=()):
     good = [(x, y) for x, y in zip(a, b) if x > 0 and y > 0]
     ratio = difference([np.log(x) for x, _ in good], [np.log(y) for _, y in good])
     worst = max(range(len(keys)), key=lambda i: b[i] - a[i])
-    interval = lambda e, f: "-" if e is None else f"{show(e, 4)} to {show(f, 4)}"
+    interval = lambda e, f: show_interval(e, f, lambda v: show(v, 4))
     power = lambda v: None if v is None else float(np.exp(v))
     return label + [
         d.pairs, show(d.mean), interval(d.low, d.high), show(power(ratio.mean), 3),
         interval(power(ratio.low), power(ratio.high)), show_p(d.wilcoxon_p),
         f"{show(b[worst] - a[worst])} ({keys[worst][0]}, seed {keys[worst][1]})",
         show(mean([r.get("tracked") for r in rows]), 1), ratio.verdict]
+
+
+def show_interval(low, high, form):
+    return "-" if low is None else f"{form(low)} to {form(high)}"
 
 
 def show_p(p):
@@ -267,31 +272,37 @@ def best_tables(experiment, rows):
             wrong_prior_table(experiment, rows)]
 
 
+def ratio_row(mine, other, own):
+    """ATE of `own` over that of `other` in these runs: pairs, ratio ...; None without pairs. A pair is
+    an input and seed; of several cases the mean of the logarithms counts once."""
+    rows = {c: select(mine, configuration=c) for c in (other, own)}
+    logs = {}
+    for key, a, b in zip(*pairs(rows[other], rows[own], "ate")):
+        if a > 0 and b > 0:
+            logs.setdefault(key[:2], []).append(np.log(b / a))
+    if not logs:
+        return None
+    values = [float(np.mean(v)) for v in logs.values()]
+    d = difference(np.zeros(len(values)), values)
+    form = lambda v: f"{np.exp(v):.2g}"
+    return [d.pairs, form(d.mean), show_interval(d.low, d.high, form), show_p(d.wilcoxon_p), d.verdict,
+            *[show(mean([r.get("tracked") for r in rows[c]]), 1) for c in (own, other)]]
+
+
 def wrong_prior_table(experiment, rows):
-    """ATE of `verified` over that of each other configuration, with exact and with wrong priors. A
-    pair is an input and seed; of several cases the mean of the logarithms counts once."""
+    """ATE of `verified` over that of each other configuration, with exact and with wrong priors."""
     own = "verified"
     cases = {"exact": ["exact"], "wrong": [c for c in unique(rows, "case") if c != "exact"]}
+    others = [c for c in unique(rows, "configuration") if c != own]
     body = []
-    for variant in unique(rows, "variant"):
-        for name in ["", *unique(rows, "input")]:
-            for priors, chosen in cases.items():
-                mine = [r for r in rows if r["variant"] == variant and r["case"] in chosen
-                        and name in ("", r["input"])]
-                tracked = lambda c: show(mean([r.get("tracked") for r in select(mine, configuration=c)]), 1)
-                for other in unique(mine, "configuration"):
-                    logs = {}
-                    for key, a, b in zip(*pairs(select(mine, configuration=other),
-                                                select(mine, configuration=own), "ate")):
-                        if a > 0 and b > 0:
-                            logs.setdefault(key[:2], []).append(np.log(b / a))
-                    if other == own or not logs:
-                        continue
-                    values = [float(np.mean(v)) for v in logs.values()]
-                    d = difference(np.zeros(len(values)), values)
-                    interval = "-" if d.low is None else f"{np.exp(d.low):.2g} to {np.exp(d.high):.2g}"
-                    body.append([name or "all", variant, priors, other, d.pairs, f"{np.exp(d.mean):.2g}",
-                                 interval, show_p(d.wilcoxon_p), d.verdict, tracked(own), tracked(other)])
+    for variant, name, priors in itertools.product(unique(rows, "variant"), ["", *unique(rows, "input")],
+                                                   cases):
+        mine = [r for r in rows if r["variant"] == variant and r["case"] in cases[priors]
+                and name in ("", r["input"])]
+        for other in others:
+            row = ratio_row(mine, other, own)
+            if row:
+                body.append([name or "all", variant, priors, other, *row])
     return Table(f"{experiment['name']}-exact-wrong",
                  "ATE of verified over that of the others, exact and wrong priors",
                  ["input", "variant", "priors", "other", "pairs", "ratio", "95 %", "Wilcoxon p", "verdict",

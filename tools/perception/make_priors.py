@@ -52,7 +52,7 @@ def main():
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
     parser.add_argument("--output", required=True, type=Path)
     parser.add_argument("--builder", help="path of the program build_priors")
-    parser.add_argument("--pair", default="", choices=("grey", "colour"),
+    parser.add_argument("--pair", default="", choices=tuple(common.PAIRS),
                         help="image_0 and image_1 (default if they exist), or image_2 and "
                         "image_3; run_stereo_kitti needs the same")
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
