@@ -3,7 +3,8 @@
 # experiments of configs/experiments, and writes a report. What was done before is not done again;
 # interrupt it (Ctrl-C) and call it again as you like.
 #   tools/reproduce.sh [--data ROOT] [--quick] [--cores N] [--profile NAME] [--output DIR]
-#                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--no-setup]
+#                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--schedules NAME...]
+#                      [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
 #                   of them, anywhere in it; what is not there is simulated, and marked so
 #   --quick         short sequences, one or two seeds: about 40 minutes of two cores
@@ -11,6 +12,7 @@
 #   --profile NAME  where jobs run: local (default), slurm, kubernetes, or a folder with a profile
 #   --output DIR    default runs/reproduce, runs/reproduce-quick
 #   --only NAME...  experiments by name (table_1_kitti, study_priors ...)
+#   --schedules NAME...  only runs of these schedules; realtime runs take hours
 #   --worlds DIR    simulated worlds rendered before, taken where the command in their README fits
 #   --bin DIR       programs that are built already
 #   --no-setup      nothing is installed or built
@@ -32,7 +34,7 @@ while [ $# -gt 0 ]; do
     --data) plan+=(--data "${2:?--data ROOT}"); shift 2 ;;
     --no-setup) setup=false; shift ;;
     --dry-run) dry=--dry-run; shift ;;
-    --only | --seeds | --inputs)
+    --only | --seeds | --inputs | --schedules)
       plan+=("$1"); shift
       while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
     -h | --help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;

@@ -1,4 +1,5 @@
 """Parts of the experiments workflow, without running any experiment."""
+import argparse
 import json
 import os
 import pathlib
@@ -190,6 +191,39 @@ class Experiments(unittest.TestCase):
             for key in ("config", "priors"):
                 if key in entry:
                     self.assertTrue((SOURCE / "configs" / entry[key]).exists(), entry)
+
+
+class Plans(unittest.TestCase):
+    class Planner(plan.Planner):
+        """Knows every setting; its runs are what they are made of."""
+        def __init__(self, **options):
+            self.options = argparse.Namespace(**{
+                "scale": "full", "inputs": [], "seeds": [], "schedules": [], **options})
+
+        def known(self, settings):
+            return settings
+
+        def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, _):
+            return f"{name} {seed} {schedule} {repeat}"
+
+    EXPERIMENT = {"seeds": [4, 5], "schedules": ["pipelined", "realtime"], "repeats": {"realtime": 2}}
+
+    def runs(self, experiment, seed):
+        rows = self.Planner().runs_of_input(experiment, (None, "", {}), "x", seed,
+                                            {"name": "stock", "settings": []})
+        return [row["job"] for row in rows]
+
+    def test_runs_that_are_repeated_are_of_the_first_seed(self):
+        self.assertEqual(self.runs(self.EXPERIMENT, 4),
+                         ["x 4 pipelined 0", "x 4 realtime 0", "x 4 realtime 1"])
+        self.assertEqual(self.runs(self.EXPERIMENT, 5), ["x 5 pipelined 0"])
+
+    def test_schedules_are_chosen(self):
+        self.assertEqual(self.Planner().experiment("table_1_kitti.yaml")["schedules"],
+                         ["pipelined", "realtime"])
+        planner = self.Planner(schedules=["pipelined"])
+        self.assertEqual(planner.experiment("table_1_kitti.yaml")["schedules"], ["pipelined"])
+        self.assertEqual(planner.experiment("table_s7_stall.yaml")["schedules"], [])
 
 
 class Steps(unittest.TestCase):

@@ -224,11 +224,12 @@ class Planner:
         spec.update(program="run_stereo_euroc" if euroc else "run_stereo_kitti",
                     arguments=arguments, priors=priors, repeat=repeat)
         spec["key"] = self.programs.key(spec["program"])
-        realtime = schedule == "realtime" or experiment.get("alone", False)
-        cost = 0.03 * (experiment.get("frames") or 250) * (4 if realtime else 1)
+        alone = experiment.get("alone", False)  # its times are the result
+        realtime = schedule == "realtime"  # waits for the camera most of the time
+        cost = (0.1 if realtime else 0.03) * (experiment.get("frames") or 250)
         return self.add("run", [name.replace("/", ""), seed, configuration["name"],
                                 case if priors or drive else "", schedule],
-                        spec, needs, self.options.cores if realtime else 1, cost)
+                        spec, needs, self.options.cores if alone else 1, cost)
 
     def leave_out(self, experiment, what, why):
         self.left_out.setdefault(experiment, {})[what] = why
@@ -323,7 +324,10 @@ class Planner:
                 continue
             for case in experiment.get("cases", ["exact"]):
                 for schedule in experiment.get("schedules", ["pipelined"]):
-                    for repeat in range(experiment.get("repeats", {}).get(schedule, 1)):
+                    repeats = experiment.get("repeats", {}).get(schedule, 1)
+                    if repeats > 1 and seed != experiment["seeds"][0]:
+                        continue  # as of a recording: many runs of one input
+                    for repeat in range(repeats):
                         job = self.run_of(source, name, configuration, settings, case, schedule,
                                           repeat, seed, experiment)
                         rows.append({**source[2], "job": job, "seed": seed, "variant": variant,
@@ -356,6 +360,9 @@ class Planner:
             spec["repeats"] = {}
         if self.options.seeds:
             spec["seeds"] = self.options.seeds
+        if self.options.schedules:
+            spec["schedules"] = [s for s in spec.get("schedules", ["pipelined"])
+                                 if s in self.options.schedules]
         return spec
 
     def plan(self):
@@ -370,6 +377,8 @@ class Planner:
             if self.options.only and file.removesuffix(".yaml") not in self.options.only:
                 continue
             spec = self.experiment(file)
+            if not spec.get("schedules", ["pipelined"]):
+                continue
             spec["runs"] = self.runs_of(spec)
             spec["left_out"] = self.left_out.get(spec["name"], {})
             experiments.append(spec)
@@ -404,6 +413,9 @@ def main():
     parser.add_argument("--inputs", nargs="+", default=[], metavar="NAME", help="these inputs")
     parser.add_argument("--seeds", nargs="+", type=int, default=[], metavar="N",
                         help="instead of those of the experiments")
+    parser.add_argument("--schedules", nargs="+", default=[], metavar="NAME",
+                        choices=["pipelined", "sequential", "realtime"],
+                        help="only runs of these schedules")
     parser.add_argument("--worlds", default="", metavar="DIR",
                         help="worlds rendered before by this simulator: taken where the command in "
                              "their README is the same")
