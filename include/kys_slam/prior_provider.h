@@ -21,6 +21,10 @@ class PriorProvider {
   virtual bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                        std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                        std::vector<kys::Prior>& right_priors) = 0;
+
+  /// The segments of the left image of the frame looked up last, with or without keypoints; nothing
+  /// if they are not known. Valid until the next look_up().
+  [[nodiscard]] virtual std::span<const kys::Prior> segments() const { return {}; }
 };
 
 }  // namespace kys_slam

@@ -253,6 +253,12 @@ const std::vector<PriorSegment>& PriorFile::segments(CameraSide side) const {
   return index < cameras_.size() ? cameras_[index].segments : none;
 }
 
+std::span<const kys::Prior> PriorFile::segment_priors(CameraSide side) const {
+  const auto index = static_cast<std::size_t>(side);
+  if (index >= cameras_.size()) return {};
+  return std::span(cameras_[index].priors).subspan(1);
+}
+
 namespace {
 
 /// A keypoint's pixel and its place in the caller's list.

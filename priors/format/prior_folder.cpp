@@ -60,8 +60,11 @@ std::optional<PriorFile> PriorFolder::load(const std::string& name) {
 bool PriorFolder::look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                           std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                           std::vector<kys::Prior>& right_priors) {
+  segments_.clear();
   const std::optional<PriorFile> file = load(frame.name);
   if (!file) return false;
+  const std::span<const kys::Prior> segments = file->segment_priors(CameraSide::kLeft);
+  segments_.assign(segments.begin(), segments.end());
   left_priors.resize(left.size());
   right_priors.resize(right.size());
   file->lookup(CameraSide::kLeft, left, left_priors);

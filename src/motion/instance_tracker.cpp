@@ -235,8 +235,9 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
 }
 
 const std::vector<InstanceState>& InstanceTracker::judge(
-    double timestamp, std::shared_ptr<const FrameFeatures> features, const Rigid3& T_c_w,
-    std::span<const PoseTerm> terms, std::span<const Rigid3> past, kys::Statistics& statistics) {
+    double timestamp, std::shared_ptr<const FrameFeatures> features,
+    std::span<const kys::Prior> segments, const Rigid3& T_c_w, std::span<const PoseTerm> terms,
+    std::span<const Rigid3> past, kys::Statistics& statistics) {
   Frame now;
   now.timestamp = timestamp;
   now.features = std::move(features);
@@ -247,6 +248,9 @@ const std::vector<InstanceState>& InstanceTracker::judge(
     if (!follows(prior)) continue;
     std::vector<std::size_t>& members = now.keypoints[prior.instance];
     if (now.features->has_stereo(i)) members.push_back(i);
+  }
+  for (const kys::Prior& segment : segments) {
+    if (find(segment) != nullptr) now.keypoints.try_emplace(segment.instance);
   }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);

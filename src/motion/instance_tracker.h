@@ -83,13 +83,15 @@ class InstanceTracker {
 
   /// Updates the beliefs from the last frame given to `assign_priors`, after tracking.
   /// \param features with the priors `assign_priors` gave
+  /// \param segments of the left image; an instance that is known has a state without keypoints too
   /// \param terms landmarks used for its pose; none: the pose is exact
   /// \param past present T_c_w, in the map, of the frames judged before, latest first; at least
   /// frames_kept() of them
   /// \return states by instance
   const std::vector<InstanceState>& judge(double timestamp,
                                           std::shared_ptr<const FrameFeatures> features,
-                                          const Rigid3& T_c_w, std::span<const PoseTerm> terms,
+                                          std::span<const kys::Prior> segments, const Rigid3& T_c_w,
+                                          std::span<const PoseTerm> terms,
                                           std::span<const Rigid3> past,
                                           kys::Statistics& statistics);
   /// Call it for a lost frame: the next frame is not compared with earlier ones. Beliefs stay.
@@ -129,7 +131,7 @@ class InstanceTracker {
   struct Frame {
     double timestamp = 0;
     std::shared_ptr<const FrameFeatures> features;
-    Keypoints keypoints;              // with disparity, of every instance with keypoints
+    Keypoints keypoints;              // with disparity, of every instance in the image
     std::vector<std::int32_t> back;   // per feature: its match in the frame before; -1: none
     std::optional<PoseWithout> pose;  // empty: exact, the pose defines the world
   };

@@ -174,7 +174,7 @@ struct System::Impl {
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(std::vector<BackEndStep> steps);
   [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
-    return {count, frame.timestamp, seen.features, seen.left, seen.repeated};
+    return {count, frame.timestamp, seen.features, seen.left, seen.repeated, seen.segments};
   }
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   struct Place {

@@ -75,9 +75,12 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
                                 priors_[1])) {
     return false;
   }
+  const std::span<const kys::Prior> segments = prior_provider_->segments();
+  result.segments.assign(segments.begin(), segments.end());
   if (instances_raised_by_ > 0) {
-    raise(priors_[0], instances_raised_by_, is_thing_);
-    raise(priors_[1], instances_raised_by_, is_thing_);
+    for (auto* priors : {&priors_[0], &priors_[1], &result.segments}) {
+      raise(*priors, instances_raised_by_, is_thing_);
+    }
   }
   for (std::size_t side = 0; side < 2; ++side) {
     const std::vector<kys::Prior>& priors = priors_[side];

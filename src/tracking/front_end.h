@@ -33,6 +33,7 @@ struct FrontEndResult {
   FrontEndTimes times;
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
+  std::vector<kys::Prior> segments;  ///< of the left image, with or without keypoints
   double prior_coverage = 0;  ///< share of keypoints with a valid label, 0..1
   std::string fault;          ///< fault of one camera (CameraFaults); "": none
   bool repeated = false;      ///< the left image repeats that of the frame before

@@ -153,7 +153,8 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
               {},
               {},
               {},
-              options_.align ? input.left : nullptr};
+              options_.align ? input.left : nullptr,
+              input.segments};
   frame.landmarks.resize(frame.features->size());
   return frame;
 }
@@ -294,6 +295,7 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   }
   last_ = std::move(frame);
   last_->left = nullptr;  // the next frame's image comes into its place
+  last_->segments = {};
 }
 
 /// What the frame says of its things; landmarks on those that turn out to move are dropped.
@@ -309,8 +311,8 @@ void Tracker::judge_instances(Frame& frame, TrackResult& result) {
   }
   std::vector<Rigid3> past;
   for (const FramePose& pose : judged_) past.push_back(current_pose(pose));
-  result.instances = instances_->judge(frame.timestamp, frame.features, frame.T_c_w, terms, past,
-                                       result.statistics);
+  result.instances = instances_->judge(frame.timestamp, frame.features, frame.segments, frame.T_c_w,
+                                       terms, past, result.statistics);
   bool changed = false;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (!frame.landmarks[i].valid() || is_believed_static(frame.features->prior(i))) continue;

@@ -58,8 +58,9 @@ struct TrackerInput {
   std::int64_t index = 0;
   double timestamp = 0;  ///< s
   std::shared_ptr<const FrameFeatures> features;
-  const ImagePyramid* left = nullptr;  ///< of the left image; null: features without images
-  bool repeated = false;               ///< the left image is that of the frame before
+  const ImagePyramid* left = nullptr;         ///< of the left image; null: features without images
+  bool repeated = false;                      ///< the left image is that of the frame before
+  std::span<const kys::Prior> segments = {};  ///< of the left image, with or without keypoints
 };
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
@@ -149,7 +150,8 @@ class Tracker {
     std::vector<LandmarkId> landmarks;  // per feature
     Rigid3 T_c_w;
     FramePose pose;
-    const ImagePyramid* left = nullptr;  // while the frame is tracked
+    const ImagePyramid* left = nullptr;    // while the frame is tracked
+    std::span<const kys::Prior> segments;  // while the frame is tracked
   };
 
   Frame make_frame(const TrackerInput& input);

@@ -51,6 +51,12 @@ class Street {
 
   /// Keypoints on it lose their disparity, as on an object that leaves the view of one camera.
   void lose_disparity(std::int32_t instance) { without_disparity_ = instance; }
+  /// It is in the image still, but shows no keypoint.
+  void lose_keypoints(std::int32_t instance) { without_keypoints_ = instance; }
+  void show_segment(std::int32_t instance) {
+    const auto car = space_.index_of("car");
+    segments_.push_back(kys::make_prior(car, instance, 1, 0, false));
+  }
   /// The file calls the wrong one moving.
   void spoil_flags() {
     for (Point& p : points_) p.prior.dynamic = p.prior.instance == kParked ? 1 : 0;
@@ -85,7 +91,7 @@ class Street {
       Eigen::Vector3d p_w = p.p_w;
       if (p.prior.instance == kDriving) p_w.z() += 0.7 * frames_;
       const Eigen::Vector3d p_c = T_c_w * p_w;
-      if (p_c.z() < 2) continue;
+      if (p_c.z() < 2 || p.prior.instance == without_keypoints_) continue;
       const Eigen::Vector3d pixel = kCamera.project_stereo(p_c);
       if (!kCamera.in_image(pixel.x(), pixel.y())) continue;
       set.keypoints.push_back({static_cast<float>(pixel.x()), static_cast<float>(pixel.y())});
@@ -107,9 +113,9 @@ class Street {
     const double time = kDt * frames_;
     std::vector<kys::Prior> believed = tracker_.assign_priors(time, raw, T_c_w, last);
     kys::Statistics statistics;
-    states_ =
-        tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),
-                       T_c_w, frames_ == 0 ? std::vector<PoseTerm>{} : terms, past_, statistics);
+    states_ = tracker_.judge(time, std::make_shared<const FrameFeatures>(raw.with_priors(believed)),
+                             segments_, T_c_w, frames_ == 0 ? std::vector<PoseTerm>{} : terms,
+                             past_, statistics);
     past_.insert(past_.begin(), T_c_w);
     past_.resize(std::min(past_.size(), tracker_.frames_kept()));
     ++frames_;
@@ -146,7 +152,9 @@ class Street {
   std::vector<kys::Prior> seen_;
   std::vector<InstanceState> states_;
   int frames_ = 0;
+  std::vector<kys::Prior> segments_;
   std::int32_t without_disparity_ = -1;
+  std::int32_t without_keypoints_ = -1;
 };
 
 TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
@@ -232,6 +240,22 @@ TEST(InstanceTracker, AnInstanceWithoutDisparitiesKeepsItsBelief) {
   EXPECT_NEAR(state->p_static, before, 0.05);
   street.frame();  // nothing of the frame before can be tracked
   EXPECT_LT(street.tracker().p_static(kDriving), 0.15);
+}
+
+TEST(InstanceTracker, AnInstanceWithoutKeypointsIsReportedWhileItsSegmentIsSeen) {
+  constexpr std::int32_t kNeverSeen = 77;
+  Street street;
+  for (int i = 0; i < 6; ++i) street.frame();
+  street.lose_keypoints(kDriving);
+  street.show_segment(kDriving);
+  street.show_segment(kNeverSeen);
+  street.frame();
+  const InstanceState* car = street.state(kDriving);
+  ASSERT_NE(car, nullptr);
+  EXPECT_EQ(car->keypoints, 0);
+  EXPECT_EQ(car->span, 0);
+  EXPECT_LT(car->p_static, 0.1);
+  EXPECT_EQ(street.state(kNeverSeen), nullptr);
 }
 
 TEST(InstanceTracker, StuffIsNotDoubted) {

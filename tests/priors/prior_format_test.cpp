@@ -291,15 +291,42 @@ TEST(PriorFolder, ALabelSpaceGivenByPathIsExpectedByItsName) {
   EXPECT_EQ(expected.label_count, 19u);
 }
 
-TEST(PriorFolder, MissingFilesAreCountedAndWarnedOnce) {
+/// A folder with the prior file of frame 000003.
+fs::path folder_of_one(const FramePriors& maps) {
   const fs::path folder =
       fs::temp_directory_path() / ("kys_prior_source_test_" + std::to_string(::getpid()));
   fs::create_directories(folder);
-  EXPECT_THROW(PriorFolder(folder / "none", {}), InputError);
-  const auto bytes = encode_priors(make_street(48, 24, 4), "x");
+  const auto bytes = encode_priors(maps, "x");
   std::ofstream(folder / "000003.kysp", std::ios::binary)
       .write(reinterpret_cast<const char*>(bytes.data()),
              static_cast<std::streamsize>(bytes.size()));
+  return folder;
+}
+
+TEST(PriorFolder, ShowsTheSegmentsOfTheFrameLookedUpLast) {
+  const fs::path folder = folder_of_one(make_street(48, 24, 4));
+  PriorFolder source(folder, {});
+  std::vector<kys::Prior> left, right;
+  StereoFrame frame;
+  frame.name = "000003";
+  ASSERT_TRUE(source.look_up(frame, {}, {}, left, right));
+  const std::vector<PriorSegment> expected =
+      PriorFile::open(folder / "000003.kysp").segments(CameraSide::kLeft);
+  ASSERT_GT(expected.size(), 1u);
+  ASSERT_EQ(source.segments().size(), expected.size());
+  for (std::size_t k = 0; k < expected.size(); ++k) {
+    EXPECT_EQ(source.segments()[k].label, expected[k].label);
+    EXPECT_EQ(source.segments()[k].instance, expected[k].instance);
+  }
+  frame.name = "000004";
+  EXPECT_FALSE(source.look_up(frame, {}, {}, left, right));
+  EXPECT_TRUE(source.segments().empty());
+  fs::remove_all(folder);
+}
+
+TEST(PriorFolder, MissingFilesAreCountedAndWarnedOnce) {
+  const fs::path folder = folder_of_one(make_street(48, 24, 4));
+  EXPECT_THROW(PriorFolder(folder / "none", {}), InputError);
   int warnings = 0;
   PriorFolder source(folder, {}, false, [&](const std::string&) { ++warnings; });
   source.prefetch("000003");
