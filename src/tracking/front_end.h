@@ -34,10 +34,10 @@ struct FrontEndResult {
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
   std::vector<kys::Prior> segments;  ///< of the left image, with or without keypoints
-  double prior_coverage = 0;  ///< share of keypoints with a valid label, 0..1
-  std::string fault;          ///< fault of one camera (CameraFaults); "": none
-  bool repeated = false;      ///< the left image repeats that of the frame before
-  int masked = 0;             ///< keypoints dropped: masked, or their segment moves (mode `mask`)
+  double prior_coverage = 0;         ///< share of keypoints with a valid label, 0..1
+  std::string fault;                 ///< fault of one camera (CameraFaults); "": none
+  bool repeated = false;             ///< the left image repeats that of the frame before
+  int masked = 0;  ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 
 /// Computes the features of a stereo frame with disparities and priors: extraction of both images
