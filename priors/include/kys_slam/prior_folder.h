@@ -36,7 +36,9 @@ class PriorFolder : public PriorProvider {
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
-  [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
+  /// \throws InputError as `load`.
+  bool segments(const StereoFrame& frame, int step, SegmentCells& left,
+                SegmentCells& right) override;
 
   /// Asks the operating system to load the file of a frame into memory; returns at once.
   void prefetch(const std::string& name) const;
@@ -51,7 +53,10 @@ class PriorFolder : public PriorProvider {
   ExpectedPriors expected_;
   bool strict_ = false;
   Warning warn_;
-  std::vector<kys::Prior> segments_;
+  [[nodiscard]] const std::optional<PriorFile>& file_of(const StereoFrame& frame);
+
+  std::optional<PriorFile> file_;    // of the frame asked for last
+  std::optional<std::string> name_;  // of that frame
   std::size_t loaded_ = 0;
   std::size_t missing_ = 0;
 };
