@@ -26,6 +26,10 @@ void describe(kys::OptionList& list, LoopOptions& o) {
            "its distance");
   list.add("loop.max_neighbour_turn", o.max_neighbour_turn, {0, 180}, "deg",
            "between the verified and the expected orientation of one");
+  list.add("loop.max_drift", o.max_drift, {0, 1e6}, "",
+           "largest error of the path since the place as a share of its length");
+  list.add("loop.min_allowed_drift", o.min_allowed_drift, {0, 1e6}, "m",
+           "error allowed for short paths too");
   list.add("loop.essential_weight", o.essential_weight, {1, 1e6}, "",
            "shared landmarks of an edge of the essential graph");
   list.add("loop.graph_iterations", o.graph_iterations, {0, 1000}, "",
@@ -105,12 +109,31 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrame
     std::optional<VerifiedPlace> place = verify_place(
         map, features, candidate.keyframe, options_.verification, *model_, report.statistics);
     if (!place || (best && place->inliers <= best->place.inliers)) continue;
+    if (!is_plausible(map, current, *place)) continue;
     std::optional<Confirmed> confirmed =
         confirm(map, current, std::move(*place), report.statistics);
     if (confirmed) best = std::move(confirmed);
   }
   report.verify = watch.lap_ms();
   return best;
+}
+
+/// Whether odometry can be as wrong as a loop says. Two sub-maps may lie anywhere.
+bool LoopCloser::is_plausible(const Map& map, KeyFrameId current,
+                              const VerifiedPlace& place) const {
+  const KeyFrameId submap = map.keyframe(current).submap;
+  if (map.keyframe(place.keyframe).submap != submap) return true;
+  double path = 0;
+  std::optional<Eigen::Vector3d> last;
+  for (const KeyFrameId id : map.submap_keyframes(submap)) {
+    if (id < place.keyframe || current < id) continue;
+    const Eigen::Vector3d centre = map.keyframe(id).T_c_w.inverse().t();
+    if (last) path += (centre - *last).norm();
+    last = centre;
+  }
+  const Rigid3 T_w_current = map.keyframe(current).T_c_w.inverse();
+  const double error = (place.T_c_w.inverse().t() - T_w_current.t()).norm();
+  return error <= options_.max_drift * path + options_.min_allowed_drift;
 }
 
 /// Covisible keyframes of the current one have to see the place from where they are relative to it:

@@ -26,7 +26,11 @@ struct LoopOptions {
   int min_neighbour_inliers = 25;    ///< landmarks of the place that each must match
   double max_neighbour_shift = 0.1;  ///< m, and share of its distance from the keyframe
   double max_neighbour_turn = 2;     ///< deg, between its verified and its expected orientation
-  int essential_weight = 100;        ///< shared landmarks of an edge of the essential graph
+  /// Largest error of the path since the place, as a share of its length; a loop with a larger one
+  /// is of another place that looks the same. Stereo odometry drifts by 0.02 at most.
+  double max_drift = 0.1;
+  double min_allowed_drift = 0.5;  ///< m, allowed for short paths too
+  int essential_weight = 100;      ///< shared landmarks of an edge of the essential graph
   int graph_iterations = 20;
   PlaceVerificationOptions verification;
   FusionOptions fusion{10, 0, 4, 50};
@@ -76,6 +80,8 @@ class LoopCloser {
   [[nodiscard]] std::optional<Confirmed> confirm(const Map& map, KeyFrameId current,
                                                  VerifiedPlace place,
                                                  kys::Statistics& statistics) const;
+  [[nodiscard]] bool is_plausible(const Map& map, KeyFrameId current,
+                                  const VerifiedPlace& place) const;
   void close(Map& map, KeyFrameId current, const Confirmed& loop,
              const std::atomic<bool>* stop) const;
   void merge(Map& map, KeyFrameId current, const Confirmed& loop) const;

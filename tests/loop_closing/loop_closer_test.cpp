@@ -145,6 +145,23 @@ TEST_F(LoopCloserTest, FindsNothingWhereNothingWasSeenBefore) {
   EXPECT_FALSE(close(made, kLap / 2 - 1).closed);
 }
 
+TEST_F(LoopCloserTest, APathCannotBeWrongByMoreThanOdometryDrifts) {
+  // The round is 250 m long and 0.7 m wrong at its end.
+  DriftedMap made = round_trip(ring(), kLap + 6, 1);
+  LoopOptions options;
+  options.max_drift = 0.002;
+  options.min_allowed_drift = 0.1;
+  const LoopReport report = close(made, kLap + 5, options);
+  EXPECT_GT(report.candidates, 0);
+  EXPECT_FALSE(report.closed);
+  options.min_allowed_drift = 1;
+  EXPECT_TRUE(close(made, kLap + 5, options).closed);
+  made = round_trip(ring(), kLap + 6, 1);
+  options.max_drift = 0.01;
+  options.min_allowed_drift = 0;
+  EXPECT_TRUE(close(made, kLap + 5, options).closed) << "of its length";
+}
+
 TEST_F(LoopCloserTest, ANeighbourThatDoesNotConfirmIsNoLoop) {
   DriftedMap made = round_trip(ring(), kLap + 6, 1);
   LoopOptions options;
