@@ -90,8 +90,7 @@ struct OrbExtractor::Impl {
 
   /// Where few corners of a level are outside the regions, chooses them anew, weak ones too.
   void refill(const SparseRegions& sparse, std::size_t level, std::vector<Corner>& outside) {
-    const double share = sparse.others_scarce ? 1 : options.static_share;
-    const int least = static_cast<int>(share * wanted[level]);
+    const int least = static_cast<int>(options.static_share * wanted[level]);
     if (static_cast<int>(outside.size()) >= least) return;
     const auto in_region = [&](const Corner& c) { return region_of(sparse, level, c) >= 0; };
     std::erase_if(corners, in_region);

@@ -25,8 +25,7 @@ struct OrbOptions {
   /// Most keypoints on an instance that is believed to move (mode `verified`).
   int moving_keypoints = 150;
   /// Share of the keypoints wanted on what does not move, in images with moving instances; where
-  /// there are fewer, they are chosen anew, corners at fast_min_threshold included. All, where few
-  /// landmarks are tracked (`keyframes.scarce`).
+  /// there are fewer, they are chosen anew, corners at fast_min_threshold included.
   double static_share = 0.5;
 };
 /// For check_options().

@@ -8,9 +8,8 @@ namespace kys_slam {
 /// Regions of an image that need few keypoints, on a grid of square cells: things that move hold no
 /// pose.
 struct SparseRegions {
-  int step = 0;                ///< px, side of a cell
-  int columns = 0;             ///< cells per row
-  bool others_scarce = false;  ///< what is tracked elsewhere is little: it gets all keypoints
+  int step = 0;     ///< px, side of a cell
+  int columns = 0;  ///< cells per row
   std::vector<std::int32_t>
       region;  ///< per cell: number of its region, -1: none; empty: no regions
 

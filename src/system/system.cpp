@@ -447,8 +447,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
   FrontEndResult seen = s.front_end.process(
-      frame, masks, [&](const kys::Prior& prior) { return s.tracker.is_believed_moving(prior); },
-      s.reports.empty() || s.reports.back().inliers < s.options.tracking.keyframes.scarce);
+      frame, masks, [&](const kys::Prior& prior) { return s.tracker.is_believed_moving(prior); });
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());

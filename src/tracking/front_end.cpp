@@ -79,12 +79,9 @@ void FrontEnd::load_segments(const StereoFrame& frame) {
   }
 }
 
-SparseRegions FrontEnd::sparse_regions(std::size_t side, const Moves& moves, bool scarce) const {
+SparseRegions FrontEnd::sparse_regions(std::size_t side, const Moves& moves) const {
   const SegmentCells& segments = segments_[side];
-  SparseRegions sparse;
-  sparse.step = segments.step;
-  sparse.columns = segments.columns;
-  sparse.others_scarce = scarce;
+  SparseRegions sparse{segments.step, segments.columns, {}};
   if (segments.step <= 0) return sparse;
   std::vector<std::int32_t> region{-1};  // of void
   std::int32_t regions = 0;
@@ -125,14 +122,14 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
 }
 
 FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks,
-                                 const Moves& moves, bool scarce) {
+                                 const Moves& moves) {
   FrontEndResult result;
   Stopwatch watch;
   const bool from_images = !frame.left_features;
   load_segments(frame);
   result.times.priors = watch.lap_ms();
   if (from_images) {
-    extract(frame, {sparse_regions(0, moves, scarce), sparse_regions(1, moves, scarce)});
+    extract(frame, {sparse_regions(0, moves), sparse_regions(1, moves)});
     result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};

@@ -52,10 +52,8 @@ class FrontEnd {
   /// Whether an instance is believed to move, by a prior of it.
   using Moves = std::function<bool(const kys::Prior& prior)>;
   /// \param moves empty: no instance gets fewer keypoints
-  /// \param scarce few landmarks were tracked in the frame before: what does not move gets all
-  /// keypoints that there are
   FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {},
-                         const Moves& moves = {}, bool scarce = false);
+                         const Moves& moves = {});
   /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
   /// below.
   /// \param is_thing by label
@@ -69,8 +67,7 @@ class FrontEnd {
  private:
   void extract(const StereoFrame& frame, const std::array<SparseRegions, 2>& sparse);
   void load_segments(const StereoFrame& frame);
-  [[nodiscard]] SparseRegions sparse_regions(std::size_t side, const Moves& moves,
-                                             bool scarce) const;
+  [[nodiscard]] SparseRegions sparse_regions(std::size_t side, const Moves& moves) const;
   bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
 
   StereoCamera camera_;
