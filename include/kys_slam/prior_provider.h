@@ -3,25 +3,10 @@
 #include <kys/distance.h>
 #include <kys_slam/frame_source.h>
 
-#include <cstdint>
 #include <span>
 #include <vector>
 
 namespace kys_slam {
-
-/// A segment that an image shows.
-struct VisibleSegment {
-  kys::Prior prior;  ///< without motion
-  double area = 0;   ///< px
-};
-
-/// The segments of one image on a coarse grid.
-struct SegmentCells {
-  int step = 0;                      ///< px, side of a cell
-  int columns = 0;                   ///< cells per row; the last may reach over the border
-  std::vector<std::uint16_t> cells;  ///< by row: 0 void, k: segments[k - 1] at its centre
-  std::vector<VisibleSegment> segments;
-};
 
 /// Source of the priors of keypoints (paper, Sec. 3.4). Called once per frame, in order.
 class PriorProvider {
@@ -37,16 +22,9 @@ class PriorProvider {
                        std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                        std::vector<kys::Prior>& right_priors) = 0;
 
-  /// Fills the segments of both images of a frame, of which look_up() comes next; they include
-  /// segments without keypoints. Returns false when they are not known.
-  /// \param step px, side of a cell
-  /// \throws InputError as look_up().
-  virtual bool segments(const StereoFrame& frame, int step, SegmentCells& left,
-                        SegmentCells& right) {
-    static_cast<void>(frame), static_cast<void>(step);
-    static_cast<void>(left), static_cast<void>(right);
-    return false;
-  }
+  /// The segments of the left image of the frame looked up last, with or without keypoints; nothing
+  /// if they are not known. Valid until the next look_up().
+  [[nodiscard]] virtual std::span<const kys::Prior> segments() const { return {}; }
 };
 
 }  // namespace kys_slam

@@ -253,31 +253,10 @@ const std::vector<PriorSegment>& PriorFile::segments(CameraSide side) const {
   return index < cameras_.size() ? cameras_[index].segments : none;
 }
 
-SegmentCells PriorFile::cells(CameraSide side, int step) const {
-  SegmentCells result;
+std::span<const kys::Prior> PriorFile::segment_priors(CameraSide side) const {
   const auto index = static_cast<std::size_t>(side);
-  if (index >= cameras_.size()) return result;
-  const CameraView& camera = cameras_[index];
-  result.step = step;
-  result.columns = (width_ + step - 1) / step;
-  for (std::size_t k = 0; k < camera.segments.size(); ++k) {
-    result.segments.push_back({camera.priors[k + 1], static_cast<double>(camera.segments[k].area)});
-  }
-  result.cells.reserve(static_cast<std::size_t>(result.columns * ((height_ + step - 1) / step)));
-  for (int row = 0; row < height_; row += step) {
-    const std::uint8_t* p = row_bytes(camera, std::min(row + step / 2, height_ - 1)).first;
-    int end = 0;  // of the run
-    std::uint32_t segment = 0;
-    for (int column = 0; column < width_; column += step) {
-      const int x = std::min(column + step / 2, width_ - 1);
-      while (end <= x) {
-        end += static_cast<int>(pf::load_checked_varint(p));
-        segment = pf::load_checked_varint(p);
-      }
-      result.cells.push_back(static_cast<std::uint16_t>(segment));
-    }
-  }
-  return result;
+  if (index >= cameras_.size()) return {};
+  return std::span(cameras_[index].priors).subspan(1);
 }
 
 namespace {

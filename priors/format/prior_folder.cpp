@@ -57,30 +57,14 @@ std::optional<PriorFile> PriorFolder::load(const std::string& name) {
   return file;
 }
 
-/// A frame's file is read once.
-const std::optional<PriorFile>& PriorFolder::file_of(const StereoFrame& frame) {
-  if (name_ != frame.name) {
-    name_.reset();
-    file_ = load(frame.name);
-    name_ = frame.name;
-  }
-  return file_;
-}
-
-bool PriorFolder::segments(const StereoFrame& frame, int step, SegmentCells& left,
-                           SegmentCells& right) {
-  const std::optional<PriorFile>& file = file_of(frame);
-  if (!file) return false;
-  left = file->cells(CameraSide::kLeft, step);
-  right = file->cells(CameraSide::kRight, step);
-  return true;
-}
-
 bool PriorFolder::look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                           std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                           std::vector<kys::Prior>& right_priors) {
-  const std::optional<PriorFile>& file = file_of(frame);
+  segments_.clear();
+  const std::optional<PriorFile> file = load(frame.name);
   if (!file) return false;
+  const std::span<const kys::Prior> segments = file->segment_priors(CameraSide::kLeft);
+  segments_.assign(segments.begin(), segments.end());
   left_priors.resize(left.size());
   right_priors.resize(right.size());
   file->lookup(CameraSide::kLeft, left, left_priors);

@@ -34,7 +34,9 @@ class Priors final : public PriorProvider {
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override {
+    segments_ = {};
     if (given) {
+      segments_ = given->segment_priors(CameraSide::kLeft);
       left_priors.resize(left.size());
       right_priors.resize(right.size());
       given->lookup(CameraSide::kLeft, left, left_priors);
@@ -47,21 +49,17 @@ class Priors final : public PriorProvider {
       right_priors = frame.right_priors;
       return true;
     }
-    return folder && folder->look_up(frame, left, right, left_priors, right_priors);
+    if (!folder || !folder->look_up(frame, left, right, left_priors, right_priors)) return false;
+    segments_ = folder->segments();
+    return true;
   }
-
-  bool segments(const StereoFrame& frame, int step, SegmentCells& left,
-                SegmentCells& right) override {
-    if (given) {
-      left = given->cells(CameraSide::kLeft, step);
-      right = given->cells(CameraSide::kRight, step);
-      return true;
-    }
-    return !frame.has_priors && folder && folder->segments(frame, step, left, right);
-  }
+  [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
 
   std::unique_ptr<PriorFolder> folder;
   std::optional<PriorFile> given;
+
+ private:
+  std::span<const kys::Prior> segments_;
 };
 
 void warn(const std::string& message) {

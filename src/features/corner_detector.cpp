@@ -32,10 +32,6 @@ std::uint8_t* CornerDetector::score_row(int y) {
          kPad;
 }
 
-const std::uint8_t* CornerDetector::score_row(int y) const {
-  return const_cast<CornerDetector*>(this)->score_row(y);
-}
-
 void CornerDetector::find_peaks(const CornerOptions& options, int width, int height, int y) {
   const kernels::Kernels& k = kernels::kernels();
   const std::uint8_t* above = score_row(y - 1);
@@ -86,30 +82,16 @@ void CornerDetector::collect(const CornerOptions& options, int height,
     const auto cell_row =
         static_cast<std::size_t>(cell_of(y, options.margin, height, static_cast<int>(cell_rows_)));
     if (cell_row != marked) mark_weak_cells(marked = cell_row);
-    collect_row(y, corners, [&](const Peaks& peaks, std::size_t g) {
-      return peaks.strong | (peaks.all & weak_cells_[g]);
-    });
-  }
-}
-
-/// \param kept the bits of a group's peaks that are corners
-template <typename Kept>
-void CornerDetector::collect_row(int y, std::vector<Corner>& corners, const Kept& kept) const {
-  const std::uint8_t* row = score_row(y);
-  const Peaks* peaks = peaks_.data() + static_cast<std::size_t>(y - origin_) * row_groups_;
-  for (std::size_t g = 0; g < row_groups_; ++g) {
-    for (std::uint64_t bits = kept(peaks[g], g); bits != 0; bits &= bits - 1) {
-      const int x = static_cast<int>(g) * kGroup + std::countr_zero(bits);
-      corners.push_back(
-          {static_cast<std::int16_t>(origin_ + x), static_cast<std::int16_t>(y), row[x]});
+    const std::uint8_t* row = score_row(y);
+    const Peaks* peaks = peaks_.data() + static_cast<std::size_t>(y - origin_) * row_groups_;
+    for (std::size_t g = 0; g < row_groups_; ++g) {
+      std::uint64_t kept = peaks[g].strong | (peaks[g].all & weak_cells_[g]);
+      for (; kept != 0; kept &= kept - 1) {
+        const int x = static_cast<int>(g) * kGroup + std::countr_zero(kept);
+        corners.push_back(
+            {static_cast<std::int16_t>(origin_ + x), static_cast<std::int16_t>(y), row[x]});
+      }
     }
-  }
-}
-
-void CornerDetector::collect_weak(std::vector<Corner>& corners) const {
-  corners.clear();
-  for (int y = origin_ + 1; y <= origin_ + height_; ++y) {
-    collect_row(y, corners, [](const Peaks& peaks, std::size_t) { return peaks.all; });
   }
 }
 
@@ -121,7 +103,6 @@ void CornerDetector::detect(const GrayImage& image, const CornerOptions& options
   if (width <= 0 || height <= 0) return;
   // One pixel more all around, so that the outermost corners have their neighbours.
   origin_ = options.margin - 1;
-  height_ = height;
   const std::size_t groups = (static_cast<std::size_t>(width) + 2 + kGroup - 1) / kGroup;
   const auto rows_scored = static_cast<std::size_t>(height) + 2;
   const std::size_t stride = groups * kGroup + kPad;

@@ -34,28 +34,21 @@ class CornerDetector {
   /// Replaces `corners`, ordered by row, then column. The sides of the image are below 32768 px.
   void detect(const GrayImage& image, const CornerOptions& options, std::vector<Corner>& corners);
 
-  /// All corners of the last detect() at its min_threshold, in the same order.
-  void collect_weak(std::vector<Corner>& corners) const;
-
   /// Sub-pixel offset (x, y), px, of a corner of the last detect(): the peak of the paraboloid
   /// fitted by least squares to its 3x3 scores; at most half a pixel.
   [[nodiscard]] std::array<float, 2> subpixel(const Corner& corner) const;
 
  private:
   [[nodiscard]] std::uint8_t* score_row(int y);
-  [[nodiscard]] const std::uint8_t* score_row(int y) const;
   void find_peaks(const CornerOptions& options, int width, int height, int y);
   void mark_weak_cells(std::size_t cell_row);
   void collect(const CornerOptions& options, int height, std::vector<Corner>& corners);
-  template <typename Kept>
-  void collect_row(int y, std::vector<Corner>& corners, const Kept& kept) const;
 
   // Rows from `origin_` on, each of whole groups with padding around them.
   std::vector<std::uint8_t> scores_;
   std::vector<std::uint8_t> groups_;  // per row: whether a group has a score
   std::size_t row_groups_ = 0;
   int origin_ = 0;  // px, image coordinate of the first row and column of scores_
-  int height_ = 0;  // px, without the margins
   /// Peaks of one group, a bit per pixel.
   struct Peaks {
     std::uint64_t all = 0;

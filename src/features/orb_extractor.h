@@ -7,7 +7,6 @@
 #include <memory>
 
 #include "features/pyramid.h"
-#include "features/sparse_regions.h"
 
 namespace kys_slam {
 
@@ -22,11 +21,6 @@ struct OrbOptions {
   /// 0.45 to 0.26 px rms on KITTI images shifted by known amounts, from 0.49 to 0.32 px on EuRoC.
   /// Orientation and descriptor are computed at whole pixels.
   bool subpixel = true;
-  /// Most keypoints on an instance that is believed to move (mode `verified`).
-  int moving_keypoints = 150;
-  /// Share of the keypoints wanted on what does not move, in images with moving instances; where
-  /// there are fewer, they are chosen anew, corners at fast_min_threshold included.
-  double static_share = 0.5;
 };
 /// For check_options().
 void describe(kys::OptionList& list, OrbOptions& options);
@@ -44,10 +38,7 @@ class OrbExtractor {
 
   /// Replaces `features`, ordered by octave, then in the order of the quadtree. An image without
   /// texture gives no features and no error.
-  /// \param sparse of each region at most `moving_keypoints` are kept: those inside it before those
-  /// at its edge, then those of largest angle, which are the same in the next image wherever the
-  /// thing is
-  void extract(const GrayImage& image, FeatureSet& features, const SparseRegions& sparse = {});
+  void extract(const GrayImage& image, FeatureSet& features);
 
   /// Pyramid of the last image extracted; valid until the next call.
   [[nodiscard]] const ImagePyramid& pyramid() const;

@@ -24,6 +24,8 @@ void describe(kys::OptionList& list, StereoOptions& o) {
   list.add("stereo.refine", o.refine, "sub-pixel disparity by correlation");
   list.add("stereo.median_cut", o.median_cut, {0.1, 1000}, "",
            "matches with a patch residual above this times the median are dropped");
+  list.add("stereo.moving_keypoints", o.moving_keypoints, {0, 60000}, "",
+           "keypoints with disparity per instance flagged as moving (mode verified)");
   list.add("stereo.added_disparity", o.added_disparity, {-100, 100}, "px",
            "artificial error, to test the regression suite");
 }
@@ -143,6 +145,39 @@ std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const Ster
   return chosen;
 }
 
+/// Keypoints that need no disparity, as flags, or empty: of each thing that its prior file calls
+/// moving, all but `most`. They hold no pose and add no landmark, and a few tell how the thing
+/// moves. Orientation decides, since it chooses the same keypoints in the next frame wherever they
+/// are on the thing. The strongest corners would be poor: many are where the thing's edge crosses
+/// what is behind it.
+std::vector<std::uint8_t> unneeded(const StereoView& left, const kys::DistanceModel& model,
+                                   int most) {
+  struct Moving {
+    std::int32_t instance;
+    float angle;
+    std::uint32_t index;
+  };
+  std::vector<Moving> moving;
+  for (std::size_t i = 0; i < left.priors.size(); ++i) {
+    const kys::Prior& prior = left.priors[i];
+    if (prior.dynamic == 0 || prior.instance < 0 || !model.is_on_thing(prior)) continue;
+    moving.push_back(
+        {prior.instance, left.features->keypoints[i].angle, static_cast<std::uint32_t>(i)});
+  }
+  std::sort(moving.begin(), moving.end(), [](const Moving& a, const Moving& b) {
+    return std::tie(a.instance, b.angle, a.index) < std::tie(b.instance, a.angle, b.index);
+  });
+  std::vector<std::uint8_t> flags;
+  int count = 0;
+  for (std::size_t k = 0; k < moving.size(); ++k) {
+    count = k > 0 && moving[k].instance == moving[k - 1].instance ? count + 1 : 1;
+    if (count <= most) continue;
+    if (flags.empty()) flags.assign(left.priors.size(), 0);
+    flags[moving[k].index] = 1;
+  }
+  return flags;
+}
+
 /// Of every left keypoint.
 struct Columns {
   explicit Columns(std::size_t n)
@@ -152,12 +187,15 @@ struct Columns {
   std::vector<float> residual;  // grey levels, -1: not aligned
 };
 
-/// Matches the left keypoints [begin, end); nothing else of `columns` is touched.
+/// Matches the left keypoints [begin, end) without those of `left_out` (flags, or empty); nothing
+/// else of `columns` is touched.
 void match_some(std::size_t begin, std::size_t end, const StereoView& left, const StereoView& right,
-                const RowIndex& rows, float max_disparity, const StereoOptions& options,
-                const kys::DistanceModel& model, kys::Statistics& statistics, Columns& columns) {
+                const RowIndex& rows, std::span<const std::uint8_t> left_out, float max_disparity,
+                const StereoOptions& options, const kys::DistanceModel& model,
+                kys::Statistics& statistics, Columns& columns) {
   const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
   for (std::size_t i = begin; i < end; ++i) {
+    if (!left_out.empty() && left_out[i] != 0) continue;
     const Keypoint& l = left.features->keypoints[i];
     const std::int32_t j =
         nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options, model, statistics);
@@ -208,10 +246,12 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
   Columns columns(n);
   if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);
   const RowIndex rows(*right.features, camera.height, scales, options.row_tolerance);
+  const std::vector<std::uint8_t> left_out = unneeded(left, model, options.moving_keypoints);
   // Nothing is nearer than the baseline.
   const auto max_disparity = static_cast<float>(camera.fx);
   const auto match = [&](std::size_t begin, std::size_t end, kys::Statistics& counts) {
-    match_some(begin, end, left, right, rows, max_disparity, options, model, counts, columns);
+    match_some(begin, end, left, right, rows, left_out, max_disparity, options, model, counts,
+               columns);
   };
   if (helper != nullptr) {
     kys::Statistics others;

@@ -20,6 +20,8 @@ struct StereoOptions {
   bool refine = true;       ///< sub-pixel disparity by correlation of image patches
   /// matches with a patch residual above this times the median are dropped
   float median_cut = 2.1f;
+  /// keypoints with disparity per instance flagged as moving; mode `verified` only
+  int moving_keypoints = 300;
   float added_disparity = 0;  ///< px, an artificial error to test the regression suite
 };
 /// For check_options().

@@ -236,7 +236,7 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
 
 const std::vector<InstanceState>& InstanceTracker::judge(
     double timestamp, std::shared_ptr<const FrameFeatures> features,
-    std::span<const VisibleSegment> segments, const Rigid3& T_c_w, std::span<const PoseTerm> terms,
+    std::span<const kys::Prior> segments, const Rigid3& T_c_w, std::span<const PoseTerm> terms,
     std::span<const Rigid3> past, kys::Statistics& statistics) {
   Frame now;
   now.timestamp = timestamp;
@@ -249,11 +249,8 @@ const std::vector<InstanceState>& InstanceTracker::judge(
     std::vector<std::size_t>& members = now.keypoints[prior.instance];
     if (now.features->has_stereo(i)) members.push_back(i);
   }
-  std::map<std::int32_t, double> areas;
-  for (const VisibleSegment& segment : segments) {
-    if (find(segment.prior) == nullptr) continue;
-    now.keypoints.try_emplace(segment.prior.instance);
-    areas[segment.prior.instance] += segment.area;
+  for (const kys::Prior& segment : segments) {
+    if (find(segment) != nullptr) now.keypoints.try_emplace(segment.instance);
   }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
@@ -264,9 +261,6 @@ const std::vector<InstanceState>& InstanceTracker::judge(
     states_.push_back(test_motion(instance, members, now, T_c_w, past));
     update_belief(states_.back(), T_c_w);
     states_.back().p_static = p_static(instance);
-    if (const auto area = areas.find(instance); area != areas.end()) {
-      states_.back().area = area->second;
-    }
   }
   frames_.push_front(std::move(now));
   if (frames_.size() > static_cast<std::size_t>(options_.max_frames)) frames_.pop_back();

@@ -3,7 +3,6 @@
 #include <kys/belief.h>
 #include <kys/distance_model.h>
 #include <kys/option_list.h>
-#include <kys_slam/prior_provider.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -52,7 +51,6 @@ struct InstanceState {
   std::uint16_t label = kys::kVoidLabel;
   double p_static = 1;
   int keypoints = 0;      ///< stereo keypoints on it in this frame; 0: others only
-  double area = 0;        ///< px, visible; 0: not known
   int matches = 0;        ///< of these, tracked from an earlier frame and used
   double log_ratio = 0;   ///< nats, evidence of this frame; > 0: static
   double span = 0;        ///< s, between the two frames compared; 0: not compared
@@ -92,8 +90,8 @@ class InstanceTracker {
   /// \return states by instance
   const std::vector<InstanceState>& judge(double timestamp,
                                           std::shared_ptr<const FrameFeatures> features,
-                                          std::span<const VisibleSegment> segments,
-                                          const Rigid3& T_c_w, std::span<const PoseTerm> terms,
+                                          std::span<const kys::Prior> segments, const Rigid3& T_c_w,
+                                          std::span<const PoseTerm> terms,
                                           std::span<const Rigid3> past,
                                           kys::Statistics& statistics);
   /// Call it for a lost frame: the next frame is not compared with earlier ones. Beliefs stay.

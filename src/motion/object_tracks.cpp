@@ -287,7 +287,6 @@ class Assigner {
 struct Support {
   double begin = 0, end = 0;  // s
   double keypoints = 0;       // per frame
-  double area = 0;            // px, per frame; 0: not known
 };
 
 const ObjectObservation& observation(std::span<const ObjectFrame> frames, const Seen& seen) {
@@ -306,10 +305,8 @@ Support support_of(std::span<const ObjectFrame> frames, const Track& track) {
     if (count++ == 0) support.begin = frames[seen.frame].timestamp;
     support.end = frames[seen.frame].timestamp;
     support.keypoints += observation(frames, seen).keypoints;
-    support.area += observation(frames, seen).area;
   }
   support.keypoints /= count;
-  support.area /= count;
   return support;
 }
 
@@ -321,9 +318,7 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   const Support after = support_of(frames, second);
   if (after.begin - before.end > options.max_gap) return nullptr;
   const auto is_poor = [&](const Support& part, const Support& other) {
-    const bool by_area = part.area > 0 && other.area > 0;
-    return (by_area ? part.area / other.area : part.keypoints / other.keypoints) <
-               options.restart_share &&
+    return part.keypoints < options.restart_share * other.keypoints &&
            part.end - part.begin <= options.max_extrapolation;
   };
   if (is_poor(before, after)) return &first;

@@ -33,7 +33,6 @@ struct ObjectObservation {
   std::uint16_t label = 0;
   double p_moving = 0;
   int keypoints = 0;  ///< stereo keypoints on it
-  double area = 0;    ///< px, visible; 0: not known
   /// it may be static, or shows too little: it has no position, and does not count for
   /// min_observations
   bool doubtful = false;
@@ -57,8 +56,8 @@ struct ObjectTrackOptions {
   double gate_growth = 3.0;           ///< m/s, growth of the gate without observations
   /// m, gate for an observation of the same instance; its filter restarts
   double restart_gate = 8.0;
-  /// of two parts of a track with a restart between them, share of the other's area (keypoints,
-  /// where areas are not known) per frame below which a short part takes the motion of the other
+  /// of two parts of a track with a restart between them, share of the other's keypoints per frame
+  /// below which a short part takes the motion of the other
   double restart_share = 0.5;
   double max_gap = 1.0;  ///< s without an observation after which a track ends
   /// s, largest extent of a track before the first and after the last observation of its position

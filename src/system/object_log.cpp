@@ -27,7 +27,6 @@ ObjectObservation observe(const InstanceState& state, double step, bool doubtful
   seen.label = state.label;
   seen.p_moving = 1 - state.p_static;
   seen.keypoints = state.keypoints;
-  seen.area = state.area;
   seen.doubtful = doubtful;
   // What was measured of it while it seemed to stand still is not used.
   if (state.span <= 0 || doubtful) return seen;

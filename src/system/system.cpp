@@ -446,8 +446,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     s.stall.wait_for(std::chrono::milliseconds(s.options.control.stall_ms));
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
-  FrontEndResult seen = s.front_end.process(
-      frame, masks, [&](const kys::Prior& prior) { return s.tracker.is_believed_moving(prior); });
+  FrontEndResult seen = s.front_end.process(frame, masks);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());

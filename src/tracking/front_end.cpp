@@ -13,8 +13,6 @@ namespace kys_slam {
 
 namespace {
 
-constexpr int kSegmentCell = 4;  // px
-
 /// Removes the features for which keep(index) is false; returns how many. `priors`: one per feature
 /// or none.
 template <typename Keep>
@@ -34,14 +32,16 @@ int drop_features(FeatureSet& features, std::vector<kys::Prior>& priors, Keep&& 
   return dropped;
 }
 
-/// Raises the instance number of a thing.
-void raise(kys::Prior& prior, std::int32_t by, std::span<const std::uint8_t> thing) {
-  if (prior.label >= thing.size() || thing[prior.label] == 0 || prior.instance < 0) return;
-  if (prior.instance % kys::kRightInstances >= kys::kRightInstances - by) {
-    throw InputError("instance " + std::to_string(prior.instance) +
-                     " is too high beside those of the loaded map");
+/// Raises the instance numbers of things.
+void raise(std::vector<kys::Prior>& priors, std::int32_t by, std::span<const std::uint8_t> thing) {
+  for (kys::Prior& prior : priors) {
+    if (prior.label >= thing.size() || thing[prior.label] == 0 || prior.instance < 0) continue;
+    if (prior.instance % kys::kRightInstances >= kys::kRightInstances - by) {
+      throw InputError("instance " + std::to_string(prior.instance) +
+                       " is too high beside those of the loaded map");
+    }
+    prior.instance += by;
   }
-  prior.instance += by;
 }
 
 /// Whether the keypoint's nearest pixel (as prior files are read) is masked.
@@ -64,36 +64,9 @@ FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const Ster
   check_options(stereo);
 }
 
-void FrontEnd::extract(const StereoFrame& frame, const std::array<SparseRegions, 2>& sparse) {
-  helper_.run_beside([&] { extractors_[1].extract(frame.right, features_[1], sparse[1]); },
-                     [&] { extractors_[0].extract(frame.left, features_[0], sparse[0]); });
-}
-
-void FrontEnd::load_segments(const StereoFrame& frame) {
-  segments_ = {};
-  if (prior_provider_ == nullptr || !model_->uses_belief()) return;
-  prior_provider_->segments(frame, kSegmentCell, segments_[0], segments_[1]);
-  if (instances_raised_by_ == 0) return;
-  for (SegmentCells& side : segments_) {
-    for (VisibleSegment& s : side.segments) raise(s.prior, instances_raised_by_, is_thing_);
-  }
-}
-
-SparseRegions FrontEnd::sparse_regions(std::size_t side, const Moves& moves) const {
-  const SegmentCells& segments = segments_[side];
-  SparseRegions sparse{segments.step, segments.columns, {}};
-  if (segments.step <= 0) return sparse;
-  std::vector<std::int32_t> region{-1};  // of void
-  std::int32_t regions = 0;
-  for (const VisibleSegment& segment : segments.segments) {
-    region.push_back(moves && moves(segment.prior) ? regions++ : -1);
-  }
-  if (regions == 0) return sparse;
-  sparse.region.reserve(segments.cells.size());
-  for (const std::uint16_t segment : segments.cells) {
-    sparse.region.push_back(segment < region.size() ? region[segment] : -1);
-  }
-  return sparse;
+void FrontEnd::extract(const StereoFrame& frame) {
+  helper_.run_beside([&] { extractors_[1].extract(frame.right, features_[1]); },
+                     [&] { extractors_[0].extract(frame.left, features_[0]); });
 }
 
 bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
@@ -102,9 +75,11 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
                                 priors_[1])) {
     return false;
   }
+  const std::span<const kys::Prior> segments = prior_provider_->segments();
+  result.segments.assign(segments.begin(), segments.end());
   if (instances_raised_by_ > 0) {
-    for (std::vector<kys::Prior>& priors : priors_) {
-      for (kys::Prior& prior : priors) raise(prior, instances_raised_by_, is_thing_);
+    for (auto* priors : {&priors_[0], &priors_[1], &result.segments}) {
+      raise(*priors, instances_raised_by_, is_thing_);
     }
   }
   for (std::size_t side = 0; side < 2; ++side) {
@@ -121,15 +96,12 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   return true;
 }
 
-FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks,
-                                 const Moves& moves) {
+FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks) {
   FrontEndResult result;
   Stopwatch watch;
   const bool from_images = !frame.left_features;
-  load_segments(frame);
-  result.times.priors = watch.lap_ms();
   if (from_images) {
-    extract(frame, {sparse_regions(0, moves), sparse_regions(1, moves)});
+    extract(frame);
     result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};
@@ -147,8 +119,7 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
     result.masked += drop_features(features_[side], priors_[side],
                                    [&](std::size_t i) { return !is_masked(mask, keypoints[i]); });
   }
-  result.times.priors += watch.lap_ms();
-  result.segments = std::move(segments_[0].segments);
+  result.times.priors = watch.lap_ms();
 
   const auto view = [&](std::size_t side) {
     return StereoView{&features_[side], priors_[side],

@@ -7,7 +7,6 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -34,10 +33,10 @@ struct FrontEndResult {
   FrontEndTimes times;
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
-  std::vector<VisibleSegment> segments;  ///< of the left image, with or without keypoints
-  double prior_coverage = 0;             ///< share of keypoints with a valid label, 0..1
-  std::string fault;                     ///< fault of one camera (CameraFaults); "": none
-  bool repeated = false;                 ///< the left image repeats that of the frame before
+  std::vector<kys::Prior> segments;  ///< of the left image, with or without keypoints
+  double prior_coverage = 0;         ///< share of keypoints with a valid label, 0..1
+  std::string fault;                 ///< fault of one camera (CameraFaults); "": none
+  bool repeated = false;             ///< the left image repeats that of the frame before
   int masked = 0;  ///< keypoints dropped: masked, or their segment moves (mode `mask`)
 };
 
@@ -49,11 +48,7 @@ class FrontEnd {
   FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
            const kys::DistanceModel& model, PriorProvider* priors);
 
-  /// Whether an instance is believed to move, by a prior of it.
-  using Moves = std::function<bool(const kys::Prior& prior)>;
-  /// \param moves empty: no instance gets fewer keypoints
-  FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {},
-                         const Moves& moves = {});
+  FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
   /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
   /// below.
   /// \param is_thing by label
@@ -65,9 +60,7 @@ class FrontEnd {
   void set_disparity_offset(float offset) { disparity_offset_ = offset; }
 
  private:
-  void extract(const StereoFrame& frame, const std::array<SparseRegions, 2>& sparse);
-  void load_segments(const StereoFrame& frame);
-  [[nodiscard]] SparseRegions sparse_regions(std::size_t side, const Moves& moves) const;
+  void extract(const StereoFrame& frame);
   bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
 
   StereoCamera camera_;
@@ -80,7 +73,6 @@ class FrontEnd {
   PriorProvider* prior_provider_;
   std::array<OrbExtractor, 2> extractors_;  // left, right
   std::array<FeatureSet, 2> features_;
-  std::array<SegmentCells, 2> segments_;
   std::array<std::vector<kys::Prior>, 2> priors_;
   CameraFaults camera_faults_;
   Worker helper_;  // extracts the right image, matches half of the keypoints

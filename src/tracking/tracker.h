@@ -58,9 +58,9 @@ struct TrackerInput {
   std::int64_t index = 0;
   double timestamp = 0;  ///< s
   std::shared_ptr<const FrameFeatures> features;
-  const ImagePyramid* left = nullptr;  ///< of the left image; null: features without images
-  bool repeated = false;               ///< the left image is that of the frame before
-  std::span<const VisibleSegment> segments = {};  ///< of the left image, with or without keypoints
+  const ImagePyramid* left = nullptr;         ///< of the left image; null: features without images
+  bool repeated = false;                      ///< the left image is that of the frame before
+  std::span<const kys::Prior> segments = {};  ///< of the left image, with or without keypoints
 };
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
@@ -141,10 +141,6 @@ class Tracker {
   [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const;
   /// Sub-map of a keyframe in the replica.
   [[nodiscard]] KeyFrameId submap(KeyFrameId keyframe) const;
-  /// Whether the instance of a prior is believed to move more likely than not.
-  [[nodiscard]] bool is_believed_moving(const kys::Prior& prior) const {
-    return instances_ && instances_->follows(prior) && instances_->with_belief(prior).dynamic != 0;
-  }
 
  private:
   struct Frame {
@@ -154,8 +150,8 @@ class Tracker {
     std::vector<LandmarkId> landmarks;  // per feature
     Rigid3 T_c_w;
     FramePose pose;
-    const ImagePyramid* left = nullptr;        // while the frame is tracked
-    std::span<const VisibleSegment> segments;  // while the frame is tracked
+    const ImagePyramid* left = nullptr;    // while the frame is tracked
+    std::span<const kys::Prior> segments;  // while the frame is tracked
   };
 
   Frame make_frame(const TrackerInput& input);

@@ -187,6 +187,56 @@ TEST(StereoMatching, ExactFeaturesGiveExactDisparities) {
 }
 
 // What a file calls moving gets as many disparities as its motion takes, the rest of the image all.
+TEST(StereoMatching, ThingsCalledMovingGetFewDisparitiesInModeVerified) {
+  const testing::FeatureWorld world(testing::kitti_camera(), {});
+  const StereoFrame frame = world.look(0, Rigid3());
+  const kys::LabelSpace space = kys::load_label_space("coco_panoptic_133");
+  kys::Prior moving;
+  moving.label = space.index_of("car");
+  moving.instance = 7;
+  moving.dynamic = 1;
+  kys::Prior parked = moving;
+  parked.instance = 8;
+  parked.dynamic = 0;
+  // The left third of the image moves, the middle is parked, the right is unlabelled.
+  const auto priors_of = [&](const FeatureSet& features) {
+    std::vector<kys::Prior> priors;
+    for (const Keypoint& k : features.keypoints) {
+      const float third = static_cast<float>(world.camera().width) / 3;
+      priors.push_back(k.x < third ? moving : k.x < 2 * third ? parked : kys::Prior());
+    }
+    return priors;
+  };
+  const std::vector<kys::Prior> left = priors_of(*frame.left_features);
+  const std::vector<kys::Prior> right(frame.right_features->size());
+  StereoOptions options;
+  options.moving_keypoints = 25;
+  const auto matched = [&](kys::Mode mode, const std::vector<kys::Prior>& priors,
+                           std::int32_t instance) {
+    kys::ModeOptions mode_options;
+    mode_options.mode = mode;
+    kys::Statistics statistics;
+    const auto u_right = match_stereo(
+        world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, priors, nullptr},
+        {&*frame.right_features, right, nullptr}, options, {mode_options, space}, statistics);
+    int count = 0;
+    for (std::size_t i = 0; i < u_right.size(); ++i) {
+      if (priors[i].instance == instance && !std::isnan(u_right[i])) ++count;
+    }
+    return count;
+  };
+  const int all_moving = matched(kys::Mode::kStock, left, moving.instance);
+  const int all_parked = matched(kys::Mode::kStock, left, parked.instance);
+  const int all_others = matched(kys::Mode::kStock, left, -1);
+  ASSERT_GT(all_moving, 50);
+  ASSERT_GT(all_parked, 50);
+  EXPECT_EQ(matched(kys::Mode::kVerified, left, moving.instance), options.moving_keypoints);
+  EXPECT_EQ(matched(kys::Mode::kVerified, left, parked.instance), all_parked);
+  EXPECT_EQ(matched(kys::Mode::kVerified, left, -1), all_others);
+  options.moving_keypoints = 100000;
+  EXPECT_EQ(matched(kys::Mode::kVerified, left, moving.instance), all_moving);
+}
+
 TEST(StereoMatching, OptionsThatMakeNoSenseAreNamed) {
   const auto message = [](const StereoOptions& options) -> std::string {
     try {

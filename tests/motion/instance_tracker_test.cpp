@@ -55,7 +55,7 @@ class Street {
   void lose_keypoints(std::int32_t instance) { without_keypoints_ = instance; }
   void show_segment(std::int32_t instance) {
     const auto car = space_.index_of("car");
-    segments_.push_back({kys::make_prior(car, instance, 1, 0, false), 2000});
+    segments_.push_back(kys::make_prior(car, instance, 1, 0, false));
   }
   /// The file calls the wrong one moving.
   void spoil_flags() {
@@ -152,7 +152,7 @@ class Street {
   std::vector<kys::Prior> seen_;
   std::vector<InstanceState> states_;
   int frames_ = 0;
-  std::vector<VisibleSegment> segments_;
+  std::vector<kys::Prior> segments_;
   std::int32_t without_disparity_ = -1;
   std::int32_t without_keypoints_ = -1;
 };
@@ -254,7 +254,6 @@ TEST(InstanceTracker, AnInstanceWithoutKeypointsIsReportedWhileItsSegmentIsSeen)
   ASSERT_NE(car, nullptr);
   EXPECT_EQ(car->keypoints, 0);
   EXPECT_EQ(car->span, 0);
-  EXPECT_EQ(car->area, 2000);
   EXPECT_LT(car->p_static, 0.1);
   EXPECT_EQ(street.state(kNeverSeen), nullptr);
 }

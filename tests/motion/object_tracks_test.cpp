@@ -272,18 +272,6 @@ TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
   EXPECT_NEAR(track_objects(film_behind_an_edge(10, 15)).front().velocity.z(), 8, 0.8);
 }
 
-TEST(ObjectTracks, WhereAreasAreKnownTheyTellWhichPartIsPoor) {
-  const auto velocity_at_first = [](double area_before, int keypoints_before) {
-    std::vector<ObjectFrame> frames = film_behind_an_edge(14, keypoints_before);
-    for (std::size_t k = 14; k < 30; ++k) {
-      frames[k].observations[0].area = k < 18 ? area_before : 1000;
-    }
-    return track_objects(frames).front().velocity.z();
-  };
-  EXPECT_NEAR(velocity_at_first(400, 40), -7, 0.8);
-  EXPECT_NEAR(velocity_at_first(600, 15), 8, 0.8);
-}
-
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   const Thing thing;
   std::vector<ObjectFrame> frames = film({thing}, 30);

@@ -2,7 +2,6 @@
 
 #include <kys/distance.h>
 #include <kys_slam/features.h>
-#include <kys_slam/prior_provider.h>
 
 #include <array>
 #include <cstdint>
@@ -71,8 +70,8 @@ class PriorFile {
   [[nodiscard]] bool shares_instances() const { return shares_instances_; }
   [[nodiscard]] std::size_t file_size() const { return bytes_.size(); }  ///< bytes
   [[nodiscard]] const std::vector<PriorSegment>& segments(CameraSide side) const;
-  /// The segments on a grid of cells of `step` px.
-  [[nodiscard]] SegmentCells cells(CameraSide side, int step) const;
+  /// The segments as priors of a keypoint, without motion.
+  [[nodiscard]] std::span<const kys::Prior> segment_priors(CameraSide side) const;
 
   /// One decoded row, for tools: per pixel the segment (0 void, k = segments()[k-1]) and mu
   /// (0..100). Both spans have length width().

@@ -36,9 +36,7 @@ class PriorFolder : public PriorProvider {
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
-  /// \throws InputError as `load`.
-  bool segments(const StereoFrame& frame, int step, SegmentCells& left,
-                SegmentCells& right) override;
+  [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
 
   /// Asks the operating system to load the file of a frame into memory; returns at once.
   void prefetch(const std::string& name) const;
@@ -53,10 +51,7 @@ class PriorFolder : public PriorProvider {
   ExpectedPriors expected_;
   bool strict_ = false;
   Warning warn_;
-  [[nodiscard]] const std::optional<PriorFile>& file_of(const StereoFrame& frame);
-
-  std::optional<PriorFile> file_;    // of the frame asked for last
-  std::optional<std::string> name_;  // of that frame
+  std::vector<kys::Prior> segments_;
   std::size_t loaded_ = 0;
   std::size_t missing_ = 0;
 };
