@@ -60,16 +60,18 @@ std::optional<PriorFile> PriorFolder::load(const std::string& name) {
 bool PriorFolder::look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                           std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                           std::vector<kys::Prior>& right_priors) {
-  segments_.clear();
-  const std::optional<PriorFile> file = load(frame.name);
-  if (!file) return false;
-  const std::span<const kys::Prior> segments = file->segment_priors(CameraSide::kLeft);
-  segments_.assign(segments.begin(), segments.end());
+  last_.reset();  // load() may throw
+  last_ = load(frame.name);
+  if (!last_) return false;
   left_priors.resize(left.size());
   right_priors.resize(right.size());
-  file->lookup(CameraSide::kLeft, left, left_priors);
-  file->lookup(CameraSide::kRight, right, right_priors);
+  last_->lookup(CameraSide::kLeft, left, left_priors);
+  last_->lookup(CameraSide::kRight, right, right_priors);
   return true;
+}
+
+std::span<const kys::Prior> PriorFolder::segments() const {
+  return last_ ? last_->segment_priors(CameraSide::kLeft) : std::span<const kys::Prior>();
 }
 
 void PriorFolder::prefetch(const std::string& name) const {

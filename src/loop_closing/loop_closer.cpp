@@ -6,6 +6,9 @@
 #include <cmath>
 #include <numbers>
 #include <utility>
+#include <vector>
+
+#include "geometry/camera_path.h"
 
 namespace kys_slam {
 
@@ -46,6 +49,11 @@ double degrees(const Rigid3& T) {
   return 2 * half * 180 / std::numbers::pi;
 }
 
+/// From the pose of `current` in the map to its pose as verified.
+Rigid3 gap_of(const Map& map, KeyFrameId current, const VerifiedPlace& place) {
+  return place.T_c_w * map.keyframe(current).T_c_w.inverse();
+}
+
 /// Keyframes that share landmarks with `current`, or with one that does: no loop leads to them.
 std::vector<KeyFrameId> covisibility_neighbourhood(const Map& map, KeyFrameId current) {
   std::vector<KeyFrameId> near{current};
@@ -73,7 +81,7 @@ LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& i
   const std::optional<Confirmed> loop = detect(map, current, index, report);
   if (!loop) return report;
   Stopwatch watch;
-  const Rigid3 gap = loop->place.T_c_w * map.keyframe(current).T_c_w.inverse();
+  const Rigid3 gap = gap_of(map, current, loop->place);
   report.closed = loop->place.keyframe;
   report.distance =
       (map.keyframe(loop->place.keyframe).T_c_w * loop->place.T_c_w.inverse()).translation.norm();
@@ -123,17 +131,13 @@ bool LoopCloser::is_plausible(const Map& map, KeyFrameId current,
                               const VerifiedPlace& place) const {
   const KeyFrameId submap = map.keyframe(current).submap;
   if (map.keyframe(place.keyframe).submap != submap) return true;
-  double path = 0;
-  std::optional<Eigen::Vector3d> last;
+  std::vector<Rigid3> since;
   for (const KeyFrameId id : map.submap_keyframes(submap)) {
-    if (id < place.keyframe || current < id) continue;
-    const Eigen::Vector3d centre = map.keyframe(id).T_c_w.inverse().t();
-    if (last) path += (centre - *last).norm();
-    last = centre;
+    if (place.keyframe <= id && id <= current) since.push_back(map.keyframe(id).T_c_w);
   }
-  const Rigid3 T_w_current = map.keyframe(current).T_c_w.inverse();
-  const double error = (place.T_c_w.inverse().t() - T_w_current.t()).norm();
-  return error <= options_.max_drift * path + options_.min_allowed_drift;
+  const double allowed =
+      options_.max_drift * camera_path_length(since) + options_.min_allowed_drift;
+  return gap_of(map, current, place).translation.norm() <= allowed;
 }
 
 /// Covisible keyframes of the current one have to see the place from where they are relative to it:

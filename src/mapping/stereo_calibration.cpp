@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "geometry/camera_path.h"
 #include "mapping/local_bundle.h"
 
 namespace kys_slam {
@@ -64,15 +65,6 @@ Whole whole_map(const Map& map, int min_observers) {
   });
   whole.seen = add_landmarks(map, whole.poses, whole.landmarks, whole.problem);
   return whole;
-}
-
-/// Length of the way through the camera centres, m.
-double way(const BundleProblem& problem) {
-  double length = 0;
-  for (std::size_t k = 1; k < problem.T_c_w.size(); ++k) {
-    length += (problem.T_c_w[k].inverse().t() - problem.T_c_w[k - 1].inverse().t()).norm();
-  }
-  return length;
 }
 
 /// Coarse octaves mix more surfaces in a patch: their error grows with their scale and is no
@@ -230,9 +222,9 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   refine.iterations = 10;
   refine.refine_iterations = 10;
   refine.stop = stop;
-  const double before = way(whole.problem);
+  const double before = camera_path_length(whole.problem.T_c_w);
   adjust_bundle(whole.problem, refine);
-  if (before > 0) map.scale_culled(way(whole.problem) / before);
+  if (before > 0) map.scale_culled(camera_path_length(whole.problem.T_c_w) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
   }

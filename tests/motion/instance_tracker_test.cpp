@@ -226,6 +226,13 @@ TEST(InstanceTracker, ANewNameTakesOverBelief) {
   EXPECT_GT(street.tracker().p_static(70010), 0.9);
 }
 
+/// It is there, but nothing was measured of it.
+void expect_unmeasured(const InstanceState* state) {
+  ASSERT_NE(state, nullptr);
+  EXPECT_EQ(state->keypoints, 0);
+  EXPECT_EQ(state->span, 0);
+}
+
 TEST(InstanceTracker, AnInstanceWithoutDisparitiesKeepsItsBelief) {
   Street street;
   for (int k = 0; k < 8; ++k) street.frame();
@@ -234,9 +241,7 @@ TEST(InstanceTracker, AnInstanceWithoutDisparitiesKeepsItsBelief) {
   street.lose_disparity(kDriving);
   street.frame();
   const InstanceState* state = street.state(kDriving);
-  ASSERT_NE(state, nullptr);
-  EXPECT_EQ(state->keypoints, 0);
-  EXPECT_EQ(state->span, 0);
+  ASSERT_NO_FATAL_FAILURE(expect_unmeasured(state));
   EXPECT_NEAR(state->p_static, before, 0.05);
   street.frame();  // nothing of the frame before can be tracked
   EXPECT_LT(street.tracker().p_static(kDriving), 0.15);
@@ -251,9 +256,7 @@ TEST(InstanceTracker, AnInstanceWithoutKeypointsIsReportedWhileItsSegmentIsSeen)
   street.show_segment(kNeverSeen);
   street.frame();
   const InstanceState* car = street.state(kDriving);
-  ASSERT_NE(car, nullptr);
-  EXPECT_EQ(car->keypoints, 0);
-  EXPECT_EQ(car->span, 0);
+  ASSERT_NO_FATAL_FAILURE(expect_unmeasured(car));
   EXPECT_LT(car->p_static, 0.1);
   EXPECT_EQ(street.state(kNeverSeen), nullptr);
 }

@@ -323,7 +323,7 @@ class Planner:
                 self.leave_out(experiment["name"], variant, "a setting this program does not have")
                 continue
             for case in experiment.get("cases", ["exact"]):
-                for schedule in experiment.get("schedules", ["pipelined"]):
+                for schedule in experiment["schedules"]:
                     repeats = experiment.get("repeats", {}).get(schedule, 1)
                     if repeats > 1 and seed != experiment["seeds"][0]:
                         continue  # as of a recording: many runs of one input
@@ -341,6 +341,7 @@ class Planner:
         spec = load_yaml(file)
         spec["name"] = file.removesuffix(".yaml")
         spec.setdefault("seeds", [1])
+        spec.setdefault("schedules", ["pipelined"])
         if self.options.scale != "full":
             spec.update(spec.get("quick", {}))
         if self.options.inputs:
@@ -361,8 +362,7 @@ class Planner:
         if self.options.seeds:
             spec["seeds"] = self.options.seeds
         if self.options.schedules:
-            spec["schedules"] = [s for s in spec.get("schedules", ["pipelined"])
-                                 if s in self.options.schedules]
+            spec["schedules"] = [s for s in spec["schedules"] if s in self.options.schedules]
         return spec
 
     def plan(self):
@@ -377,7 +377,7 @@ class Planner:
             if self.options.only and file.removesuffix(".yaml") not in self.options.only:
                 continue
             spec = self.experiment(file)
-            if not spec.get("schedules", ["pipelined"]):
+            if not spec["schedules"]:
                 continue
             spec["runs"] = self.runs_of(spec)
             spec["left_out"] = self.left_out.get(spec["name"], {})

@@ -36,7 +36,7 @@ class PriorFolder : public PriorProvider {
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
-  [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
+  [[nodiscard]] std::span<const kys::Prior> segments() const override;
 
   /// Asks the operating system to load the file of a frame into memory; returns at once.
   void prefetch(const std::string& name) const;
@@ -51,7 +51,7 @@ class PriorFolder : public PriorProvider {
   ExpectedPriors expected_;
   bool strict_ = false;
   Warning warn_;
-  std::vector<kys::Prior> segments_;
+  std::optional<PriorFile> last_;  // of the frame looked up last
   std::size_t loaded_ = 0;
   std::size_t missing_ = 0;
 };
