@@ -38,13 +38,16 @@ std::size_t representative(const std::vector<const kys::Descriptor*>& descriptor
   if (n <= 2) return 0;
   std::size_t best = 0;
   int best_median = std::numeric_limits<int>::max();
-  std::vector<int> distances(n);
+  std::vector<int> distances(n * n, 0);
   for (std::size_t i = 0; i < n; ++i) {
-    for (std::size_t j = 0; j < n; ++j) {
-      distances[j] = kys::hamming(*descriptors[i], *descriptors[j]);
+    for (std::size_t j = 0; j < i; ++j) {
+      distances[i * n + j] = distances[j * n + i] = kys::hamming(*descriptors[i], *descriptors[j]);
     }
-    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>((n - 1) / 2);
-    std::nth_element(distances.begin(), middle, distances.end());
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto row = distances.begin() + static_cast<std::ptrdiff_t>(i * n);
+    const auto middle = row + static_cast<std::ptrdiff_t>((n - 1) / 2);
+    std::nth_element(row, middle, row + static_cast<std::ptrdiff_t>(n));
     if (*middle < best_median) {
       best_median = *middle;
       best = i;
@@ -68,7 +71,8 @@ std::vector<KeyFrameId> Map::best_covisible(KeyFrameId id, std::size_t count,
   const auto heavier = [](const Covisible& a, const Covisible& b) {
     return a.weight != b.weight ? a.weight > b.weight : a.keyframe < b.keyframe;
   };
-  std::sort(all.begin(), all.end(), heavier);
+  const auto end = all.begin() + static_cast<std::ptrdiff_t>(std::min(count, all.size()));
+  std::partial_sort(all.begin(), end, all.end(), heavier);
   std::vector<KeyFrameId> best;
   for (const Covisible& c : all) {
     if (best.size() >= count || (c.weight < min_weight && !best.empty())) break;
@@ -215,7 +219,12 @@ void Map::set_disparity_offset(float offset) {
 }
 
 void Map::scale_culled(double factor) {
-  for (const KeyFrameId id : culled_.ids()) culled_.at(id).T_c_parent.translation *= factor;
+  moved_ = true;
+  newly_culled_.clear();
+  for (const KeyFrameId id : culled_.ids()) {
+    culled_.at(id).T_c_parent.translation *= factor;
+    newly_culled_.push_back(culled_.at(id));
+  }
 }
 
 bool Map::cull_keyframe(KeyFrameId id) {
@@ -244,8 +253,11 @@ bool Map::cull_keyframe(KeyFrameId id) {
     touch(parent);
     placed.push_back(child);
   }
-  for (const KeyFrameId other : culled.loop_edges) {
+  // The parent takes the loop's edge: the two places stay tied to each other.
+  const std::vector<KeyFrameId> loop_edges = culled.loop_edges;
+  for (const KeyFrameId other : loop_edges) {
     erase_sorted(keyframes_.at(other).loop_edges, id);
+    if (other != grandparent) add_loop_edge(grandparent, other);
   }
 
   const std::vector<LandmarkId> seen = culled.landmarks;
@@ -433,23 +445,41 @@ std::int32_t Map::instance_end(std::span<const std::uint8_t> is_thing) const {
   return end;
 }
 
-void Map::refresh_geometry(LandmarkId id) {
+/// \param centre_of camera centre (m, world) of a keyframe
+template <typename CentreOf>
+void Map::refresh_geometry(LandmarkId id, const CentreOf& centre_of) {
   Landmark& landmark = landmarks_.at(id);
   if (landmark.observations.empty()) return;
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   const Observation* reference = &landmark.observations.front();
   for (const Observation& o : landmark.observations) {
-    sum += (landmark.p_w - keyframe(o.keyframe).T_c_w.inverse_t()).normalized();
+    sum += (landmark.p_w - centre_of(o.keyframe)).normalized();
     if (o.keyframe == landmark.reference) reference = &o;
   }
   landmark.normal = sum.normalized().cast<float>();
   const KeyFrame& keyframe = keyframes_.at(reference->keyframe);
   const int octave = keyframe.features->keypoint(reference->feature).octave;
-  const double distance = (landmark.p_w - keyframe.T_c_w.inverse_t()).norm();
+  const double distance = (landmark.p_w - centre_of(reference->keyframe)).norm();
   const ScaleLevels::DistanceRange range = scales_.distance_range(distance, octave);
   landmark.min_distance = range.min;
   landmark.max_distance = range.max;
   touch_geometry(id);
+}
+
+void Map::refresh_geometry(LandmarkId id) {
+  refresh_geometry(id, [this](KeyFrameId k) { return keyframe(k).T_c_w.inverse_t(); });
+}
+
+void Map::refresh_geometry(std::span<const LandmarkId> ids) {
+  std::vector<std::optional<Eigen::Vector3d>> centres(keyframes_.id_end());
+  const auto centre_of = [&](KeyFrameId k) -> const Eigen::Vector3d& {
+    std::optional<Eigen::Vector3d>& centre = centres[k.value];
+    if (!centre) centre = keyframe(k).T_c_w.inverse_t();
+    return *centre;
+  };
+  for (const LandmarkId id : ids) {
+    if (has(id)) refresh_geometry(id, centre_of);
+  }
 }
 
 LandmarkView Map::view(LandmarkId id) const {

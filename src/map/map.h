@@ -87,8 +87,8 @@ class Map {
   /// Sets the offset (px) added to the disparities of all keyframes, present and future.
   void set_disparity_offset(float offset);
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
-  /// Multiplies the translations T_c_parent of culled keyframes by `factor`, after a correction of
-  /// the scale of the whole map.
+  /// After a correction of the scale of the whole map by `factor`: multiplies the translations
+  /// T_c_parent of culled keyframes by it, and publishes that the map moved.
   void scale_culled(double factor);
   /// Removes a keyframe and its observations. Its children get a new parent: its own parent or one
   /// of the other children. Returns false for the root of a spanning tree, which is not removed.
@@ -117,6 +117,8 @@ class Map {
   void refresh_landmark(LandmarkId id);
   /// Updates viewing direction and distance range only, after poses or points have moved.
   void refresh_geometry(LandmarkId id);
+  /// The same for those of many landmarks that are present.
+  void refresh_geometry(std::span<const LandmarkId> ids);
 
   /// From this call on, the motion of a landmark's prior is the belief that it is static
   /// (kys::with_belief), and `weight` uses it.
@@ -152,6 +154,8 @@ class Map {
   void restore_culled(const std::vector<CulledKeyFrame>& culled);
   void restore_landmarks(std::vector<Landmark> landmarks);
   void restore_covisibility();
+  template <typename CentreOf>
+  void refresh_geometry(LandmarkId id, const CentreOf& centre_of);
   void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
   void touch(KeyFrameId id) {
     if (id.value >= is_dirty_.size()) is_dirty_.resize(std::size_t{id.value} + 1, 0);

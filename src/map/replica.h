@@ -21,6 +21,11 @@ class Replica {
   /// keyframe.
   void put_pending(KeyFrameId id, KeyFrameView view);
 
+  /// Records that a pending keyframe observes a landmark, if it is present.
+  void add_observer(LandmarkId id, KeyFrameId observer) {
+    if (LandmarkView* view = landmarks_.find(id)) view->observers.push_back(observer);
+  }
+
   /// The landmark itself when present, its successor when it was replaced, invalid when erased.
   [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
 

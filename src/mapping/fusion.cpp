@@ -13,7 +13,8 @@ void describe(kys::OptionList& list, FusionOptions& o, std::string_view prefix) 
   list.add(key("fusion_neighbours"), o.neighbours, {0, 1000}, "", "covisible keyframes for fusion");
   list.add(key("fusion_second_neighbours"), o.second_neighbours, {0, 1000}, "",
            "covisible keyframes of each of these");
-  list.add(key("fusion_radius"), o.radius, {0.1, 1000}, "px", "search radius, octave 0");
+  list.add(key("fusion_radius"), o.radius, {0.1, 1000}, "px",
+           "search radius, octave 0; the 95 % bound of the noise holds as well");
   list.add(key("fusion_distance"), o.max_distance, {0, 1e6}, "bits", "largest distance of a match");
 }
 

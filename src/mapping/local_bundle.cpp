@@ -143,10 +143,8 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
     if (map.has(observations[k].landmark))
       map.remove_observation(observations[k].landmark, observations[k].keyframe);
   }
-  for (const LandmarkId id : window.landmarks) {
-    if (map.has(id)) map.refresh_geometry(id);
-  }
-  for (const LandmarkId id : window.single) map.refresh_geometry(id);
+  map.refresh_geometry(window.landmarks);
+  map.refresh_geometry(window.single);
   report.keyframes = static_cast<int>(window.free.size());
   report.fixed = static_cast<int>(window.fixed.size());
   report.landmarks = static_cast<int>(window.landmarks.size() + window.single.size());

@@ -76,6 +76,14 @@ void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   const Rigid3 T_w_c = keyframe.T_c_w.inverse();
   map.add_keyframe(std::move(keyframe));
 
+  // The disparity offset may have changed since the tracker computed the depth.
+  const FrameFeatures& features = *map.keyframe(message.id).features;
+  const auto depth_ratio = [&](std::uint32_t feature) {
+    const double depth = features.depth(feature);
+    const double before = message.features->depth(feature);
+    return depth > 0 && before > 0 ? depth / before : 1.0;
+  };
+
   for (const VisibilityCount& count : message.counts) {
     const LandmarkId id = map.resolve(count.id);
     if (id.valid()) map.add_visible(id, count.visible, count.found);
@@ -93,7 +101,7 @@ void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   for (const NewLandmark& made : message.new_landmarks) {
     Landmark landmark;
     landmark.id = made.id;
-    landmark.p_w = T_w_c * (message.T_c_w * made.p_w);
+    landmark.p_w = T_w_c * (depth_ratio(made.feature) * (message.T_c_w * made.p_w));
     landmark.first_keyframe = message.id;
     map.add_landmark(std::move(landmark));
     if (!map.add_observation(made.id, message.id, made.feature)) {

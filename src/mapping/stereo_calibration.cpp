@@ -231,7 +231,7 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   for (std::size_t k = 0; k < whole.landmarks.size(); ++k) {
     map.set_position(whole.landmarks[k], whole.problem.points[k]);
   }
-  for (const LandmarkId id : map.landmarks().ids()) map.refresh_geometry(id);
+  map.refresh_geometry(map.landmarks().ids());
   return true;
 }
 

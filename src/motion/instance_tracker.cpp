@@ -220,7 +220,7 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
     if (is_new) {
       set_log_odds(thing, thing.file_log_odds);
-      thing.first_seen = timestamp;
+      thing.first_seen = thing.moving_since = timestamp;
     } else {
       // What was seen of the thing adds to what its file says, which may change.
       const double present = thing.log_odds + thing.file_log_odds - before;
@@ -368,6 +368,7 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
     }
     set_log_odds(thing, old.log_odds);
     thing.velocity = old.velocity;
+    thing.moving_since = old.moving_since;
   }
 }
 

@@ -361,7 +361,7 @@ TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult
                                   TrackResult lost) {
   if (!options.relocalization.enabled || seen.features->size() == 0) return lost;
   apply(runner.drain());
-  if (const auto place = runner.relocalize(*seen.features, lost.statistics)) {
+  if (const auto place = runner.relocalize(*tracker.with_beliefs(seen.features), lost.statistics)) {
     TrackResult resumed =
         tracker.resume(input(frame, seen), {place->keyframe, place->T_c_w, place->landmarks}, 0);
     resumed.statistics += lost.statistics;
@@ -430,10 +430,11 @@ void System::Impl::observe(const FrameReport& report, const FrameFeatures& featu
     const LandmarkView* landmark = tracker.replica().landmarks().find(landmarks[i]);
     if (landmark == nullptr) continue;
     const kys::Prior prior = features.priors().empty() ? kys::Prior() : features.priors()[i];
-    seen_tiers[i] = model
-                        .evaluate(features.descriptors()[i], prior, landmark->descriptor,
-                                  landmark->prior, kys::Context::kTemporal)
-                        .tier;
+    seen_tiers[i] =
+        model
+            .evaluate(features.descriptors()[i], tracker.with_belief(prior), landmark->descriptor,
+                      tracker.with_belief(landmark->prior), kys::Context::kTemporal)
+            .tier;
   }
 }
 

@@ -4,7 +4,7 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
   list.add("keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
-           "between two keyframes at least");
+           "between two keyframes at least, while enough is tracked and the back end is idle");
   list.add("keyframes.max_frames", o.max_frames, {0, 1e9}, "frames",
            "after which a busy back end does not delay one");
   list.add("keyframes.reference_ratio", o.reference_ratio, {0, 1}, "",

@@ -5,7 +5,7 @@
 namespace kys_slam {
 
 struct KeyFramePolicyOptions {
-  int min_frames = 0;   ///< least number of frames between two keyframes
+  int min_frames = 0;   ///< least gap of keyframes while enough is tracked
   int max_frames = 30;  ///< frames after which a busy mapper does not delay a keyframe
   /// share of the reference's landmarks below which a keyframe is made
   double reference_ratio = 0.75;

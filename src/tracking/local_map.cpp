@@ -47,8 +47,8 @@ LocalMap LocalMapGatherer::gather(const Replica& replica,
   stamp_.resize(replica.landmarks().id_end(), 0);
   for (const KeyFrameId id : local.keyframes) {
     for (const LandmarkId landmark : replica.keyframes().at(id).landmarks) {
-      if (!landmark.valid() || !replica.landmarks().contains(landmark)) continue;
-      if (stamp_[landmark.value] == call_) continue;
+      if (landmark.value < stamp_.size() && stamp_[landmark.value] == call_) continue;
+      if (!replica.landmarks().contains(landmark)) continue;
       stamp_[landmark.value] = call_;
       local.landmarks.push_back(landmark);
     }

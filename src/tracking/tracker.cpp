@@ -187,12 +187,12 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   result.times.predict = watch.lap_ms();
   tracked = tracked && track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
-  if (!tracked) {
+  if (tracked) {
+    finish_tracked(std::move(frame), waiting, result);
+  } else {
     forget_instance_frames();
-    return result;
   }
-  if (!finish_tracked(std::move(frame), waiting, result)) return result;
-  // The next picture shows what the camera did meanwhile.
+  // The next picture shows what the camera did during repeated ones.
   if (repeated && repeats_ <= kMostRepeats) velocity_ = moving;
   return result;
 }
@@ -283,7 +283,9 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   frame.pose.T_c_reference = frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
   result.pose = frame.pose;
   result.T_c_w = frame.T_c_w;
-  if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked) {
+  // The pose before a relocalisation may be wrong, or of another sub-map.
+  if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked &&
+      !result.relocalised) {
     velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), frame.timestamp - last_->timestamp,
                  frame.timestamp};
   } else if (result.status != TrackingStatus::kStarted || options_.acceleration <= 0) {
@@ -326,6 +328,14 @@ void Tracker::forget_instance_frames() {
   if (!instances_) return;
   instances_->forget_frames();
   judged_.clear();
+}
+
+std::shared_ptr<const FrameFeatures> Tracker::with_beliefs(
+    std::shared_ptr<const FrameFeatures> features) const {
+  if (!instances_) return features;
+  std::vector<kys::Prior> priors(features->priors().begin(), features->priors().end());
+  for (kys::Prior& prior : priors) prior = instances_->with_belief(prior);
+  return std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
 }
 
 /// A landmark's prior with belief as it is now; kept for as long as `kept` lives.
@@ -723,14 +733,31 @@ void Tracker::count_visible(LandmarkId id) {
     count->visible += 1;
   } else {
     counts_.put(id, {id, 1, 0});
+    counted_.push_back(id);
   }
+}
+
+/// The counts since the last keyframe, by id.
+std::vector<VisibilityCount> Tracker::take_counts() {
+  std::sort(counted_.begin(), counted_.end());
+  std::vector<VisibilityCount> counts;
+  counts.reserve(counted_.size());
+  for (const LandmarkId id : counted_) {
+    counts.push_back(counts_.at(id));
+    counts_.erase(id);
+  }
+  counted_.clear();
+  return counts;
 }
 
 KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waiting) const {
   KeyFrameSituation s;
   s.frames_since_keyframe = static_cast<int>(frame.index - last_keyframe_frame_);
+  // In a loaded map that nothing was added to there is no last keyframe yet.
   s.keyframes_in_map =
-      1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value);
+      last_keyframe_.valid()
+          ? 1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value)
+          : static_cast<int>(replica_.keyframes().size());
   s.inliers = inliers;
   s.waiting = waiting;
   if (inliers < options_.keyframes.scarce) s.addable = count_addable(frame);
@@ -763,14 +790,8 @@ int Tracker::count_addable(const Frame& frame) const {
 
 KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   KeyFrameMessage message;
-  if (instances_) {
-    std::vector<kys::Prior> priors(frame.features->priors().begin(),
-                                   frame.features->priors().end());
-    for (kys::Prior& prior : priors) prior = instances_->with_belief(prior);
-    frame.features =
-        std::make_shared<const FrameFeatures>(frame.features->with_priors(std::move(priors)));
-    message.beliefs = instances_->take_changed_beliefs();
-  }
+  frame.features = with_beliefs(std::move(frame.features));
+  if (instances_) message.beliefs = instances_->take_changed_beliefs();
   if (frame.left != nullptr) {
     frame.features = patches_.with_origins(frame.landmarks, *frame.features);
   }
@@ -788,8 +809,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   for (const NewLandmark& landmark : message.new_landmarks) {
     frame.landmarks[landmark.feature] = landmark.id;
   }
-  counts_.for_each([&](LandmarkId, const VisibilityCount& c) { message.counts.push_back(c); });
-  counts_.clear();
+  message.counts = take_counts();
 
   // The replica has it at once; the back end's view of it follows in a change set.
   KeyFrameView view;
@@ -800,13 +820,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   if (reference_.valid()) view.neighbours.push_back(reference_);
   view.parent = reference_;
   replica_.put_pending(message.id, std::move(view));
-  for (const LandmarkId id : message.tracked) {
-    const LandmarkView* landmark = replica_.landmarks().find(id);
-    if (landmark == nullptr) continue;
-    LandmarkView seen = *landmark;
-    seen.observers.push_back(message.id);
-    replica_.put(id, std::move(seen));
-  }
+  for (const LandmarkId id : message.tracked) replica_.add_observer(id, message.id);
   if (frame.left != nullptr) {
     patches_.keep(message.id, frame.landmarks, *frame.left, *frame.features);
   }

@@ -133,6 +133,14 @@ class Tracker {
   }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
+  /// The features, with what is believed of instances now in place of what their file says; as they
+  /// are when the mode uses no belief.
+  [[nodiscard]] std::shared_ptr<const FrameFeatures> with_beliefs(
+      std::shared_ptr<const FrameFeatures> features) const;
+  /// The same for one prior.
+  [[nodiscard]] kys::Prior with_belief(const kys::Prior& prior) const {
+    return instances_ ? instances_->with_belief(prior) : prior;
+  }
   /// Landmarks of the last frame with a pose, per feature; invalid: none.
   [[nodiscard]] std::span<const LandmarkId> last_landmarks() const {
     return last_ ? std::span<const LandmarkId>(last_->landmarks) : std::span<const LandmarkId>();
@@ -201,6 +209,7 @@ class Tracker {
     return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
   void count_visible(LandmarkId id);
+  [[nodiscard]] std::vector<VisibilityCount> take_counts();
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
   [[nodiscard]] bool is_jump(const Frame& frame) const;
@@ -234,7 +243,8 @@ class Tracker {
   std::uint32_t next_keyframe_ = 0;
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kTracker};
   bool frozen_ = false;  // no keyframes, no landmarks
-  IdTable<LandmarkId, VisibilityCount> counts_;
+  IdTable<LandmarkId, VisibilityCount> counts_;  // since the last keyframe
+  std::vector<LandmarkId> counted_;              // its ids
   std::optional<InstanceTracker> instances_;  // when the model uses belief
   std::deque<FramePose> judged_;              // of the frames it keeps, latest first
 };

@@ -162,7 +162,8 @@ TEST(Map, ChildrenOfACulledKeyframeFindNewParents) {
   EXPECT_EQ(map.keyframe(kf(2)).parent, kf(0)) << "shares nothing with those placed";
   EXPECT_EQ(map.keyframe(kf(3)).parent, kf(2)) << "its heaviest among those placed";
   EXPECT_EQ(map.keyframe(kf(4)).parent, kf(0));
-  EXPECT_TRUE(map.keyframe(kf(4)).loop_edges.empty());
+  EXPECT_EQ(map.keyframe(kf(4)).loop_edges, std::vector<KeyFrameId>{kf(0)}) << "passed on";
+  EXPECT_EQ(map.keyframe(kf(0)).loop_edges, std::vector<KeyFrameId>{kf(4)});
 
   // The culled keyframe moves with its parent.
   const Rigid3 after = *map.pose(kf(1));

@@ -86,6 +86,22 @@ TEST_F(InsertKeyFrame, MovesWithItsReferenceWhichMayHaveMovedMeanwhile) {
       << "a new landmark stays where its keyframe saw it";
 }
 
+TEST_F(InsertKeyFrame, NewLandmarksHaveTheDepthOfThePresentDisparityOffset) {
+  const auto& features = *message_.features;
+  std::uint32_t stereo = 0;
+  while (!features.has_stereo(stereo)) ++stereo;
+  const Keypoint& k = features.keypoint(stereo);
+  const Eigen::Vector3d p_c = map_.camera().back_project(k.x, k.y, features.depth(stereo));
+  message_.new_landmarks = {{lm(100), stereo, message_.T_c_w.inverse() * p_c}};
+  map_.set_disparity_offset(0.5f);
+  insert_keyframe(map_, message_);
+  const KeyFrame& keyframe = map_.keyframe(kf(2));
+  const Eigen::Vector3d expected =
+      map_.camera().back_project(k.x, k.y, keyframe.features->depth(stereo));
+  EXPECT_GT((expected - p_c).norm(), 0.1) << "m";
+  EXPECT_LT((keyframe.T_c_w * map_.landmark(lm(100)).p_w - expected).norm(), 1e-4);
+}
+
 TEST_F(InsertKeyFrame, FindsLandmarksThatWereMergedAndPassesOverThoseThatWent) {
   message_.tracked[5] = lm(0);
   message_.tracked[6] = lm(4);

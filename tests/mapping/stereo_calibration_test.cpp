@@ -75,6 +75,23 @@ TEST(StereoCalibration, AnErrorIsPutRightInTheMap) {
   EXPECT_FALSE(calibration.update(map)) << "looks again when there are twice as many keyframes";
 }
 
+/// Those that know the map by its change sets learn that all of it moved.
+TEST(StereoCalibration, TheCorrectedScaleIsPublished) {
+  Map map = map_with_error(0.3f, 5);
+  ASSERT_TRUE(map.cull_keyframe({9}));
+  const double before = map.take_changes().culled_keyframes.front().T_c_parent.t().norm();
+  EXPECT_FALSE(map.take_changes().moved);
+  StereoCalibrationOptions options;
+  options.keyframes = kKeyFrames - 1;
+  ASSERT_TRUE(StereoCalibration(options).update(map));
+  const ChangeSet changes = map.take_changes();
+  EXPECT_TRUE(changes.moved);
+  ASSERT_EQ(changes.culled_keyframes.size(), 1u);
+  EXPECT_EQ(changes.culled_keyframes.front().id, KeyFrameId{9});
+  EXPECT_NEAR(changes.culled_keyframes.front().T_c_parent.t().norm() / before, 1, 0.05);
+  EXPECT_NE(changes.culled_keyframes.front().T_c_parent.t().norm(), before);
+}
+
 TEST(StereoCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
   // Found with certainty, as far as noise goes, but no larger than what depth edges do.
   Map map = map_with_error(0.05f, 8);

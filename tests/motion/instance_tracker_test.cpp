@@ -26,10 +26,10 @@ kys::Descriptor random_descriptor(std::mt19937_64& random) {
 /// A road with a car that drives 7 m/s ahead and one that is parked, filmed at 8 m/s.
 class Street {
  public:
-  Street()
+  explicit Street(const kys::BeliefOptions& start = {})
       : space_(kys::load_label_space("coco_panoptic_133")),
         model_(verified(), space_),
-        tracker_(kCamera, scales_, {}, kys::InitialBelief({}, space_), model_) {
+        tracker_(kCamera, scales_, {}, kys::InitialBelief(start, space_), model_) {
     std::mt19937_64 random(11);
     std::uniform_real_distribution<double> side(-1, 1);
     const auto road = space_.index_of("road");
@@ -224,6 +224,23 @@ TEST(InstanceTracker, ANewNameTakesOverBelief) {
   street.rename(kParked, 70010);
   street.frame();
   EXPECT_GT(street.tracker().p_static(70010), 0.9);
+}
+
+TEST(InstanceTracker, WhatIsFlaggedAtFirstSightMovesSinceThen) {
+  kys::BeliefOptions start;
+  start.flagged = -5;
+  Street street(start);
+  street.judge_by_file(kDriving, true);
+  for (int i = 0; i < 3; ++i) street.frame(i > 0);
+  street.frame();
+  bool found = false;
+  for (const InstanceBelief& belief : street.tracker().take_changed_beliefs()) {
+    if (belief.instance != kDriving) continue;
+    found = true;
+    EXPECT_LT(belief.p_static, 0.05);
+    EXPECT_NEAR(belief.moving_for, 2 * kDt, 1e-6) << "seen for the first time in frame 1";
+  }
+  EXPECT_TRUE(found);
 }
 
 /// It is there, but nothing was measured of it.

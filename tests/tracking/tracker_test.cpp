@@ -101,6 +101,17 @@ class TrackerTest : public ::testing::Test {
     EXPECT_LT((result.T_c_w.inverse().t() - truth(metres).t()).norm(), 0.02)
         << i << ": " << result.reason;
   }
+  /// A place as relocalisation finds it: features with the landmarks of their descriptors.
+  static KnownPlace known_place(const Tracker& tracker, KeyFrameId reference,
+                                const FrameFeatures& features, const Rigid3& T_c_w) {
+    KnownPlace place{reference, T_c_w, std::vector<LandmarkId>(features.size())};
+    for (std::size_t i = 0; i < features.size(); ++i) {
+      tracker.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
+        if (kys::hamming(landmark.descriptor, features.descriptor(i)) < 30) place.landmarks[i] = id;
+      });
+    }
+    return place;
+  }
   /// T_w_c of the truth relative to the first frame.
   static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
 
@@ -235,6 +246,66 @@ TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
   EXPECT_EQ(result.reason, "motion model; held by constant velocity");
   EXPECT_LT((result.T_c_w.inverse().t() - truth(1.2).t()).norm(), 0.03);
   EXPECT_FALSE(track_world(4, 1.6).held) << "not where enough else holds it";
+}
+
+/// The pose before a loss may be wrong, or of another sub-map.
+TEST_F(TrackerTest, ARelocalisedFrameHasNoVelocity) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  EXPECT_EQ(track(3, see(world(77), 3, weaving_pose(0)).features).status, TrackingStatus::kLost);
+  const auto seen = see(world_, 3, weaving_pose(1.2)).features;
+  const TrackResult again = tracker_.resume(
+      {3, 0.3, seen}, known_place(tracker_, {0}, *seen, truth(1.2).inverse()), 0);
+  ASSERT_EQ(again.status, TrackingStatus::kTracked) << again.reason;
+  EXPECT_EQ(track_world(4, 1.6).reason, "reference keyframe");
+  EXPECT_EQ(track_world(5, 2.0).reason, "motion model");
+}
+
+/// The camera went on while its picture repeated, and that picture was lost besides.
+TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
+  for (int i = 0; i < 3; ++i) track_world(i, 2.0 * i);
+  const auto nothing = std::make_shared<const FrameFeatures>(
+      testing::kitti_camera(), FeatureSet{}, std::vector<float>{}, std::vector<kys::Prior>{});
+  EXPECT_EQ(tracker_.track({3, 0.3, nothing, nullptr, true}, 0).status, TrackingStatus::kLost);
+  const TrackResult result = track_world(4, 8.0);
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_EQ(result.reason, "motion model");
+}
+
+/// In a map of one keyframe a keyframe is due later than in one of many, also when none of these is
+/// of this session.
+TEST_F(TrackerTest, ALoadedMapHasItsKeyframes) {
+  ChangeSet map;
+  int frame = 0;
+  for (double metres = 0; tracker_.replica().keyframes().size() < 4; metres += 0.4) {
+    ASSERT_NE(track_world(frame++, metres).status, TrackingStatus::kLost);
+  }
+  tracker_.replica().keyframes().for_each(
+      [&](KeyFrameId id, const KeyFrameView& view) { map.keyframes.emplace_back(id, view); });
+  tracker_.replica().landmarks().for_each(
+      [&](LandmarkId id, const LandmarkView& view) { map.landmarks.emplace_back(id, view); });
+  const KeyFrameId last = map.keyframes.back().first;
+  const Rigid3 T_c_w = tracker_.replica().keyframes().at(last).T_c_w;
+  const double start = 0.4 * (frame - 1);
+
+  Tracker later(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model_);
+  later.continue_map(tracker_.replica().keyframes().id_end(),
+                     tracker_.replica().landmarks().id_end(), false);
+  later.apply(map);
+  const auto first = see(world_, 0, weaving_pose(start)).features;
+  const TrackResult found =
+      later.resume({0, 0, first}, known_place(later, last, *first, T_c_w), 0);
+  ASSERT_EQ(found.status, TrackingStatus::kTracked) << found.reason;
+  // Frames until the next keyframe, as the first session counts them and as the second does.
+  const auto next_keyframe = [&](Tracker& tracker, int from) {
+    for (int i = 1; i < 60; ++i) {
+      const auto seen = see(world_, from + i, weaving_pose(start + 0.4 * i)).features;
+      if (tracker.track({from + i, 0.1 * (from + i), seen}, 0).keyframe) return i;
+    }
+    return 60;
+  };
+  EXPECT_NEAR(next_keyframe(later, 0), next_keyframe(tracker_, frame - 1), 1);
 }
 
 /// A velocity is that of the camera, whatever world the last frames were in.
@@ -372,6 +443,25 @@ TEST_F(TrackerWithPriors, TheReferenceKeyframesLandmarksMoveAsLastSeen) {
   const kys::Prior fast = kys::make_prior(2, 7, 1, 50, true);
   EXPECT_EQ(after_landmarks_got(still, still, model).status, TrackingStatus::kTracked);
   EXPECT_EQ(after_landmarks_got(still, fast, model).status, TrackingStatus::kLost);
+}
+
+/// A file calls a suitcase moving; the gate asks what is believed of it.
+TEST_F(TrackerWithPriors, FeaturesToRelocaliseHaveBeliefs) {
+  const kys::LabelSpace space = kys::load_label_space("coco_panoptic_133");
+  const auto flagged = labelled(*see(world_, 0, weaving_pose(0)).features,
+                                kys::make_prior(space.index_of("suitcase"), 7, 1, 90, true));
+  for (const kys::Mode mode : {kys::Mode::kKys, kys::Mode::kVerified}) {
+    kys::ModeOptions options;
+    options.mode = mode;
+    const kys::DistanceModel model(options, space);
+    Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model,
+                    kys::InitialBelief({}, space));
+    tracker.track({0, 0, flagged}, 0);
+    const bool gated = !model.admits(tracker.with_beliefs(flagged)->prior(0),
+                                     kys::Context::kTemporal);
+    EXPECT_EQ(gated, mode == kys::Mode::kKys);
+    EXPECT_EQ(tracker.with_belief(flagged->prior(0)), tracker.with_beliefs(flagged)->prior(0));
+  }
 }
 
 TEST(TrackerOptions, OnesThatMakeNoSenseAreNamed) {
