@@ -2,14 +2,13 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
-#include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "priors/builder/json_integer.h"
+#include "priors/builder/json_input.h"
 #include "priors/builder/vkitti_names.h"
 
 namespace kys_slam {
@@ -147,10 +146,8 @@ fs::path PanopticReader::class_path_of(const std::string& name) const {
 
 void PanopticReader::read_json() {
   const std::string text = read_text(json_);
-  constexpr std::size_t kGrowth = 16;  // a number of a few digits takes so much
-  check_memory(json_.string(), kGrowth * text.size());
   try {
-    const Json document = Json::parse(text);
+    const Json document = parse_json(text, json_.string());
     // Categories by name where the file lists them; else the ids are those of the label space.
     if (document.contains("categories")) {
       for (const Json& category : document.at("categories")) {

@@ -294,6 +294,19 @@ TEST_F(BuildSequenceTest, NumbersThatAreNoIdsAreRefused) {
   }
 }
 
+TEST_F(BuildSequenceTest, DeeplyNestedJsonIsRefused) {
+  std::ofstream(root_ / "pan.json")
+      << R"({"annotations":[{"file_name":"000000.png","segments_info":[{"id":1,"category_id":)"
+      << std::string(200000, '[') << std::string(200000, ']') << "}]}]}";
+  try {
+    const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+    FAIL() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("pan.json: is nested deeper"), std::string::npos)
+        << error.what();
+  }
+}
+
 TEST_F(BuildSequenceTest, MoreSegmentsThanCanBeToldApartAreRefused) {
   // 70 000 cars of a pixel each: numbers of segments have 16 bits.
   RgbImage rgb(280, 250);

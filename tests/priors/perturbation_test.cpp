@@ -115,6 +115,14 @@ TEST_F(PerturbationTest, RelabellingDamagedInputIsAnError) {
       InputError);
 }
 
+TEST_F(PerturbationTest, RelabellingDeeplyNestedInputIsAnError) {
+  std::ofstream(root_ / "pan.json") << R"({"annotations":[],"info":)" << std::string(200000, '[')
+                                    << std::string(200000, ']') << "}";
+  EXPECT_THROW(
+      relabel_segments((root_ / "pan").string(), (root_ / "out").string(), 0.1, 3, labels_),
+      InputError);
+}
+
 TEST_F(PerturbationTest, FlowErrorsScaleWithTheFlowAndAreNested) {
   write_flow();
   const FlowField weak = disturbed(0.06, 0), strong = disturbed(0.12, 0);

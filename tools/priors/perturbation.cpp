@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "priors/builder/json_integer.h"
+#include "priors/builder/json_input.h"
 #include "seeded_random.h"
 
 namespace kys_slam {
@@ -64,7 +64,7 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
   const std::string json_in = folder + ".json", json_out = output + ".json";
   const std::string text = read_text(json_in);
   try {
-    Json document = Json::parse(text);
+    Json document = parse_json(text, json_in);
     std::set<std::int64_t> observed;
     for (const Json& a : document.at("annotations")) {
       for (const Json& s : a.at("segments_info")) {
