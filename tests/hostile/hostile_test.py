@@ -371,6 +371,17 @@ def paths_fifos_for_the_other_programs(f, programs):
 
 
 @case
+def paths_fifo_beside_segmentations(f, programs):
+    os.mkdir(f("pan"))
+    build = ["build_priors", f.sequence, "--panoptic-left", f("pan"), "--output", f.output]
+    os.mkfifo(f("pan", "images.txt"))
+    refused(programs.run(*build), "images.txt", "not a regular file")
+    os.remove(f("pan", "images.txt"))
+    f.write("pan/images.txt", "image_2" * 1000)
+    refused(programs.run(*build), "images.txt", "bytes")
+
+
+@case
 def paths_names_that_are_not_utf8(f, programs):
     name = os.fsencode(f.path) + b"/se\xffq,\"\n"
     os.rename(f.sequence, name)
