@@ -124,6 +124,12 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "no progress");
 }
 
+/// Poses of a whole trajectory, of which --frames may take a part.
+std::size_t poses_in(const std::string& trajectory, kys_slam::simulator::FeatureOptions options) {
+  options.frames = kys_slam::simulator::FeatureOptions().frames;
+  return kys_slam::simulator::read_feature_path(trajectory, options).poses.size();
+}
+
 int run(int argc, char** argv) {
   using namespace kys_slam;
   using namespace kys_slam::simulator;
@@ -146,10 +152,10 @@ int run(int argc, char** argv) {
   if (!a.objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1)) {
     throw InputError("--objects: not with --traffic, --start or --every");
   }
-  if (!a.objects.empty()) o.objects = read_objects(a.objects);
   o.labelled = a.perception != "none";
   if (o.labelled) perception_level(a.perception);  // refuses what it does not know
   const FeaturePath path = read_feature_path(a.trajectory, o);
+  if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));
   Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
   write_frames(world, o, a.perception, a.output, progress);
