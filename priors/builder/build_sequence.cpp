@@ -245,14 +245,7 @@ class SequenceBuilder {
       if (keypoints_) judge_keypoints(read_, frame, links);
       if (keypoints_ && needs_early_disparity()) judge_space(read_, frame);
       add_time(&BuildTimes::keypoints, watch.lap_ms());
-      if (overlap_) {
-        identify(frame, links);
-      } else {
-        for (std::size_t c = 0; c < readers_.size(); ++c) {
-          CameraPerception& in = frame.perception[c];
-          in.instances = identify(c, in.panoptic, frame.shapes[c]);
-        }
-      }
+      identify(read_, frame, links);
       add_time(&BuildTimes::association, watch.lap_ms());
       frame.features.reset();
       prepared_.push_back(std::move(frame));
@@ -330,6 +323,19 @@ class SequenceBuilder {
       instances.push_back(base + (s.thing ? 65536 + identities[k] : s.label));
     }
     return instances;
+  }
+
+  /// Identities of the next frame's segments.
+  void identify(std::size_t t, Prepared& frame, const SegmentLinks& links) {
+    try {
+      if (overlap_) return identify(frame, links);
+      for (std::size_t c = 0; c < readers_.size(); ++c) {
+        CameraPerception& in = frame.perception[c];
+        in.instances = identify(c, in.panoptic, frame.shapes[c]);
+      }
+    } catch (const InputError& error) {
+      throw InputError(readers_[0].path_of(sequence_.names[t]).string() + ": " + error.what());
+    }
   }
 
   /// Identities of the next frame's segments, both cameras together.
