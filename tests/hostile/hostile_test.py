@@ -64,6 +64,7 @@ class Folder:
         return os.path.join(self.path, *names)
 
     def write(self, name, text):
+        os.makedirs(os.path.dirname(self(name)), exist_ok=True)
         with open(self(name), "wb") as file:
             file.write(text if isinstance(text, bytes) else text.encode())
         return self(name)
@@ -808,6 +809,26 @@ def limits_memory_of_an_input(f, programs):
     refused(programs.kitti(f, env=with_memory(100)), "000000.png", "needs 162 MB of memory",
             "the limit is 100 MB", "KYS_MEMORY_MB")
     refused(programs.kitti(f, env=with_memory("much")), "KYS_MEMORY_MB", "'much'")
+
+
+@case
+def limits_memory_of_short_lines(f, programs):
+    f.write("seq/times.txt", "1\n" * 1000000)
+    refused(programs.kitti(f, env=with_memory(60)), "times.txt: needs 96 MB of memory",
+            "the limit is 60 MB")
+
+
+@case
+def limits_memory_of_pairs_of_objects(f, programs):
+    f.write("run/objects.csv", "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,"
+            "vz,sigma_v\n" + "".join(f"0,0,0,{i},car,1,30,0,0,9,0,0,0,1\n" for i in range(2000)))
+    f.write("run/frames.csv", "index,name,timestamp\n0,0,0\n")
+    f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n")
+    f.write("run/ground_truth.tum", "0 0 0 0 0 0 0 1\n")
+    f.write("truth.txt", "".join(f"0 {i} Car 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 9 0\n"
+                                 for i in range(2000)))
+    refused(programs.run("evaluate_objects", f("run"), "--truth", f("truth.txt"),
+                         env=with_memory(100)), "frame 0", "needs 384 MB of memory")
 
 
 @case
