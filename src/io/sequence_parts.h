@@ -17,7 +17,8 @@ inline constexpr double kFrameRate = 10.0;  // Hz
 /// \throws InputError when it is no folder.
 std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 
-/// PNG and JPEG files of a folder, sorted by name. Throws when there are none.
+/// PNG and JPEG files of a folder, sorted by name, numbers in names by value (2 before 10). Throws
+/// when there are none, and for two files of one frame (3.png and 003.png, 3.png and 3.jpg).
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
 /// Pairs left and right images by the digits their stems end in; every image must have its partner

@@ -45,6 +45,42 @@ TEST(KittiOdometry, PartOfASequenceKeepsItsIndices) {
                      {"0 frames"});
 }
 
+TEST(KittiOdometry, FramesAreInOrderOfTheirNumbers) {
+  const TemporaryFolder folder;
+  write_kitti_odometry(folder / "07");
+  for (const char* camera : {"image_0", "image_1"}) {
+    fs::remove_all(folder / "07" / camera);
+    write_images(folder / "07" / camera, "%d.png", 12, 10);
+    fs::rename(folder / "07" / camera / "11.png", folder / "07" / camera / "011.png");
+  }
+  std::string times, poses;
+  for (int i = 0; i < 12; ++i) {
+    times += std::to_string(i) + "\n";
+    poses += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(i) + "\n";
+  }
+  write_text(folder / "07/times.txt", times);
+  write_text(folder / "07/poses.txt", poses);
+  const auto sequence = open_kitti_sequence(folder / "07");
+  for (int i = 0; i < 11; ++i) EXPECT_EQ(sequence->frame(i).name, std::to_string(i));
+  EXPECT_EQ(sequence->frame(11).name, "011");
+  fs::copy(folder / "07/image_0/3.png", folder / "07/image_0/03.png");
+  expect_input_error([&] { open_kitti_sequence(folder / "07"); }, {"3.png", "the same frame as"});
+}
+
+TEST(KittiOdometry, FractionsInNamesAreNoNumbersOfTheirOwn) {
+  const TemporaryFolder folder;
+  write_kitti_odometry(folder / "07");
+  const char* names[] = {"1.5.png", "2.05.png", "2.1.png", "10.25.png", "10.5.png"};
+  for (const char* camera : {"image_0", "image_1"}) {
+    for (int i = 0; i < 5; ++i) {
+      fs::rename(folder / "07" / camera / numbered("%06d.png", i),
+                 folder / "07" / camera / names[i]);
+    }
+  }
+  const auto sequence = open_kitti_sequence(folder / "07");
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(sequence->frame(i).name + ".png", names[i]);
+}
+
 TEST(KittiOdometry, ColourPairMovesGroundTruthToItsLeftCamera) {
   const TemporaryFolder folder;
   write_kitti_odometry(folder / "sequences/07", "image_2", "image_3");
@@ -143,6 +179,13 @@ TEST_F(BadKitti, GroundTruth) {
   expect_refused({"poses.txt", "1 poses", "5 images"});
   write_text(sequence_ / "poses.txt", "2 0 0 0 0 1 0 0 0 0 1 0\n");
   expect_refused({"poses.txt:1", "rotation"});
+TEST_F(BadKitti, TwoPicturesOfOneFrame) {
+  for (const char* camera : {"image_0", "image_1"}) {
+    fs::copy(sequence_ / camera / "000003.png", sequence_ / camera / "000003.jpeg");
+  }
+  expect_refused({"000003.png", "the same frame as 000003.jpeg"});
+}
+
 }
 
 TEST_F(BadKitti, ImagesAreReportedAtTheirFrameAndTheRestIsRead) {
