@@ -113,23 +113,29 @@ std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& 
   return frames;
 }
 
-std::vector<double> kitti_calibration_row(const fs::path& file, const std::string& name,
+std::vector<double> kitti_calibration_row(const fs::path& file,
+                                          const std::vector<std::string>& names,
                                           std::size_t count) {
   const TextTable table(file);
-  for (const TextRow& row : table.rows()) {
-    if (row.fields[0] != name && row.fields[0] != name + ":") continue;
-    std::vector<double> values = table.numbers(row, 1);
-    if (values.size() != count) {
-      table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
-                          std::to_string(count));
+  for (const std::string& name : names) {
+    std::vector<double> found;
+    for (const TextRow& row : table.rows()) {
+      if (row.fields[0] != name && row.fields[0] != name + ":") continue;
+      std::vector<double> values = table.numbers(row, 1);
+      if (values.size() != count) {
+        table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
+                            std::to_string(count));
+      }
+      if (!found.empty() && values != found) table.fail(row, "another " + name + " than before");
+      found = std::move(values);
     }
-    return values;
+    if (!found.empty()) return found;
   }
-  throw InputError(file.string() + ": no line '" + name + "'");
+  throw InputError(file.string() + ": no line '" + names.front() + "'");
 }
 
 Eigen::Matrix<double, 3, 4> kitti_projection(const fs::path& file, const std::string& name) {
-  const std::vector<double> values = kitti_calibration_row(file, name, 12);
+  const std::vector<double> values = kitti_calibration_row(file, {name}, 12);
   return Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(values.data());
 }
 

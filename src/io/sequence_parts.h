@@ -26,10 +26,12 @@ std::vector<std::filesystem::path> list_images(const std::filesystem::path& fold
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
 
-/// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:".
-/// \throws InputError when the file or the name is missing, or the count is wrong.
+/// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:". The first of
+/// `names` that the file has counts.
+/// \throws InputError when the file or the name is missing, the count is wrong, or there are two
+/// different lines of the name.
 std::vector<double> kitti_calibration_row(const std::filesystem::path& file,
-                                          const std::string& name, std::size_t count);
+                                          const std::vector<std::string>& names, std::size_t count);
 Eigen::Matrix<double, 3, 4> kitti_projection(const std::filesystem::path& file,
                                              const std::string& name);
 

@@ -152,6 +152,11 @@ TEST_F(BadKitti, Calibration) {
   write_text(sequence_ / "calib.txt",
              "P0: 700 0 30 0 0 700 20 0 0 0 1\nP1: 700 0 30 350 0 700 20 0 0 0 1 0\n");
   expect_refused({"calib.txt:1", "11 numbers"});
+  const std::string calibration = kKittiCalibration;
+  write_text(sequence_ / "calib.txt", calibration + calibration);
+  open_kitti_sequence(sequence_);  // the same again
+  write_text(sequence_ / "calib.txt", calibration + "P0: 600 0 30 0 0 600 20 0 0 0 1 0\n");
+  expect_refused({"calib.txt:5", "another P0"});
 }
 
 TEST_F(BadKitti, Times) {
@@ -174,11 +179,6 @@ TEST_F(BadKitti, RightCamera) {
   expect_refused({"image_1"});
 }
 
-TEST_F(BadKitti, GroundTruth) {
-  write_text(sequence_ / "poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
-  expect_refused({"poses.txt", "1 poses", "5 images"});
-  write_text(sequence_ / "poses.txt", "2 0 0 0 0 1 0 0 0 0 1 0\n");
-  expect_refused({"poses.txt:1", "rotation"});
 TEST_F(BadKitti, TwoPicturesOfOneFrame) {
   for (const char* camera : {"image_0", "image_1"}) {
     fs::copy(sequence_ / camera / "000003.png", sequence_ / camera / "000003.jpeg");
@@ -186,6 +186,11 @@ TEST_F(BadKitti, TwoPicturesOfOneFrame) {
   expect_refused({"000003.png", "the same frame as 000003.jpeg"});
 }
 
+TEST_F(BadKitti, GroundTruth) {
+  write_text(sequence_ / "poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
+  expect_refused({"poses.txt", "1 poses", "5 images"});
+  write_text(sequence_ / "poses.txt", "2 0 0 0 0 1 0 0 0 0 1 0\n");
+  expect_refused({"poses.txt:1", "rotation"});
 }
 
 TEST_F(BadKitti, ImagesAreReportedAtTheirFrameAndTheRestIsRead) {
@@ -228,6 +233,18 @@ TEST(KittiTracking, GroundTruthFromOxtsIsOfTheLeftCamera) {
   EXPECT_NEAR(rotation_angle(T), 0, 1e-12);
   write_text(root / "oxts/0001.txt", "0 8 1\n");
   expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); }, {"oxts/0001.txt"});
+  write_text(root / "oxts/0001.txt", oxts);
+  for (const auto& [row, rest] :
+       {std::pair{"R_rect 2 0 0 0 1 0 0 0 1\n",
+                  "Tr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\nTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n"},
+        {"Tr_velo_cam 0 0 0 0 0 0 0 0 0 0 0 0\n",
+         "R_rect 1 0 0 0 1 0 0 0 1\nTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n"},
+        {"Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 -1 0\n",
+         "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\n"}}) {
+    write_text(root / "calib/0001.txt", std::string(kKittiCalibration) + row + rest);
+    expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); },
+                       {"calib/0001.txt", std::string(row, 6), "no rotation"});
+  }
 }
 
 TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
@@ -257,6 +274,8 @@ TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   EXPECT_EQ(sequence->camera(), (StereoCamera{60, 40, 725, 725, 29.5, 19.5, 0.5}));
   ASSERT_EQ(sequence->ground_truth().size(), 3u);
   EXPECT_NEAR((sequence->ground_truth()[2].T_w_c.t() - Eigen::Vector3d(0, 0, 2)).norm(), 0, 1e-12);
+  write_text(root / "extrinsic.txt", extrinsic + "1 0 1 0 0 9 0 1 0 0 0 0 1 0 0 0 0 1\n");
+  expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:8", "second"});
   write_text(root / "extrinsic.txt", "frame cameraID\n0 0 1 2 3\n");
   expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:2", "columns"});
 }
