@@ -294,6 +294,17 @@ TEST_F(BuildSequenceTest, NumbersThatAreNoIdsAreRefused) {
   }
 }
 
+TEST_F(BuildSequenceTest, ACategoryWithTwoNamesIsRefused) {
+  const auto open = [&](const std::string& second) {
+    std::ofstream(root_ / "pan.json")
+        << R"({"annotations":[],"categories":[{"id":3,"name":"car"},{"id":3,"name":")" << second
+        << R"("}]})";
+    const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+  };
+  EXPECT_NO_THROW(open("car"));
+  EXPECT_THROW(open("person"), InputError);
+}
+
 TEST_F(BuildSequenceTest, DeeplyNestedJsonIsRefused) {
   std::ofstream(root_ / "pan.json")
       << R"({"annotations":[{"file_name":"000000.png","segments_info":[{"id":1,"category_id":)"
