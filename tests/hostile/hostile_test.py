@@ -921,7 +921,7 @@ def run_case(name, programs, sequence, folder, failures):
         CASES[name](Folder(path, sequence), programs)
         error = None
     except AssertionError as problem:
-        error = str(problem)
+        error = str(problem) or "without a message"
     except Exception as problem:  # pylint: disable=broad-except
         error = f"{type(problem).__name__}: {problem}"
     print(f"{'FAILED' if error else 'passed'}  {name}{': ' + error if error else ''}", flush=True)
