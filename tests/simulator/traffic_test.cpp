@@ -1,6 +1,7 @@
 #include "traffic.h"
 
 #include <gtest/gtest.h>
+#include <kys/prior.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -418,6 +419,30 @@ TEST_F(TrafficFile, PartOfASequence) {
   const auto frame = sequence.next();
   EXPECT_EQ(frame->index, 7);
   EXPECT_EQ(frame->left_features->descriptors, frames_[7].left.descriptors);
+}
+
+TEST_F(TrafficFile, LabelsOutsideOfTheLabelSpaceAreRefused) {
+  const auto read = [&](const std::string& space, std::uint16_t label) {
+    FeatureFileInfo info = world_->info();
+    info.label_space = space;
+    FeatureSequenceWriter writer(scratch_ / "labels.features", info, world_->truth());
+    std::vector<FeatureFrame> frames = frames_;
+    kys::Prior& prior = frames[3].right_priors[0];
+    prior = kys::make_prior(label, 70000, prior.scale, 0, false);
+    for (const FeatureFrame& frame : frames) writer.write(frame);
+    writer.finish();
+    FeatureSequence sequence(scratch_ / "labels.features");
+    try {
+      for (int i = 0; i < 4; ++i) (void)sequence.next();
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(read(kFeatureLabelSpace, 132), "");
+  EXPECT_NE(read(kFeatureLabelSpace, 133).find("labels.features: frame 3: label 133 is not in"),
+            std::string::npos);
+  EXPECT_NE(read("no_such_space", 2).find("labels.features: "), std::string::npos);
 }
 
 TEST_F(TrafficFile, SameBytesAgain) {
