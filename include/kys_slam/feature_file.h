@@ -94,8 +94,8 @@ class FeatureSequenceWriter {
 
   /// Pixel positions are stored in steps of 1/32 px, within [0, 2047] px.
   void write(const FeatureFrame& frame);
-  /// \throws InputError when the disk is full, std::logic_error when frames of the header are
-  /// missing.
+  /// \throws InputError when the disk is full, or when the file cannot be renamed and stays under
+  /// its temporary name; std::logic_error when frames of the header are missing.
   void finish();
 
  private:
@@ -104,7 +104,8 @@ class FeatureSequenceWriter {
 };
 
 /// Reads a feature file. Every block carries a checksum. Of a truncated or corrupt file, the read
-/// of the damaged frame throws InputError naming the file.
+/// of the damaged frame throws InputError naming the file; so does the read of a frame with more
+/// than 65535 features in an image, or with priors whose labels are not in their label space.
 class FeatureSequence : public FrameSource {
  public:
   /// Frames [start, start + frames) of the file; frames < 0: to the end. Frame indices and names

@@ -27,6 +27,10 @@ Failure describe_failure(const std::exception_ptr& exception) noexcept;
 /// part.
 std::string printable(std::string_view text, std::size_t max_bytes = 2000);
 
+/// The same as a field of a CSV file, which stays one field on one line: quoted where it has a
+/// comma or a quote in it.
+std::string csv_field(std::string_view text);
+
 /// Writes a line "program: message" to stderr.
 void print_failure(std::string_view program, const Failure& failure) noexcept;
 

@@ -1,6 +1,7 @@
 #include <kys/error.h>
 #include <kys/label_space.h>
 
+#include <algorithm>
 #include <charconv>
 #include <fstream>
 #include <optional>
@@ -94,6 +95,13 @@ Header read_header(LineReader& reader, std::string_view kind) {
   header.count = parse_number<std::uint16_t>(rest, reader);
   if (header.name.empty() || header.count == 0) {
     reader.fail("needs the name of the label space and its number of classes");
+  }
+  // Prior files, feature files and maps hold names like that.
+  constexpr std::size_t kLongestName = 32;
+  if (header.name.size() > kLongestName ||
+      std::any_of(header.name.begin(), header.name.end(),
+                  [](char c) { return c <= ' ' || c > '~'; })) {
+    reader.fail("the name of the label space needs 1 to 32 characters from ! to ~");
   }
   return header;
 }

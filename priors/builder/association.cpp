@@ -2,18 +2,34 @@
 
 #include <dlib/matrix.h>
 #include <dlib/optimization/max_cost_assignment.h>
+#include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <string>
 
 namespace kys_slam {
+
+void check_assignment(std::size_t things, std::size_t tracks) {
+  constexpr std::size_t kMost = 2048;
+  constexpr std::size_t kBytesPerPair = 16;
+  const std::size_t n = std::max(things, tracks);
+  if (n > kMost) {
+    throw InputError("more than " + std::to_string(kMost) +
+                     " things to tell apart: " + std::to_string(things) + " in the frame, " +
+                     std::to_string(tracks) + " of the frames before");
+  }
+  check_memory("identities of things", kBytesPerPair * n * n);
+}
 
 void InstanceAssociator::assign(std::span<const Detection> detections,
                                 const std::vector<std::size_t>& detection_ids,
                                 const std::vector<std::size_t>& track_ids,
                                 std::vector<std::int32_t>& track_of) const {
   if (detection_ids.empty() || track_ids.empty()) return;
+  check_assignment(detection_ids.size(), track_ids.size());
   const auto n = static_cast<long>(std::max(detection_ids.size(), track_ids.size()));
   // The library wants integers (1/1024 px) and the largest sum. Rows and columns that fill up the
   // square have gain 0, less than any pair, so that as many pairs as possible are made.

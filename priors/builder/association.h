@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -15,6 +16,11 @@ struct Detection {
   double v = 0;  ///< px
 };
 
+/// Checks that so many things and tracks can be assigned to each other: memory grows with the
+/// square of their number, time with its third power. \throws InputError for more than 2048, or
+/// without memory for them
+void check_assignment(std::size_t things, std::size_t tracks);
+
 /// Gives the thing segments of one camera identities over time (Sec. 3.2): assignment with least
 /// sum of centroid distances (px). Pairs beyond `max_distance` are rejected. Tracks survive
 /// `max_missed_frames` frames without a match. Frames in order.
@@ -23,6 +29,7 @@ class InstanceAssociator {
   explicit InstanceAssociator(const BuilderOptions::Association& options) : options_(options) {}
 
   /// Identities of the detections, 0, 1, 2, ... in order of first appearance.
+  /// \throws InputError as check_assignment() does, of those of one class
   std::vector<std::int32_t> next_frame(std::span<const Detection> detections);
 
   [[nodiscard]] std::int32_t identities_given() const { return next_identity_; }

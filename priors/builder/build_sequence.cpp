@@ -4,17 +4,21 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/hash.h>
+#include <kys_slam/util/parse_number.h>
+#include <kys_slam/util/read_bytes.h>
 #include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
-#include <cstdlib>
+#include <cstring>
 #include <deque>
 #include <exception>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -45,6 +49,50 @@ constexpr const char* kSegmentsHeader =
 constexpr const char* kBackgroundHeader =
     "frame,camera,model,samples,fit_residual_px,m_bg_px,mu_par_px,sigma_par_px,stuff_px,"
     "p1,p2,p3,p4,p5,p6,p7,p8\n";
+
+/// The rows of a frame in the folder .rows, from which a later run goes on without its images: a
+/// line with the content key of the prior file and the checksum of the rows, then the rows.
+std::string pack_rows(std::uint64_t key, const std::string& rows) {
+  char line[64];
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(rows.data());
+  std::snprintf(line, sizeof line, "%016llx %08x\n", static_cast<unsigned long long>(key),
+                static_cast<unsigned>(prior_format::crc32(bytes, rows.size())));
+  return line + rows;
+}
+
+/// The rows of such a file; nothing when they are not those of the key, or damaged.
+std::optional<std::string> unpack_rows(const fs::path& path, std::uint64_t key) {
+  const std::string text = read_text(path);
+  const std::size_t end = text.find('\n');
+  if (end == std::string::npos) return std::nullopt;
+  std::string rows = text.substr(end + 1);
+  if (pack_rows(key, rows) != text) return std::nullopt;
+  return rows;
+}
+
+using Evidence = std::vector<std::pair<std::int32_t, double>>;  // by instance
+
+/// Instances and evidence in the rows of a frame. Fields are counted from the end: a name may have
+/// commas in it. Nothing when a row is not as it is written.
+std::optional<Evidence> evidence_of(const std::string& rows) {
+  static const auto kFields = static_cast<std::size_t>(
+      std::count(kSegmentsHeader, kSegmentsHeader + std::strlen(kSegmentsHeader), ',') + 1);
+  Evidence evidence;
+  std::istringstream lines(rows);
+  for (std::string row; std::getline(lines, row);) {
+    if (row.empty() || row[0] != 'S') continue;
+    std::vector<std::string> fields;
+    std::istringstream in(row);
+    for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
+    if (fields.size() < kFields) return std::nullopt;
+    const auto instance = parse_int(fields[fields.size() - kFields + 3]);
+    const auto nats = parse_double(fields[fields.size() - 3]);
+    constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();
+    if (!instance || *instance < 0 || *instance > kMost || !nats) return std::nullopt;
+    evidence.emplace_back(static_cast<std::int32_t>(*instance), *nats);
+  }
+  return evidence;
+}
 
 /// Runs function(i) for i in 0..count-1 on `jobs` threads. Of several failures the one of the
 /// lowest i is thrown, after all threads have stopped.
@@ -101,6 +149,9 @@ class SequenceBuilder {
   SequenceBuilder(const BuildSequence& sequence, const kys::LabelSpace& labels,
                   const BuildInputs& inputs, const BuildSettings& settings)
       : sequence_(sequence), labels_(labels), inputs_(inputs), settings_(settings) {
+    for (const kys::LabelClass& c : labels.classes()) {
+      classes_.add(std::to_string(c.id) + (c.thing ? " thing " : " stuff ") + c.name);
+    }
     for (std::size_t c = 0; c < 2; ++c) {
       if (inputs.panoptic[c].empty()) continue;
       readers_.emplace_back(inputs.panoptic[c], labels, inputs.panoptic_encoding);
@@ -160,8 +211,8 @@ class SequenceBuilder {
   /// A frame between its measurement and its file.
   struct Measured {
     std::uint64_t key = 0;
-    bool current = false;  // its file is there
-    Pair now;              // for pictures
+    std::optional<Evidence> kept;  // its files are there
+    Pair now;                      // for pictures
     std::vector<MeasuredCamera> cameras;
     std::vector<FusionImages> images;
     BuildTimes times;
@@ -245,14 +296,7 @@ class SequenceBuilder {
       if (keypoints_) judge_keypoints(read_, frame, links);
       if (keypoints_ && needs_early_disparity()) judge_space(read_, frame);
       add_time(&BuildTimes::keypoints, watch.lap_ms());
-      if (overlap_) {
-        identify(frame, links);
-      } else {
-        for (std::size_t c = 0; c < readers_.size(); ++c) {
-          CameraPerception& in = frame.perception[c];
-          in.instances = identify(c, in.panoptic, frame.shapes[c]);
-        }
-      }
+      identify(read_, frame, links);
       add_time(&BuildTimes::association, watch.lap_ms());
       frame.features.reset();
       prepared_.push_back(std::move(frame));
@@ -332,6 +376,19 @@ class SequenceBuilder {
     return instances;
   }
 
+  /// Identities of the next frame's segments.
+  void identify(std::size_t t, Prepared& frame, const SegmentLinks& links) {
+    try {
+      if (overlap_) return identify(frame, links);
+      for (std::size_t c = 0; c < readers_.size(); ++c) {
+        CameraPerception& in = frame.perception[c];
+        in.instances = identify(c, in.panoptic, frame.shapes[c]);
+      }
+    } catch (const InputError& error) {
+      throw InputError(readers_[0].path_of(sequence_.names[t]).string() + ": " + error.what());
+    }
+  }
+
   /// Identities of the next frame's segments, both cameras together.
   void identify(Prepared& frame, const SegmentLinks& links) {
     std::vector<const PanopticMap*> maps;
@@ -374,6 +431,7 @@ class SequenceBuilder {
     digest.add(inputs_.keypoints ? "keypoints" : "");
     digest.add(std::to_string(chain_));
     digest.add("kysp builder 10\n" + to_text(settings_.options) + labels_.name());
+    digest.add(std::to_string(classes_.value()));
     digest.add(std::to_string(calibration_hash(sequence_.camera)));
     digest.add(t + 1 < frames() ? sequence_.names[t + 1] : "last");
     digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -383,6 +441,11 @@ class SequenceBuilder {
       const fs::path classes = readers_[c].class_path_of(name);
       if (!classes.empty()) digest.add_file(classes);
       for (const std::int32_t i : perception[c].instances) digest.add(std::to_string(i));
+      // The classes of COCO segments are in a file for all frames.
+      for (const InputSegment& s : perception[c].panoptic.segments) {
+        digest.add(std::to_string(s.input_id) + " " + std::to_string(s.label) +
+                   (s.thing ? " thing" : " stuff"));
+      }
     }
     const auto add_source = [&](const std::string& source, auto&& find) {
       const bool folder = !source.empty() && source != "sgbm" && source != "dis";
@@ -401,18 +464,21 @@ class SequenceBuilder {
     return digest.value();
   }
 
-  [[nodiscard]] bool is_current(const fs::path& file, const fs::path& rows,
-                                std::uint64_t key) const {
+  /// The evidence of a frame whose files are there and made from the same; else nothing.
+  [[nodiscard]] std::optional<Evidence> kept_evidence(std::size_t t, std::uint64_t key) const {
+    const fs::path file = file_of(t);
     std::error_code error;
-    if (settings_.rebuild || !fs::exists(file, error) || !fs::exists(rows, error)) return false;
+    if (settings_.rebuild || !fs::exists(file, error) || !fs::exists(rows_of(t), error)) return {};
     if (settings_.debug_images &&
         !fs::exists(settings_.output / "debug" / (file.stem().string() + "_left.png"), error)) {
-      return false;
+      return {};
     }
     try {
-      return PriorFile::open(file).content_key() == key;
+      if (PriorFile::open(file).content_key() != key) return {};
+      const std::optional<std::string> rows = unpack_rows(rows_of(t), key);
+      return rows ? evidence_of(*rows) : std::nullopt;
     } catch (const InputError&) {
-      return false;
+      return {};
     }
   }
 
@@ -500,8 +566,8 @@ class SequenceBuilder {
 
   void measure_frame(std::size_t t, Prepared prepared, Measured& out) {
     FramePerception& perception = prepared.perception;
-    out.current = is_current(file_of(t), rows_of(t), out.key);
-    if (out.current) return;
+    out.kept = kept_evidence(t, out.key);
+    if (out.kept) return;
     Pair next;
     if (needs_images()) out.now = sequence_.read(t);
     if (needs_images() && t + 1 < frames()) next = sequence_.read(t + 1);
@@ -554,10 +620,7 @@ class SequenceBuilder {
 
   /// Belief over time goes through the frames in order.
   void add_to_belief(std::size_t t, Measured& measured) {
-    if (measured.current) {
-      belief_->restore_frame(time_of(t), evidence_of(rows_of(t)));
-      return;
-    }
+    if (measured.kept) return belief_->restore_frame(time_of(t), *measured.kept);
     const Things things = things_of(measured);
     belief_->add_frame(time_of(t), things.cameras, things.instances);
   }
@@ -567,24 +630,8 @@ class SequenceBuilder {
     belief_->decide(things.cameras, things.instances);
   }
 
-  /// Instances and evidence in the rows of a frame: their fourth field and the last but two.
-  static std::vector<std::pair<std::int32_t, double>> evidence_of(const fs::path& path) {
-    std::vector<std::pair<std::int32_t, double>> evidence;
-    std::ifstream rows(path);
-    for (std::string row; std::getline(rows, row);) {
-      if (row.empty() || row[0] != 'S') continue;
-      std::vector<std::string> fields;
-      std::istringstream in(row);
-      for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
-      if (fields.size() < 7) continue;
-      evidence.emplace_back(static_cast<std::int32_t>(std::strtol(fields[3].c_str(), nullptr, 10)),
-                            std::strtod(fields[fields.size() - 3].c_str(), nullptr));
-    }
-    return evidence;
-  }
-
   void write_frame(std::size_t t, Measured measured) {
-    if (measured.current) {
+    if (measured.kept) {
       const std::lock_guard lock(mutex_);
       ++summary_.kept;
       return;
@@ -618,7 +665,7 @@ class SequenceBuilder {
     const Stopwatch watch;
     const std::vector<std::uint8_t> bytes = encode_priors(priors, file_of(t).string(), coding);
     times.encoding = watch.elapsed_ms();
-    write_file_atomic(rows_of(t), rows, Durable::kNo);
+    write_file_atomic(rows_of(t), pack_rows(measured.key, rows), Durable::kNo);
     write_file_atomic(file_of(t), bytes, Durable::kNo);
     const std::lock_guard lock(mutex_);
     ++summary_.built;
@@ -627,6 +674,7 @@ class SequenceBuilder {
   }
 
   static std::string table_rows(const std::string& name, std::size_t c, const CameraFusion& f) {
+    const std::string frame = csv_field(name);
     const char* camera = c == 0 ? "left" : "right";
     std::string rows;
     char line[1024];
@@ -637,23 +685,23 @@ class SequenceBuilder {
       const MotionDecision& d = f.decisions[k];
       std::snprintf(
           line, sizeof line,
-          "S%s,%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
+          ",%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
           "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%d,%d,%d,%.4f,%.3f,%.3f,%.3f,%.3f,"
           "%.17g,%s,%.17g\n",
-          name.c_str(), camera, s.input_id, f.priors.segments[k].instance, s.label, m.area,
-          m.mean_depth, m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test,
-          d.rho, d.score, m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0,
-          m.median.length, m.median.coherent, m.median.scatter, m.median.parallax,
-          m.median.disparity, m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio,
-          m.keypoints.span, m.keypoints.shift, m.keypoints.pixels, m.appearance.patches,
-          m.appearance.flow_patches, m.appearance.still, m.appearance.flow, m.space.occupied,
-          m.space.free, m.space.hidden, m.space.span, d.evidence_flow, d.evidence_appearance,
-          d.evidence_keypoints, d.evidence_space, d.evidence,
+          camera, s.input_id, f.priors.segments[k].instance, s.label, m.area, m.mean_depth,
+          m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test, d.rho,
+          d.score, m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0, m.median.length,
+          m.median.coherent, m.median.scatter, m.median.parallax, m.median.disparity,
+          m.keypoints.matches, m.keypoints.inliers, m.keypoints.log_ratio, m.keypoints.span,
+          m.keypoints.shift, m.keypoints.pixels, m.appearance.patches, m.appearance.flow_patches,
+          m.appearance.still, m.appearance.flow, m.space.occupied, m.space.free, m.space.hidden,
+          m.space.span, d.evidence_flow, d.evidence_appearance, d.evidence_keypoints,
+          d.evidence_space, d.evidence,
           d.dynamic  ? "moving"
           : d.judged ? "static"
                      : "not_judged",
           d.log_odds);
-      rows += line;
+      rows += "S" + frame + line;
     }
     if (!f.ego_motion) return rows;
     const EgoMotion& e = *f.ego_motion;
@@ -664,11 +712,11 @@ class SequenceBuilder {
     }
     static constexpr const char* kNames[] = {"se3", "rigid", "as_printed"};
     std::snprintf(line, sizeof line,
-                  "B%s,%s,%s,%d,%.4f,%.4f,%.4f,%.4f,%.0f,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g\n",
-                  name.c_str(), camera, kNames[static_cast<std::size_t>(e.model)], e.samples,
-                  e.mean_residual, f.background.m_bg, f.background.mu_par, f.background.sigma_par,
+                  ",%s,%s,%d,%.4f,%.4f,%.4f,%.4f,%.0f,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g,%.8g\n",
+                  camera, kNames[static_cast<std::size_t>(e.model)], e.samples, e.mean_residual,
+                  f.background.m_bg, f.background.mu_par, f.background.sigma_par,
                   f.background.pixels, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
-    return rows + line;
+    return rows + "B" + frame + line;
   }
 
   /// Joins the rows of all frames, and counts what is in the files.
@@ -678,7 +726,8 @@ class SequenceBuilder {
     for (const std::string& name : sequence_.names) {
       std::ifstream rows(settings_.output / ".rows" / (name + ".csv"));
       for (std::string line; std::getline(rows, line);) {
-        if (!line.empty()) (line[0] == 'S' ? segments : background) += line.substr(1) + "\n";
+        if (line.starts_with('S')) segments += line.substr(1) + "\n";
+        if (line.starts_with('B')) background += line.substr(1) + "\n";
       }
       const PriorFile file = PriorFile::open(settings_.output / (name + ".kysp"));
       summary_.bytes += file.file_size();
@@ -704,6 +753,7 @@ class SequenceBuilder {
 
   const BuildSequence& sequence_;
   const kys::LabelSpace& labels_;
+  Digest classes_;  ///< of the label space
   const BuildInputs& inputs_;
   const BuildSettings& settings_;
   std::vector<PanopticReader> readers_;

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "priors/builder/association.h"
+
 namespace kys_slam {
 namespace {
 
@@ -92,6 +94,7 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
     row_of[static_cast<std::uint16_t>(k + 1)] = things.size();
     things.push_back(k);
   }
+  check_assignment(things.size(), tracks_.size());
   const auto n = static_cast<long>(std::max(things.size(), tracks_.size()));
   dlib::matrix<std::int64_t> gain(n, n);
   gain = 0;

@@ -45,6 +45,7 @@ class MaskAssociator {
 
   /// The next frame. \param cameras left, and right if there is one
   /// \return identities 0, 1, 2, ... by camera and segment; -1 of stuff
+  /// \throws InputError as check_assignment() does
   std::vector<std::vector<std::int32_t>> next_frame(std::span<const PanopticMap* const> cameras,
                                                     const SegmentLinks& links);
 

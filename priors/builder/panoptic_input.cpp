@@ -2,14 +2,13 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
-#include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "priors/builder/json_integer.h"
+#include "priors/builder/json_input.h"
 #include "priors/builder/vkitti_names.h"
 
 namespace kys_slam {
@@ -147,20 +146,23 @@ fs::path PanopticReader::class_path_of(const std::string& name) const {
 
 void PanopticReader::read_json() {
   const std::string text = read_text(json_);
-  constexpr std::size_t kGrowth = 16;  // a number of a few digits takes so much
-  check_memory(json_.string(), kGrowth * text.size());
   try {
-    const Json document = Json::parse(text);
+    const Json document = parse_json(text, json_.string());
     // Categories by name where the file lists them; else the ids are those of the label space.
     if (document.contains("categories")) {
+      std::map<std::int64_t, std::string> name_of;
       for (const Json& category : document.at("categories")) {
         const auto name = category.at("name").get<std::string>();
+        const auto id = integer_at<std::int64_t>(category, "id", json_.string());
+        if (name_of.emplace(id, name).first->second != name) {
+          throw InputError(json_.string() + ": category " + std::to_string(id) +
+                           " is listed with two names");
+        }
         const auto& classes = labels_->classes();
         const auto found = std::find_if(classes.begin(), classes.end(),
                                         [&](const kys::LabelClass& c) { return c.name == name; });
         if (found == classes.end()) continue;  // an error only when a segment uses it
-        label_of_category_[integer_at<std::int64_t>(category, "id", json_.string())] =
-            static_cast<std::uint16_t>(found - classes.begin());
+        label_of_category_[id] = static_cast<std::uint16_t>(found - classes.begin());
       }
     } else {
       for (std::size_t i = 0; i < labels_->size(); ++i) {

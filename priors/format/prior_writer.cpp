@@ -236,8 +236,10 @@ std::vector<std::uint8_t> encode_priors(const FramePriors& priors, const std::st
   if (width < 1 || height < 1 || width > pf::kMaxSide || height > pf::kMaxSide) {
     fail(name, "image size is not within 1..16384");
   }
-  if (priors.label_space.empty() || priors.label_space.size() > pf::kLabelSpaceLength) {
-    fail(name, "label space name needs 1 to 32 characters");
+  if (priors.label_space.empty() || priors.label_space.size() > pf::kLabelSpaceLength ||
+      std::any_of(priors.label_space.begin(), priors.label_space.end(),
+                  [](char c) { return c <= ' ' || c > '~'; })) {
+    fail(name, "label space name needs 1 to 32 characters from ! to ~");
   }
   for (const CameraPriors& c : priors.cameras) {
     const bool motion_fits =

@@ -1,5 +1,8 @@
+#include <kys/error.h>
+#include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/feature_file.h>
+#include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/memory_limit.h>
 #include <libdeflate.h>
 #include <unistd.h>
@@ -37,7 +40,6 @@ constexpr std::uint32_t kFrameHeadBytes = 12;     // before the payload: mark, s
 constexpr std::uint32_t kFrameMark = 0x4d415246;  // "FRAM"
 constexpr std::uint32_t kFeatureBytes = 44;
 constexpr std::uint64_t kMaxFrames = 10'000'000;
-constexpr std::uint32_t kMaxFeatures = 1'000'000;
 constexpr double kAngleSteps = 65536.0 / (2.0 * std::numbers::pi);
 
 std::uint32_t crc32_of(const std::vector<std::uint8_t>& bytes, std::size_t count) {
@@ -153,6 +155,7 @@ struct FeatureSequenceWriter::Impl {
 FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const FeatureFileInfo& info,
                                              const FeatureTruth& truth)
     : impl_(std::make_unique<Impl>()) {
+  check_writable(path);
   impl_->path = path;
   impl_->temporary = path;
   impl_->temporary += ".partial-" + std::to_string(getpid());
@@ -220,13 +223,16 @@ void FeatureSequenceWriter::finish() {
   if (impl_->frames_left != 0) throw std::logic_error("fewer frames than poses");
   const bool flushed = std::fflush(impl_->file.get()) == 0;
   if (!flushed) impl_->fail();
-  if (std::fclose(impl_->file.release()) != 0 ||
-      std::rename(impl_->temporary.c_str(), impl_->path.c_str()) != 0) {
+  if (std::fclose(impl_->file.release()) != 0) {
     const int reason = errno;
     std::error_code ignored;
     fs::remove(impl_->temporary, ignored);
     errno = reason;
     impl_->fail();
+  }
+  if (std::rename(impl_->temporary.c_str(), impl_->path.c_str()) != 0) {
+    throw InputError("cannot write " + impl_->path.string() + ": " + std::strerror(errno) +
+                     "; the whole file is " + impl_->temporary.string());
   }
 }
 
@@ -242,6 +248,7 @@ struct FeatureSequence::Impl {
   std::uint64_t header_bytes = kHeaderBytes;
   std::uint64_t truth_bytes = 0;  // on disk, with the checksum
   std::uint64_t truth_size = 0;   // inflated
+  std::size_t labels = 0;         // of the label space; 0: not read yet
   FeatureFrame frame;             // the last one; its features have been handed out
 
   [[noreturn]] void fail(const std::string& what) const { throw InputError(name + ": " + what); }
@@ -262,6 +269,7 @@ struct FeatureSequence::Impl {
   std::uint32_t read_head();
   void unpack_frame(std::uint32_t size, const std::string& where);
   void unpack_frame_2(std::uint32_t size);
+  void check_labels(const std::string& where);
 };
 
 void FeatureSequence::Impl::read_header_2(ByteReader& p) {
@@ -392,6 +400,24 @@ void FeatureSequence::Impl::unpack_frame_2(std::uint32_t size) {
   frame = decode_frame(inflate(std::span(bytes).subspan(4, size - 4), plain), info.seed);
 }
 
+void FeatureSequence::Impl::check_labels(const std::string& where) {
+  if (info.label_space.empty()) fail(where + ": priors of no label space");
+  if (labels == 0) {
+    try {
+      labels = kys::load_label_space(info.label_space).size();
+    } catch (const kys::Error& error) {
+      fail(error.what());
+    }
+  }
+  for (const auto* priors : {&frame.left_priors, &frame.right_priors}) {
+    for (const kys::Prior& p : *priors) {
+      if (p.label == kys::kVoidLabel || p.label < labels) continue;
+      fail(where + ": label " + std::to_string(p.label) + " is not in label space " +
+           info.label_space);
+    }
+  }
+}
+
 // From `bytes`, whose checksum is right.
 void FeatureSequence::Impl::unpack_frame(std::uint32_t size, const std::string& where) {
   if (info.version == 2) {
@@ -400,7 +426,7 @@ void FeatureSequence::Impl::unpack_frame(std::uint32_t size, const std::string& 
     } catch (const std::runtime_error& error) {
       fail("corrupt " + where + " (" + error.what() + ")");
     }
-    if (frame.has_priors && info.label_space.empty()) fail(where + ": priors of no label space");
+    if (frame.has_priors) check_labels(where);
     return;
   }
   ByteReader p(bytes);
@@ -409,6 +435,7 @@ void FeatureSequence::Impl::unpack_frame(std::uint32_t size, const std::string& 
   if (static_cast<std::uint64_t>(left) + right != (size - 8) / kFeatureBytes) {
     fail("corrupt " + where + " (counts)");
   }
+  if (left > kMaxFeatures || right > kMaxFeatures) fail(where + ": too many features");
   frame = {};
   unpack_features(p, left, frame.left, frame.left_landmarks);
   unpack_features(p, right, frame.right, frame.right_landmarks);

@@ -26,7 +26,6 @@ using byte_stream::ByteWriter;
 using byte_stream::require;
 
 constexpr double kAngleSteps = 65536.0 / (2.0 * std::numbers::pi);
-constexpr std::uint32_t kMaxFeatures = 1'000'000;
 constexpr std::uint32_t kMaxObjects = 10'000'000;
 constexpr std::uint32_t kMaxLandmarks = 200'000'000;
 constexpr int kDeflateLevel = 3;

@@ -13,6 +13,9 @@
 /// throw std::runtime_error with what is wrong, and the caller adds the file name.
 namespace kys_slam {
 
+/// Of one image: the map numbers the features of a frame with 16 bits.
+inline constexpr std::uint32_t kMaxFeatures = 65535;
+
 std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t seed);
 FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t seed);
 

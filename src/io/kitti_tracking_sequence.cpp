@@ -1,7 +1,9 @@
 #include <kys_slam/error.h>
+#include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/text_table.h>
 
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -11,31 +13,23 @@ namespace kys_slam {
 namespace fs = std::filesystem;
 namespace {
 
-Rigid3 rigid_from_rows(const std::vector<double>& v) {
-  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> M(v.data());
-  return {Eigen::Matrix3d(M.leftCols<3>()), Eigen::Vector3d(M.col(3))};
+/// A rotation (9 numbers) or a pose (12), named by the first of `names` that the file has.
+Rigid3 read_rigid(const fs::path& calibration, const std::vector<std::string>& names,
+                  std::size_t count) {
+  const std::vector<double> v = kitti_calibration_row(calibration, names, count);
+  const std::size_t columns = count / 3;
+  std::array<double, 12> rows{};
+  for (std::size_t i = 0; i < count; ++i) rows[i / columns * 4 + i % columns] = v[i];
+  const auto pose = rigid_from_row_major(rows.data());
+  if (!pose) throw InputError(calibration.string() + ": " + names.front() + " is no rotation");
+  return *pose;
 }
 
 /// Left camera (camera 2) to inertial unit, from the calibration file.
 Rigid3 read_T_imu_cam2(const fs::path& calibration) {
-  const std::vector<double> r = [&] {
-    try {
-      return kitti_calibration_row(calibration, "R_rect", 9);
-    } catch (const InputError&) {
-      return kitti_calibration_row(calibration, "R0_rect", 9);
-    }
-  }();
-  const auto either = [&](const char* name, const char* other) {
-    try {
-      return kitti_calibration_row(calibration, name, 12);
-    } catch (const InputError&) {
-      return kitti_calibration_row(calibration, other, 12);
-    }
-  };
-  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(r.data());
-  const Rigid3 T_rect_cam(Eigen::Matrix3d(R), Eigen::Vector3d::Zero());
-  const Rigid3 T_cam_velo = rigid_from_rows(either("Tr_velo_cam", "Tr_velo_to_cam"));
-  const Rigid3 T_velo_imu = rigid_from_rows(either("Tr_imu_velo", "Tr_imu_to_velo"));
+  const Rigid3 T_rect_cam = read_rigid(calibration, {"R_rect", "R0_rect"}, 9);
+  const Rigid3 T_cam_velo = read_rigid(calibration, {"Tr_velo_cam", "Tr_velo_to_cam"}, 12);
+  const Rigid3 T_velo_imu = read_rigid(calibration, {"Tr_imu_velo", "Tr_imu_to_velo"}, 12);
   const auto P2 = kitti_projection(calibration, "P2");
   const Rigid3 T_cam2_cam0(Eigen::Quaterniond::Identity(),
                            Eigen::Vector3d(P2(0, 3) / P2(0, 0), 0, 0));

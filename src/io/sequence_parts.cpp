@@ -28,6 +28,42 @@ std::string frame_number(const fs::path& image) {
   return stem.substr(begin);
 }
 
+bool is_digit(char c) {
+  return c >= '0' && c <= '9';
+}
+
+/// The digits at the front, without zeros before them; takes them off.
+std::string_view take_number(std::string_view& text) {
+  std::size_t end = 0;
+  while (end < text.size() && is_digit(text[end])) ++end;
+  std::string_view digits = text.substr(0, end);
+  text.remove_prefix(end);
+  while (!digits.empty() && digits.front() == '0') digits.remove_prefix(1);
+  return digits;
+}
+
+/// Order of names by text, and of the whole numbers in them by value, so that 2 comes before 10:
+/// below 0, 0, above 0. Digits after a decimal point are text.
+int compare_names(std::string_view a, std::string_view b) {
+  bool fraction = false;
+  char last = 0;
+  while (!a.empty() && !b.empty()) {
+    if (is_digit(a.front()) && is_digit(b.front()) && !fraction) {
+      const std::string_view x = take_number(a), y = take_number(b);
+      if (x.size() != y.size()) return x.size() < y.size() ? -1 : 1;
+      if (const int order = x.compare(y); order != 0) return order;
+      last = '0';
+      continue;
+    }
+    if (a.front() != b.front()) return std::string_view(a).substr(0, 1).compare(b.substr(0, 1));
+    fraction = (a.front() == '.' && is_digit(last)) || (fraction && is_digit(a.front()));
+    last = a.front();
+    a.remove_prefix(1);
+    b.remove_prefix(1);
+  }
+  return a.empty() && b.empty() ? 0 : a.empty() ? -1 : 1;
+}
+
 }  // namespace
 
 fs::path sequence_folder(const fs::path& folder) {
@@ -48,6 +84,15 @@ std::vector<fs::path> list_images(const fs::path& folder) {
     if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") images.push_back(path);
   }
   if (images.empty()) throw InputError(folder.string() + ": no PNG or JPEG images");
+  std::stable_sort(images.begin(), images.end(), [](const fs::path& a, const fs::path& b) {
+    return compare_names(a.stem().native(), b.stem().native()) < 0;
+  });
+  for (std::size_t i = 1; i < images.size(); ++i) {
+    if (compare_names(images[i - 1].stem().native(), images[i].stem().native()) == 0) {
+      throw InputError(images[i].string() + ": the same frame as " +
+                       images[i - 1].filename().string());
+    }
+  }
   return images;
 }
 
@@ -68,23 +113,29 @@ std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& 
   return frames;
 }
 
-std::vector<double> kitti_calibration_row(const fs::path& file, const std::string& name,
+std::vector<double> kitti_calibration_row(const fs::path& file,
+                                          const std::vector<std::string>& names,
                                           std::size_t count) {
   const TextTable table(file);
-  for (const TextRow& row : table.rows()) {
-    if (row.fields[0] != name && row.fields[0] != name + ":") continue;
-    std::vector<double> values = table.numbers(row, 1);
-    if (values.size() != count) {
-      table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
-                          std::to_string(count));
+  for (const std::string& name : names) {
+    std::vector<double> found;
+    for (const TextRow& row : table.rows()) {
+      if (row.fields[0] != name && row.fields[0] != name + ":") continue;
+      std::vector<double> values = table.numbers(row, 1);
+      if (values.size() != count) {
+        table.fail(row, name + " has " + std::to_string(values.size()) + " numbers instead of " +
+                            std::to_string(count));
+      }
+      if (!found.empty() && values != found) table.fail(row, "another " + name + " than before");
+      found = std::move(values);
     }
-    return values;
+    if (!found.empty()) return found;
   }
-  throw InputError(file.string() + ": no line '" + name + "'");
+  throw InputError(file.string() + ": no line '" + names.front() + "'");
 }
 
 Eigen::Matrix<double, 3, 4> kitti_projection(const fs::path& file, const std::string& name) {
-  const std::vector<double> values = kitti_calibration_row(file, name, 12);
+  const std::vector<double> values = kitti_calibration_row(file, {name}, 12);
   return Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(values.data());
 }
 

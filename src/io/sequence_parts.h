@@ -17,7 +17,8 @@ inline constexpr double kFrameRate = 10.0;  // Hz
 /// \throws InputError when it is no folder.
 std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 
-/// PNG and JPEG files of a folder, sorted by name. Throws when there are none.
+/// PNG and JPEG files of a folder, sorted by name, numbers in names by value (2 before 10). Throws
+/// when there are none, and for two files of one frame (3.png and 003.png, 3.png and 3.jpg).
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
 /// Pairs left and right images by the digits their stems end in; every image must have its partner
@@ -25,10 +26,12 @@ std::vector<std::filesystem::path> list_images(const std::filesystem::path& fold
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
 
-/// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:".
-/// \throws InputError when the file or the name is missing, or the count is wrong.
+/// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:". The first of
+/// `names` that the file has counts.
+/// \throws InputError when the file or the name is missing, the count is wrong, or there are two
+/// different lines of the name.
 std::vector<double> kitti_calibration_row(const std::filesystem::path& file,
-                                          const std::string& name, std::size_t count);
+                                          const std::vector<std::string>& names, std::size_t count);
 Eigen::Matrix<double, 3, 4> kitti_projection(const std::filesystem::path& file,
                                              const std::string& name);
 

@@ -17,8 +17,15 @@ void append_number(std::string& text, double value, char separator) {
   text += separator;
 }
 
+/// Squares of positions, and sums of them, have to be numbers.
+void check_position(const TextTable& table, const TextRow& row, const Eigen::Vector3d& t) {
+  constexpr double kFar = 1e9;  // m
+  if (!(t.cwiseAbs().maxCoeff() < kFar)) table.fail(row, "a position 1e9 m away or farther");
+}
+
 Rigid3 pose_from_row(const TextTable& table, const TextRow& row, std::size_t qw, std::size_t qx) {
   const Eigen::Vector3d t(table.number(row, 1), table.number(row, 2), table.number(row, 3));
+  check_position(table, row, t);
   const Eigen::Quaterniond q(table.number(row, qw), table.number(row, qx),
                              table.number(row, qx + 1), table.number(row, qx + 2));
   if (std::abs(q.norm() - 1.0) > 1e-2) table.fail(row, "quaternion is not of unit length");
@@ -64,6 +71,7 @@ std::vector<Rigid3> read_kitti_poses(const fs::path& path) {
     require_columns(table, row, 12, 12);
     const auto pose = rigid_from_row_major(table.numbers(row).data());
     if (!pose) table.fail(row, "not a rotation matrix");
+    check_position(table, row, pose->t());
     poses.push_back(*pose);
   }
   return poses;

@@ -59,7 +59,9 @@ Extrinsics read_extrinsics(const fs::path& file) {
     const std::vector<double> values = table.numbers(row, 2);
     const auto pose = rigid_from_row_major(values.data());
     if (!pose) table.fail(row, "not a rotation matrix");
-    extrinsics[frame][static_cast<std::size_t>(camera)] = *pose;
+    auto& entry = extrinsics[frame][static_cast<std::size_t>(camera)];
+    if (entry) table.fail(row, "a second pose of this frame and camera");
+    entry = *pose;
   });
   return extrinsics;
 }

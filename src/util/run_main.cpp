@@ -134,6 +134,17 @@ std::string printable(std::string_view text, std::size_t max_bytes) {
   return out;
 }
 
+std::string csv_field(std::string_view text) {
+  std::string field = printable(text);
+  if (field.find_first_of(",\"") == std::string::npos) return field;
+  std::string quoted = "\"";
+  for (const char c : field) {
+    if (c == '"') quoted += '"';
+    quoted += c;
+  }
+  return quoted + "\"";
+}
+
 Failure describe_failure(const std::exception_ptr& exception) noexcept {
   try {
     return describe(exception);

@@ -4,6 +4,8 @@
 #include <kys_slam/util/read_bytes.h>
 #include <kys_slam/util/text_table.h>
 
+#include <algorithm>
+
 namespace kys_slam {
 namespace {
 
@@ -30,8 +32,12 @@ std::string quoted(std::string_view field) {
 
 TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(read_text(path)) {
   const std::string_view text = text_;
-  constexpr std::size_t kGrowth = 16;  // a field takes so much, a row several times of it
-  check_memory(path.string(), kGrowth * text.size());
+  // A field takes at least two characters; room for fields doubles when it is used up.
+  constexpr std::size_t kPerCharacter = sizeof(std::string_view);
+  constexpr std::size_t kPerLine = sizeof(TextRow) + 2 * sizeof(std::string_view);
+  const auto lines = static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')) + 1;
+  check_memory(path.string(), kPerCharacter * text.size() + kPerLine * lines);
+  rows_.reserve(lines);
   std::size_t line = 0;
   for (std::size_t begin = 0; begin < text.size();) {
     const std::size_t end = std::min(text.find('\n', begin), text.size());

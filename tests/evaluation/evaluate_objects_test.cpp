@@ -396,5 +396,16 @@ TEST_F(ObjectFiles, DamagedTruthIsRefused) {
   expect_input_error([&] { read_true_objects(folder_ / "a.txt", frames); }, {"a.txt", "17"});
 }
 
+TEST_F(ObjectFiles, WhatIsThereTwiceIsRefused) {
+  const std::map<int, FramePoses> frames = {{4, {}}};
+  const std::string car = "4 2 Car 0 0 -1.6 600 170 650 200 1.5 1.8 4.2 1 2 ";
+  write_text(folder_ / "a.txt", car + "3 0\n" + car + "30 0\n");
+  expect_input_error([&] { read_true_objects(folder_ / "a.txt", frames); },
+                     {"a.txt", "object 2 twice in frame 4"});
+  write_text(folder_ / "frames.csv",
+             "index,name,timestamp\n4,000004,0\n4,000004,0.1\n6,000006,0.2\n");
+  expect_input_error([&] { read_object_run(folder_.path()); }, {"frames.csv:3", "second time"});
+}
+
 }  // namespace
 }  // namespace kys_slam

@@ -181,6 +181,7 @@ def perception():
          '{"id": 1, "category_id": 3, "isthing": 1, "area": 128, "bbox": [8, 0, 8, 16]}, '
          '{"id": 2, "category_id": 149, "isthing": 0}]}], "categories": '
          '[{"id": 3, "isthing": 1, "name": "car"}, {"id": 149, "isthing": 0, "name": "road"}]}')
+    save("coco_json", "nested.json", '{"annotations": ' + "[" * 70 + "]" * 70 + "}\n")
     save("coco_json", "large_number.json", '{"annotations": [{"file_name": "a.png", "segments_info": ['
          '{"id": 1, "category_id": ' + 60 * "1" + '}]}]}')
     disparity = np.linspace(0, 20, 12 * 8, dtype=np.float32).reshape(8, 12)

@@ -64,6 +64,7 @@ class Folder:
         return os.path.join(self.path, *names)
 
     def write(self, name, text):
+        os.makedirs(os.path.dirname(self(name)), exist_ok=True)
         with open(self(name), "wb") as file:
             file.write(text if isinstance(text, bytes) else text.encode())
         return self(name)
@@ -371,6 +372,17 @@ def paths_fifos_for_the_other_programs(f, programs):
 
 
 @case
+def paths_fifo_beside_segmentations(f, programs):
+    os.mkdir(f("pan"))
+    build = ["build_priors", f.sequence, "--panoptic-left", f("pan"), "--output", f.output]
+    os.mkfifo(f("pan", "images.txt"))
+    refused(programs.run(*build), "images.txt", "not a regular file")
+    os.remove(f("pan", "images.txt"))
+    f.write("pan/images.txt", "image_2" * 1000)
+    refused(programs.run(*build), "images.txt", "bytes")
+
+
+@case
 def paths_names_that_are_not_utf8(f, programs):
     name = os.fsencode(f.path) + b"/se\xffq,\"\n"
     os.rename(f.sequence, name)
@@ -415,6 +427,111 @@ def paths_output_into_the_input(f, programs):
 def paths_validate_priors_of_no_folder(f, programs):
     refused(programs.run("validate_priors", f("nothing"), "--sequence", f.sequence), "nothing",
             "not a folder")
+
+
+@case
+def paths_output_of_rectify_sequence_is_of_one_source(f, programs):
+    rectify = ["rectify_sequence", f.sequence, "--output", f("rectified")]
+    passed(programs.run(*rectify))
+    os.remove(f("rectified", "image_1", "000003.png"))
+    passed(programs.run(*rectify))  # goes on
+    expect(os.path.isfile(f("rectified", "image_1", "000003.png")), "not made again")
+    shutil.copytree(f.sequence, f("other"))
+    rectify[1] = f("other")
+    refused(programs.run(*rectify), "rectified", "not made of this sequence")
+    f.write("full/notes.txt", "mine")
+    refused(programs.run(*rectify[:3], f("full")), "full", "is not empty")
+
+
+# --- prior files ---------------------------------------------------------------------------------
+
+def make_priors(f, programs, label_space="coco_panoptic_133", category=90, name=None):
+    """Prior files of one class for every frame; `name`: of the label space, put in afterwards."""
+    os.makedirs(f("classes"), exist_ok=True)
+    for image in os.listdir(os.path.join(f.sequence, "image_0")):
+        png(f("classes", image), [bytes([category]) * WIDTH] * HEIGHT)
+    passed(programs.run("build_priors", f.sequence, "--semantic-left", f("classes"), "--output",
+                        f("priors"), "--label-space", label_space, "--quiet"))
+    for file in os.listdir(f("priors")):
+        if name is None or not file.endswith(".kysp"):
+            continue
+        with open(f("priors", file), "rb+") as prior:
+            data = bytearray(prior.read())
+            data[48:80] = name.encode().ljust(32, b"\0")
+            data[16:20] = struct.pack("<I", zlib.crc32(data[20:]))
+            prior.seek(0)
+            prior.write(data)
+
+
+@case
+def priors_with_labels_beyond_their_space(f, programs):
+    validate = ["validate_priors", f("priors"), "--sequence", f.sequence]
+    make_priors(f, programs)
+    passed(programs.run(*validate))
+    shutil.rmtree(f("priors"))
+    make_priors(f, programs, name="my_own")
+    result = programs.run(*validate)
+    passed(result)
+    expect(result.err.count("\n") == 1 and "my_own" in result.err, result.err)
+    shutil.rmtree(f("priors"))
+    make_priors(f, programs, name="cityscapes_19")
+    result = programs.run(*validate)
+    expect(result.status == 2, f"called sound: {result.out}")
+    expect("000000.kysp: label 79 is not in label space cityscapes_19" in result.err, result.err)
+
+
+@case
+def priors_names_are_escaped(f, programs):
+    for camera in (0, 1):
+        for i in range(FRAMES):
+            os.rename(f.image(i, camera),
+                      f.image(i, camera).replace(f"{i:06d}", f"\x1b[2J\nsound {i:06d}"))
+    make_priors(f, programs)
+    result = programs.run("inspect_priors", f("priors"))
+    passed(result)
+    expect("\x1b" not in result.out and "\\x1b[2J\\nsound 000001.kysp" in result.out, result.out)
+    for file in os.listdir(f("priors")):
+        if file.endswith(".kysp"):
+            with open(f("priors", file), "wb"):
+                pass
+    result = programs.run("validate_priors", f("priors"), "--sequence", f.sequence)
+    expect(result.status == 2, f"status {result.status}")
+    expect("\x1b" not in result.err and "\\x1b[2J\\nsound 000001.kysp" in result.err, result.err)
+
+
+@case
+def priors_compared_with_long_names(f, programs):
+    """The rows keep all their fields, and a table that cannot be written is told first."""
+    name = "n," + "x" * 180
+    for camera in (0, 1):
+        for i in range(FRAMES):
+            os.rename(f.image(i, camera), f.image(i, camera).replace(f"{i:06d}", f"{name}{i:06d}"))
+    make_priors(f, programs)
+    compare = ["compare_priors", f("priors"), f("priors"), f.sequence, "--csv"]
+    result = programs.run(*compare, "/proc/nope.csv")
+    refused(result, "/proc/nope.csv")
+    expect(result.out == "", "compared before the check")
+    passed(programs.run(*compare, f("c.csv")))
+    with open(f("c.csv"), encoding="utf-8") as file:
+        rows = file.readlines()
+    expect(len(rows) == 1 + 2 * FRAMES, len(rows))
+    expect(all(row.startswith(f'"{name}') and row.count(",") == 9 for row in rows[1:]), rows[1])
+
+
+@case
+def objects_of_a_class_that_is_not_utf8(f, programs):
+    head = ("frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
+            "0,0,0,5,car,1,30,0,0,9,0,0,1,1\n")
+    f.write("run/objects.csv", head)
+    f.write("run/frames.csv", "index,name,timestamp\n" +
+            "".join(f"{i},{i},{0.1 * i}\n" for i in range(20)))
+    f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 20)
+    f.write("truth.txt", b"".join(b"%d 5 C\xff\x1b[2J 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 %.1f 0\n" %
+                                  (i, 9 + i / 10) for i in range(20)))
+    for more in ((), ("--json",)):
+        result = programs.run("evaluate_objects", f("run"), "--truth", f("truth.txt"), *more)
+        passed(result)
+        expect("\x1b" not in result.out and "C\\xff" in result.out.replace("\\\\", "\\"), result.out)
 
 
 # --- settings and options ------------------------------------------------------------------------
@@ -800,6 +917,26 @@ def limits_memory_of_an_input(f, programs):
 
 
 @case
+def limits_memory_of_short_lines(f, programs):
+    f.write("seq/times.txt", "1\n" * 1000000)
+    refused(programs.kitti(f, env=with_memory(60)), "times.txt: needs 96 MB of memory",
+            "the limit is 60 MB")
+
+
+@case
+def limits_memory_of_pairs_of_objects(f, programs):
+    f.write("run/objects.csv", "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,"
+            "vz,sigma_v\n" + "".join(f"0,0,0,{i},car,1,30,0,0,9,0,0,0,1\n" for i in range(2000)))
+    f.write("run/frames.csv", "index,name,timestamp\n0,0,0\n")
+    f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n")
+    f.write("run/ground_truth.tum", "0 0 0 0 0 0 0 1\n")
+    f.write("truth.txt", "".join(f"0 {i} Car 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 9 0\n"
+                                 for i in range(2000)))
+    refused(programs.run("evaluate_objects", f("run"), "--truth", f("truth.txt"),
+                         env=with_memory(100)), "frame 0", "needs 384 MB of memory")
+
+
+@case
 def limits_memory_in_use(f, programs):
     """The trajectory so far is saved when the limit is passed while tracking."""
     result = programs.kitti(f, env=with_memory(10))
@@ -889,7 +1026,7 @@ def run_case(name, programs, sequence, folder, failures):
         CASES[name](Folder(path, sequence), programs)
         error = None
     except AssertionError as problem:
-        error = str(problem)
+        error = str(problem) or "without a message"
     except Exception as problem:  # pylint: disable=broad-except
         error = f"{type(problem).__name__}: {problem}"
     print(f"{'FAILED' if error else 'passed'}  {name}{': ' + error if error else ''}", flush=True)

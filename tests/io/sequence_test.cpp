@@ -45,6 +45,42 @@ TEST(KittiOdometry, PartOfASequenceKeepsItsIndices) {
                      {"0 frames"});
 }
 
+TEST(KittiOdometry, FramesAreInOrderOfTheirNumbers) {
+  const TemporaryFolder folder;
+  write_kitti_odometry(folder / "07");
+  for (const char* camera : {"image_0", "image_1"}) {
+    fs::remove_all(folder / "07" / camera);
+    write_images(folder / "07" / camera, "%d.png", 12, 10);
+    fs::rename(folder / "07" / camera / "11.png", folder / "07" / camera / "011.png");
+  }
+  std::string times, poses;
+  for (int i = 0; i < 12; ++i) {
+    times += std::to_string(i) + "\n";
+    poses += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(i) + "\n";
+  }
+  write_text(folder / "07/times.txt", times);
+  write_text(folder / "07/poses.txt", poses);
+  const auto sequence = open_kitti_sequence(folder / "07");
+  for (int i = 0; i < 11; ++i) EXPECT_EQ(sequence->frame(i).name, std::to_string(i));
+  EXPECT_EQ(sequence->frame(11).name, "011");
+  fs::copy(folder / "07/image_0/3.png", folder / "07/image_0/03.png");
+  expect_input_error([&] { open_kitti_sequence(folder / "07"); }, {"3.png", "the same frame as"});
+}
+
+TEST(KittiOdometry, FractionsInNamesAreNoNumbersOfTheirOwn) {
+  const TemporaryFolder folder;
+  write_kitti_odometry(folder / "07");
+  const char* names[] = {"1.5.png", "2.05.png", "2.1.png", "10.25.png", "10.5.png"};
+  for (const char* camera : {"image_0", "image_1"}) {
+    for (int i = 0; i < 5; ++i) {
+      fs::rename(folder / "07" / camera / numbered("%06d.png", i),
+                 folder / "07" / camera / names[i]);
+    }
+  }
+  const auto sequence = open_kitti_sequence(folder / "07");
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(sequence->frame(i).name + ".png", names[i]);
+}
+
 TEST(KittiOdometry, ColourPairMovesGroundTruthToItsLeftCamera) {
   const TemporaryFolder folder;
   write_kitti_odometry(folder / "sequences/07", "image_2", "image_3");
@@ -116,6 +152,11 @@ TEST_F(BadKitti, Calibration) {
   write_text(sequence_ / "calib.txt",
              "P0: 700 0 30 0 0 700 20 0 0 0 1\nP1: 700 0 30 350 0 700 20 0 0 0 1 0\n");
   expect_refused({"calib.txt:1", "11 numbers"});
+  const std::string calibration = kKittiCalibration;
+  write_text(sequence_ / "calib.txt", calibration + calibration);
+  open_kitti_sequence(sequence_);  // the same again
+  write_text(sequence_ / "calib.txt", calibration + "P0: 600 0 30 0 0 600 20 0 0 0 1 0\n");
+  expect_refused({"calib.txt:5", "another P0"});
 }
 
 TEST_F(BadKitti, Times) {
@@ -136,6 +177,13 @@ TEST_F(BadKitti, RightCamera) {
   expect_refused({"image_1", "4 images", "5"});
   fs::remove_all(sequence_ / "image_1");
   expect_refused({"image_1"});
+}
+
+TEST_F(BadKitti, TwoPicturesOfOneFrame) {
+  for (const char* camera : {"image_0", "image_1"}) {
+    fs::copy(sequence_ / camera / "000003.png", sequence_ / camera / "000003.jpeg");
+  }
+  expect_refused({"000003.png", "the same frame as 000003.jpeg"});
 }
 
 TEST_F(BadKitti, GroundTruth) {
@@ -185,6 +233,18 @@ TEST(KittiTracking, GroundTruthFromOxtsIsOfTheLeftCamera) {
   EXPECT_NEAR(rotation_angle(T), 0, 1e-12);
   write_text(root / "oxts/0001.txt", "0 8 1\n");
   expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); }, {"oxts/0001.txt"});
+  write_text(root / "oxts/0001.txt", oxts);
+  for (const auto& [row, rest] :
+       {std::pair{"R_rect 2 0 0 0 1 0 0 0 1\n",
+                  "Tr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\nTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n"},
+        {"Tr_velo_cam 0 0 0 0 0 0 0 0 0 0 0 0\n",
+         "R_rect 1 0 0 0 1 0 0 0 1\nTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n"},
+        {"Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 -1 0\n",
+         "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\n"}}) {
+    write_text(root / "calib/0001.txt", std::string(kKittiCalibration) + row + rest);
+    expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); },
+                       {"calib/0001.txt", std::string(row, 6), "no rotation"});
+  }
 }
 
 TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
@@ -214,6 +274,8 @@ TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   EXPECT_EQ(sequence->camera(), (StereoCamera{60, 40, 725, 725, 29.5, 19.5, 0.5}));
   ASSERT_EQ(sequence->ground_truth().size(), 3u);
   EXPECT_NEAR((sequence->ground_truth()[2].T_w_c.t() - Eigen::Vector3d(0, 0, 2)).norm(), 0, 1e-12);
+  write_text(root / "extrinsic.txt", extrinsic + "1 0 1 0 0 9 0 1 0 0 0 0 1 0 0 0 0 1\n");
+  expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:8", "second"});
   write_text(root / "extrinsic.txt", "frame cameraID\n0 0 1 2 3\n");
   expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:2", "columns"});
 }

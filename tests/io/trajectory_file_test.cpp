@@ -73,11 +73,14 @@ TEST(TrajectoryFile, BadInputNamesFileAndLine) {
   tum(good + good, {"t.tum:2", "increase"});
   tum(good + "2 0 0 0 0 0 0 0\n", {"t.tum:2", "unit length"});
   tum(good + "2 0 0 0x 0 0 0 1\n", {"t.tum:2", "'0x'"});
+  tum(good + "2 0 -1e200 0 0 0 0 1\n", {"t.tum:2", "1e9 m away"});
   tum("1e999 0 0 0 0 0 0 1\n", {"t.tum:1"});
   write_text(folder / "t.tum", good + good);
   EXPECT_EQ(read_tum_poses(folder / "t.tum", Stamps::kMayRepeat).size(), 2u);
   write_text(folder / "k.txt", "1 0 0 0 0 1 0 0 0 0 -1 0\n");  // a mirror
   expect_input_error([&] { read_kitti_poses(folder / "k.txt"); }, {"k.txt:1", "rotation"});
+  write_text(folder / "k.txt", "1 0 0 0 0 1 0 0 0 0 1 1e200\n");
+  expect_input_error([&] { read_kitti_poses(folder / "k.txt"); }, {"k.txt:1", "1e9 m away"});
   expect_input_error([&] { read_kitti_poses(folder / "none.txt"); }, {"none.txt"});
   expect_input_error([&] { write_kitti_poses(folder / "no/k.txt", {}); }, {"cannot write"});
 }

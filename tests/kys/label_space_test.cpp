@@ -127,6 +127,18 @@ TEST_F(LabelSpaceFiles, BadTables) {
   EXPECT_EQ(complaint(kClasses, ""), "tiny.table.csv: cannot be read, or is empty");
 }
 
+TEST_F(LabelSpaceFiles, BadNames) {
+  for (const std::string& bad : {std::string("ti ny"), std::string("t\xc3\xbc"),
+                                 std::string("t\x1b"), std::string(33, 'a')}) {
+    EXPECT_EQ(
+        complaint(edited(kClasses, "tiny", bad), edited(kTable, "tiny", bad)),
+        "tiny.classes.csv:2: the name of the label space needs 1 to 32 characters from ! to ~");
+  }
+  const std::string longest(32, 'a');
+  EXPECT_EQ(complaint(edited(kClasses, "tiny", longest), edited(kTable, "tiny", longest)),
+            "nothing");
+}
+
 TEST_F(LabelSpaceFiles, BadHeaders) {
   EXPECT_NE(complaint(kClasses, edited(kTable, "tiny,3", "tiny,2")).find("is the table of tiny"),
             std::string::npos);

@@ -1,6 +1,7 @@
 #include "priors/builder/association.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/error.h>
 
 namespace kys_slam {
 namespace {
@@ -73,6 +74,15 @@ TEST(Association, MoreDetectionsThanTracksAndTheOtherWayRound) {
   EXPECT_EQ(tracker.next_frame(at({{2, 52, 0}})), (Ids{1}));
   EXPECT_EQ(tracker.next_frame(at({{2, 0, 0}, {2, 20, 0}, {2, 54, 0}, {2, 99, 0}})),
             (Ids{0, 3, 1, 2}));
+}
+
+TEST(Association, MoreThingsThanCanBeAssignedAreRefused) {
+  std::vector<Detection> many(2049, Detection{2, 0, 0});
+  auto tracker = make();
+  tracker.next_frame(at({{2, 0, 0}}));
+  EXPECT_THROW(tracker.next_frame(many), InputError);
+  for (std::size_t i = 0; i < 1024; ++i) many[i].label = 3;
+  EXPECT_NO_THROW(tracker.next_frame(many)) << "of two classes";
 }
 
 }  // namespace

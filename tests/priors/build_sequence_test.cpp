@@ -119,6 +119,23 @@ class BuildSequenceTest : public testing::Test {
     return build_sequence_priors(sequence_, labels_, inputs_, settings);
   }
 
+  BuildSummary build_robust(const std::string& output, int jobs, int lag) {
+    BuildSettings settings;
+    settings.options.detection.method = DetectionMethod::kRobust;
+    settings.options.detection.lag = lag;
+    settings.output = root_ / output;
+    settings.jobs = jobs;
+    return build_sequence_priors(sequence_, labels_, inputs_, settings);
+  }
+
+  /// Grey ones, which method robust looks at.
+  void have_images() {
+    sequence_.read = [this](std::size_t) {
+      const StereoCamera& k = sequence_.camera;
+      return std::pair(GrayImage(k.width, k.height), GrayImage(k.width, k.height));
+    };
+  }
+
   [[nodiscard]] std::string bytes(const fs::path& path) const {
     std::ifstream stream(root_ / path, std::ios::binary);
     return {std::istreambuf_iterator<char>(stream), {}};
@@ -181,18 +198,7 @@ TEST_F(BuildSequenceTest, BytesDoNotDependOnTheNumberOfThreads) {
 }
 
 TEST_F(BuildSequenceTest, DecisionsThatLookAheadAreTheSameWhenResumed) {
-  const auto build_robust = [&](const std::string& output, int jobs, int lag) {
-    BuildSettings settings;
-    settings.options.detection.method = DetectionMethod::kRobust;
-    settings.options.detection.lag = lag;
-    settings.output = root_ / output;
-    settings.jobs = jobs;
-    return build_sequence_priors(sequence_, labels_, inputs_, settings);
-  };
-  sequence_.read = [this](std::size_t) {
-    const StereoCamera& k = sequence_.camera;
-    return std::pair(GrayImage(k.width, k.height), GrayImage(k.width, k.height));
-  };
+  have_images();
   for (const int lag : {0, 2, 50}) {
     const std::string one = "one" + std::to_string(lag), two = "two" + std::to_string(lag);
     build_robust(one, 1, lag);
@@ -207,6 +213,61 @@ TEST_F(BuildSequenceTest, DecisionsThatLookAheadAreTheSameWhenResumed) {
     }
   }
   EXPECT_NE(bytes("one0/segments.csv"), bytes("one2/segments.csv"));
+}
+
+TEST_F(BuildSequenceTest, OtherClassesOfTheSegmentsAreBuiltAgain) {
+  build("a", 1);
+  std::string annotations = bytes("pan.json");
+  const std::size_t last = annotations.rfind("\"category_id\":3}");
+  annotations.replace(last, 16, "\"category_id\":8}");
+  std::ofstream(root_ / "pan.json") << annotations;
+  EXPECT_EQ(build("a", 1).built, 1u);  // one segment of the last frame
+  const PriorFile file = PriorFile::open(root_ / "a" / "000004.kysp");
+  EXPECT_EQ(file.segments(CameraSide::kLeft)[1].label, labels_.index_of("truck"));
+  std::vector<kys::LabelClass> classes = labels_.classes();
+  for (kys::LabelClass& c : classes) c.name = c.name == "car" ? "motor" : c.name;
+  labels_ = kys::LabelSpace(labels_.name(), classes, std::vector<float>(133 * 133), "other");
+  EXPECT_EQ(build("a", 1).built, 5u) << "another label space of the same name";
+}
+
+TEST_F(BuildSequenceTest, RowsThatAreNotThoseOfTheFileAreBuiltAgain) {
+  have_images();
+  build_robust("whole", 1, 2);
+  const fs::path rows = root_ / "whole" / ".rows" / "000001.csv";
+  const std::string sound = bytes(rows), priors = bytes("whole/000003.kysp");
+  std::string changed = sound;
+  const std::size_t digit = sound.rfind(",static,") - 1;
+  changed[digit] = changed[digit] == '1' ? '2' : '1';
+  for (const std::string& bad : {changed, bytes("whole/.rows/000000.csv"), std::string(),
+                                 sound.substr(0, sound.size() / 2)}) {
+    std::ofstream(rows) << bad;
+    EXPECT_EQ(build_robust("whole", 1, 2).built, 1u);
+    EXPECT_EQ(bytes(rows), sound);
+    EXPECT_EQ(bytes("whole/000003.kysp"), priors);
+  }
+  EXPECT_EQ(build_robust("whole", 1, 2).kept, 5u);
+}
+
+TEST_F(BuildSequenceTest, NamesWithCommasAreResumed) {
+  have_images();
+  for (std::string& name : sequence_.names) {
+    for (const auto& [folder, ending] :
+         {std::pair{"pan", ".png"}, {"flow", ".flo"}, {"disp", ".pfm"}}) {
+      fs::rename(root_ / folder / (name + ending), root_ / folder / ("a,7," + name + ending));
+    }
+    name = "a,7," + name;
+  }
+  std::string annotations = bytes("pan.json");
+  for (std::size_t at = 0; (at = annotations.find("00000", at)) != std::string::npos; at += 9) {
+    annotations.insert(at, "a,7,");
+  }
+  std::ofstream(root_ / "pan.json") << annotations;
+  build_robust("one", 1, 2);
+  build_robust("two", 1, 2);
+  fs::remove(root_ / "two" / (sequence_.names[3] + ".kysp"));
+  EXPECT_EQ(build_robust("two", 1, 2).built, 1u);
+  EXPECT_EQ(bytes("one/segments.csv"), bytes("two/segments.csv"));
+  EXPECT_NE(bytes("one/segments.csv").find("\n\"a,7,000000\",left,"), std::string::npos);
 }
 
 /// Networks call a thing a car in one view and a truck in the other: it has depth in both.
@@ -291,6 +352,30 @@ TEST_F(BuildSequenceTest, NumbersThatAreNoIdsAreRefused) {
       EXPECT_NE(std::string(error.what()).find("no whole number"), std::string::npos)
           << error.what();
     }
+  }
+}
+
+TEST_F(BuildSequenceTest, ACategoryWithTwoNamesIsRefused) {
+  const auto open = [&](const std::string& second) {
+    std::ofstream(root_ / "pan.json")
+        << R"({"annotations":[],"categories":[{"id":3,"name":"car"},{"id":3,"name":")" << second
+        << R"("}]})";
+    const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+  };
+  EXPECT_NO_THROW(open("car"));
+  EXPECT_THROW(open("person"), InputError);
+}
+
+TEST_F(BuildSequenceTest, DeeplyNestedJsonIsRefused) {
+  std::ofstream(root_ / "pan.json")
+      << R"({"annotations":[{"file_name":"000000.png","segments_info":[{"id":1,"category_id":)"
+      << std::string(200000, '[') << std::string(200000, ']') << "}]}]}";
+  try {
+    const PanopticReader reader(root_ / "pan", labels_, PanopticEncoding::kCoco);
+    FAIL() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("pan.json: is nested deeper"), std::string::npos)
+        << error.what();
   }
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/read_bytes.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -115,6 +116,14 @@ TEST_F(PerturbationTest, RelabellingDamagedInputIsAnError) {
       InputError);
 }
 
+TEST_F(PerturbationTest, RelabellingDeeplyNestedInputIsAnError) {
+  std::ofstream(root_ / "pan.json") << R"({"annotations":[],"info":)" << std::string(200000, '[')
+                                    << std::string(200000, ']') << "}";
+  EXPECT_THROW(
+      relabel_segments((root_ / "pan").string(), (root_ / "out").string(), 0.1, 3, labels_),
+      InputError);
+}
+
 TEST_F(PerturbationTest, FlowErrorsScaleWithTheFlowAndAreNested) {
   write_flow();
   const FlowField weak = disturbed(0.06, 0), strong = disturbed(0.12, 0);
@@ -134,6 +143,27 @@ TEST_F(PerturbationTest, FlowErrorsScaleWithTheFlowAndAreNested) {
   EXPECT_NEAR(std::sqrt(squares / count), 0.06 * 5, 0.02);
   EXPECT_TRUE(std::isnan(weak.u.at(5, 5)));
   EXPECT_EQ(weak.u.at(6, 5), 0);  // what stands still has no error
+}
+
+TEST_F(PerturbationTest, AFolderWithoutFlowAndTheInputAsOutputAreErrors) {
+  EXPECT_THROW((void)disturbed(0.1, 0), InputError);
+  write_flow();
+  const std::string flow = (root_ / "flow").string();
+  EXPECT_THROW(disturb_flow(flow, flow, 0.1, 0, 7, FieldEncoding::kKitti), InputError);
+  write_segments();
+  const std::string segments = (root_ / "pan").string();
+  EXPECT_THROW(relabel_segments(segments, segments, 0.1, 3, labels_), InputError);
+}
+
+TEST_F(PerturbationTest, WhatPerceptionWasMadeOfIsKept) {
+  write_flow();
+  std::ofstream(root_ / "flow" / "images.txt") << "image_2\n";
+  (void)disturbed(0.1, 0);
+  EXPECT_EQ(read_text(root_ / "out" / "images.txt"), "image_2\n");
+  write_segments();
+  std::ofstream(root_ / "pan" / "images.txt") << "image_0\n";
+  relabel_segments((root_ / "pan").string(), (root_ / "out2").string(), 0.1, 3, labels_);
+  EXPECT_EQ(read_text(root_ / "out2" / "images.txt"), "image_0\n");
 }
 
 TEST_F(PerturbationTest, CorrelatedFlowErrorsAreAlikeNearby) {

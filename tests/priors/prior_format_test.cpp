@@ -141,6 +141,15 @@ TEST(PriorFormat, RoundTripKeepsSegmentsAndBoundsMotion) {
                           "x", {.tolerance_steps = 0}));
 }
 
+TEST(PriorFormat, NamesOfLabelSpacesThatNoReaderTakesAreNotWritten) {
+  FramePriors priors = make_street(64, 32, 1);
+  for (const std::string& bad :
+       {std::string(), std::string("a b"), std::string("a\x1b"), std::string(33, 'a')}) {
+    priors.label_space = bad;
+    EXPECT_THROW(encode_priors(priors, "test"), InputError) << bad;
+  }
+}
+
 TEST(PriorFormat, CodingNeverMovesAValueAcrossAGate) {
   const MotionCoding coding;
   for (const float gate : {8.0F, 20.0F}) {

@@ -288,6 +288,50 @@ TEST_F(FeatureFile, DamageIsNoticed) {
   }
 }
 
+TEST_F(FeatureFile, MoreFeaturesThanAMapNumbersAreRefused) {
+  for (const int version : {1, 2}) {
+    FeatureFileInfo info = world_->info();
+    info.poses.resize(1);
+    info.version = version;
+    for (const std::size_t count : {65535UL, 65536UL}) {
+      FeatureFrame frame;
+      frame.left.keypoints.resize(count);
+      frame.left.descriptors.resize(count);
+      frame.left_landmarks.assign(count, -1);
+      FeatureSequenceWriter writer(scratch_ / "many.features", info);
+      writer.write(frame);
+      writer.finish();
+      FeatureSequence sequence(scratch_ / "many.features");
+      if (count == 65535) {
+        EXPECT_EQ(sequence.next()->left_features->size(), count);
+      } else {
+        EXPECT_THROW((void)sequence.next(), InputError) << version;
+      }
+    }
+  }
+}
+
+TEST_F(FeatureFile, AFolderInPlaceOfTheFileIsNoticedFirst) {
+  std::filesystem::create_directory(scratch_ / "there");
+  EXPECT_THROW(FeatureSequenceWriter(scratch_ / "there", world_->info()), InputError);
+}
+
+TEST_F(FeatureFile, AWholeFileThatCannotBeRenamedIsKept) {
+  const std::filesystem::path place = scratch_ / "late";
+  FeatureSequenceWriter writer(place, world_->info());
+  for (std::size_t i = 0; i < 12; ++i) writer.write(world_->frame(i));
+  std::filesystem::create_directory(place);
+  try {
+    writer.finish();
+    FAIL() << "renamed";
+  } catch (const InputError& error) {
+    const std::string text = error.what();
+    const std::size_t at = text.find("the whole file is ");
+    ASSERT_NE(at, std::string::npos) << text;
+    EXPECT_EQ(read_all(text.substr(at + 18)), read_all(path_));
+  }
+}
+
 TEST_F(FeatureFile, AnUnfinishedFileDoesNotAppear) {
   {
     FeatureSequenceWriter writer(scratch_ / "half.features", world_->info());

@@ -509,6 +509,20 @@ TEST(Writing, FullDiskLeavesNothing) {
   EXPECT_FALSE(fs::exists(out.string() + ".partial"));
 }
 
+TEST(Writing, AFolderThatCannotBeReplacedIsNoticedFirst) {
+  const ScratchFolder scratch("here");
+  fs::create_directories(scratch / "out");
+  const ProgramResult r =
+      run_program("bash -c \"cd " + (scratch / "out").string() + " && " + std::string(KYS_BIN_DIR) +
+                      "/simulate_sequence street --size 310x94 --frames 1 "
+                      "--quiet --output .\"",
+                  scratch);
+  EXPECT_EQ(r.status, 2);
+  EXPECT_TRUE(is_one_line(r.error)) << r.error;
+  EXPECT_NE(r.error.find("cannot write ."), std::string::npos) << r.error;
+  EXPECT_TRUE(fs::is_empty(scratch / "out")) << "rendered first";
+}
+
 TEST(Writing, AnInterruptedRunIsSweptAwayByTheNext) {
   const ScratchFolder scratch("killed");
   const fs::path partial = scratch / "out.partial";

@@ -1,6 +1,7 @@
 #include "traffic.h"
 
 #include <gtest/gtest.h>
+#include <kys/prior.h>
 #include <kys_slam/error.h>
 
 #include <algorithm>
@@ -255,7 +256,8 @@ TEST(Traffic, ObjectsOfARenderedWorldAreRead) {
   const std::string size = "0.5,0,0.75,4,1.8,1.5,1,9,1,9\n";
   const auto objects =
       read_objects(write("2,0.2,7,car,3,1,1,1.65,10" + q + size + "4,0.4,7,car,3,0,1,1.65,12" + q +
-                         size + "0,0.0,9,car,3,0,-3,1.65,20" + q + size));
+                         size + "0,0.0,9,car,3,0,-3,1.65,20" + q + size),
+                   5);
   ASSERT_EQ(objects.size(), 2U);
   const FeatureObject& car = objects[0];
   EXPECT_EQ(car.kind, FeatureObject::Kind::kRigid);
@@ -266,13 +268,17 @@ TEST(Traffic, ObjectsOfARenderedWorldAreRead) {
   EXPECT_LT((car.poses[0].rotation * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-9);
   EXPECT_LT((car.poses[0].rotation * Vector3d::UnitY() - Vector3d::UnitY()).norm(), 1e-9);
   EXPECT_EQ(objects[1].kind, FeatureObject::Kind::kStatic);
-  EXPECT_THROW(read_objects(write("")), InputError);
-  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1\n")), InputError);
-  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1,1,nan,10" + q + size)), InputError);
+  EXPECT_THROW(read_objects(write(""), 5), InputError);
+  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1\n"), 5), InputError);
+  EXPECT_THROW(read_objects(write("2,0.2,7,car,3,1,1,nan,10" + q + size), 5), InputError);
   EXPECT_THROW(
-      read_objects(write("2,0,7,car,3,1,1,1,10" + q + size + "1,0,7,car,3,1,1,1,10" + q + size)),
+      read_objects(write("2,0,7,car,3,1,1,1,10" + q + size + "1,0,7,car,3,1,1,1,10" + q + size), 5),
       InputError);
-  EXPECT_THROW(read_objects(scratch / "none.csv"), InputError);
+  EXPECT_THROW(read_objects(scratch / "none.csv", 5), InputError);
+  // Beyond the trajectory, where every pose in between would have to be filled in.
+  const std::string car_at_4 = write("4,0.4,7,car,3,1,1,1,10" + q + size);
+  EXPECT_EQ(read_objects(car_at_4, 5).size(), 1U);
+  EXPECT_THROW(read_objects(car_at_4, 4), InputError);
 }
 
 TEST(Perception, ExactPerceptionKnowsObjectsAndTheirMotion) {
@@ -413,6 +419,30 @@ TEST_F(TrafficFile, PartOfASequence) {
   const auto frame = sequence.next();
   EXPECT_EQ(frame->index, 7);
   EXPECT_EQ(frame->left_features->descriptors, frames_[7].left.descriptors);
+}
+
+TEST_F(TrafficFile, LabelsOutsideOfTheLabelSpaceAreRefused) {
+  const auto read = [&](const std::string& space, std::uint16_t label) {
+    FeatureFileInfo info = world_->info();
+    info.label_space = space;
+    FeatureSequenceWriter writer(scratch_ / "labels.features", info, world_->truth());
+    std::vector<FeatureFrame> frames = frames_;
+    kys::Prior& prior = frames[3].right_priors[0];
+    prior = kys::make_prior(label, 70000, prior.scale, 0, false);
+    for (const FeatureFrame& frame : frames) writer.write(frame);
+    writer.finish();
+    FeatureSequence sequence(scratch_ / "labels.features");
+    try {
+      for (int i = 0; i < 4; ++i) (void)sequence.next();
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(read(kFeatureLabelSpace, 132), "");
+  EXPECT_NE(read(kFeatureLabelSpace, 133).find("labels.features: frame 3: label 133 is not in"),
+            std::string::npos);
+  EXPECT_NE(read("no_such_space", 2).find("labels.features: "), std::string::npos);
 }
 
 TEST_F(TrafficFile, SameBytesAgain) {

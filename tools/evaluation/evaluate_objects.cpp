@@ -95,7 +95,7 @@ void print_json(const ObjectEvaluation& e) {
   json["objects"] = Json::array();
   for (const ObjectLife& life : e.lives) {
     json["objects"].push_back({{"object", life.object},
-                               {"class", life.kind},
+                               {"class", printable(life.kind)},
                                {"frames", life.frames},
                                {"followed", life.followed},
                                {"reported", life.reported},
@@ -117,7 +117,7 @@ void print_table(const ObjectEvaluation& e, const Arguments& a) {
   std::printf("%8s  %-12s %8s %10s %10s %12s\n", "object", "class", "frames", "followed",
               "reported", "identities");
   for (const ObjectLife& life : e.lives) {
-    std::printf("%8d  %-12s %8d %9.0f%% %9.0f%% %12d\n", life.object, life.kind.c_str(),
+    std::printf("%8d  %-12s %8d %9.0f%% %9.0f%% %12d\n", life.object, printable(life.kind).c_str(),
                 life.frames, 100 * share(life.followed, life.frames),
                 100 * share(life.reported, life.frames), life.identities);
   }
@@ -173,7 +173,7 @@ int run(int argc, char** argv) {
   if (!objects.has_ground_truth) {
     std::fprintf(stderr,
                  "evaluate_objects: %s has no ground truth of the camera: its estimate stands in\n",
-                 arguments.run.c_str());
+                 printable(arguments.run).c_str());
   }
   const ObjectEvaluation evaluation =
       evaluate_objects(objects.objects, truth, objects.frames, arguments.options);

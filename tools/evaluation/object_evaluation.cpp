@@ -2,6 +2,7 @@
 
 #include <kys_slam/check_options.h>
 #include <kys_slam/util/median.h>
+#include <kys_slam/util/memory_limit.h>
 
 #include <algorithm>
 #include <array>
@@ -10,6 +11,7 @@
 #include <numbers>
 #include <optional>
 #include <set>
+#include <string>
 #include <tuple>
 
 namespace kys_slam {
@@ -57,7 +59,11 @@ std::vector<Moved> moved(const std::vector<EstimatedObject>& estimates,
 void assign_frame(std::vector<Moved>& moved, std::size_t begin, std::size_t end,
                   const std::vector<const TrueObject*>& objects, double max_distance,
                   std::map<int, int>& last_object) {
-  std::vector<std::tuple<bool, double, std::size_t, std::size_t>> pairs;
+  using Pair = std::tuple<bool, double, std::size_t, std::size_t>;
+  constexpr std::size_t kGrowth = 3;  // of a list that grows: what it has and twice as much
+  check_memory("estimates and objects of frame " + std::to_string(moved[begin].row->frame),
+               kGrowth * sizeof(Pair) * (end - begin) * objects.size());
+  std::vector<Pair> pairs;
   for (std::size_t i = begin; i < end; ++i) {
     for (std::size_t j = 0; j < objects.size(); ++j) {
       const Eigen::Vector3d p = objects[j]->T_g_o.inverse() * moved[i].position;

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <utility>
 
 namespace kys_slam {
 namespace {
@@ -82,7 +84,10 @@ std::map<int, FramePoses> read_frames(const fs::path& folder) {
   for (std::size_t k = 0; k < poses.size(); ++k) {
     const TextRow& row = table.rows()[k + 1];
     expect_columns(table, row, 3);
-    frames[small_integer(table, row, 0)] = {table.number(row, 2), poses[k], poses[k]};
+    const FramePoses pose{table.number(row, 2), poses[k], poses[k]};
+    if (!frames.emplace(small_integer(table, row, 0), pose).second) {
+      table.fail(row, "a frame for the second time");
+    }
   }
   return frames;
 }
@@ -181,8 +186,9 @@ std::map<std::pair<int, int>, SeenBox> read_boxes(const fs::path& path) {
     if (row.fields.front() == "frame") continue;
     expect_columns(table, row, 11);
     if (table.integer(row, 1) != 0) continue;
-    boxes[{small_integer(table, row, 2), small_integer(table, row, 0)}] = {
-        small_integer(table, row, 7), row.fields[10] == "True"};
+    const std::pair<int, int> key{small_integer(table, row, 2), small_integer(table, row, 0)};
+    const SeenBox box{small_integer(table, row, 7), row.fields[10] == "True"};
+    if (!boxes.emplace(key, box).second) table.fail(row, "an object twice in one frame");
   }
   return boxes;
 }
@@ -239,6 +245,23 @@ std::vector<TrueObject> read_kitti_labels(const TextTable& table,
   return objects;
 }
 
+/// In the format that the first line identifies.
+std::vector<TrueObject> read_any_objects(const TextTable& table,
+                                         const std::map<int, FramePoses>& frames) {
+  if (table.rows().empty()) throw InputError(table.path().string() + ": is empty");
+  const auto& first = table.rows().front().fields;
+  if (first.size() == kSimulatorColumns && first[2] == "object") return read_simulator(table);
+  if (first.size() >= kVirtualColumns && first[1] == "cameraID") {
+    return read_virtual_kitti(table, frames);
+  }
+  if (first.size() >= kKittiColumns && first[0] != "frame") {
+    return read_kitti_labels(table, frames);
+  }
+  throw InputError(table.path().string() +
+                   ": neither objects.csv of simulate_sequence, nor pose.txt of Virtual KITTI 2, "
+                   "nor labels of KITTI Tracking");
+}
+
 }  // namespace
 
 ObjectRun read_object_run(const fs::path& folder) {
@@ -254,18 +277,14 @@ ObjectRun read_object_run(const fs::path& folder) {
 std::vector<TrueObject> read_true_objects(const fs::path& file,
                                           const std::map<int, FramePoses>& frames) {
   const TextTable table(file);
-  if (table.rows().empty()) throw InputError(file.string() + ": is empty");
-  const auto& first = table.rows().front().fields;
-  if (first.size() == kSimulatorColumns && first[2] == "object") return read_simulator(table);
-  if (first.size() >= kVirtualColumns && first[1] == "cameraID") {
-    return read_virtual_kitti(table, frames);
+  std::vector<TrueObject> objects = read_any_objects(table, frames);
+  std::set<std::pair<int, int>> seen;
+  for (const TrueObject& o : objects) {
+    if (seen.emplace(o.object, o.frame).second) continue;
+    throw InputError(file.string() + ": object " + std::to_string(o.object) + " twice in frame " +
+                     std::to_string(o.frame));
   }
-  if (first.size() >= kKittiColumns && first[0] != "frame") {
-    return read_kitti_labels(table, frames);
-  }
-  throw InputError(file.string() +
-                   ": neither objects.csv of simulate_sequence, nor pose.txt of Virtual KITTI 2, "
-                   "nor labels of KITTI Tracking");
+  return objects;
 }
 
 }  // namespace kys_slam

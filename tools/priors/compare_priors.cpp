@@ -2,6 +2,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/feature_extractor.h>
 #include <kys_slam/prior_file.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/paths.h>
 
@@ -24,10 +25,12 @@ PriorFile open_checked(const fs::path& path, const StereoCamera& camera) {
 }
 
 std::string row_of(const std::string& name, const char* camera, const Exposure& e) {
-  char line[256];
-  std::snprintf(line, sizeof line, "%s,%s,%zu,%zu,%zu,%zu,%zu,%zu,%zu\n", name.c_str(), camera,
-                e.keypoints, e.label, e.instance, e.dynamic, e.stereo_gate, e.temporal_gate, e.any);
-  return line;
+  std::string row = csv_field(name) + "," + camera;
+  for (const std::size_t count :
+       {e.keypoints, e.label, e.instance, e.dynamic, e.stereo_gate, e.temporal_gate, e.any}) {
+    row += "," + std::to_string(count);
+  }
+  return row + "\n";
 }
 
 void print(const char* what, std::size_t count, std::size_t total) {
@@ -74,7 +77,6 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
     throw InputError(other.string() + ": has no prior file that is in " + reference.string() +
                      " and belongs to a frame of " + folder.string());
   }
-  if (!csv.empty()) write_file_atomic(csv, table);
   std::printf("%zu frames, %zu keypoints of both cameras\n", used, total.keypoints);
   print("another class", total.label, total.keypoints);
   print("another instance or class", total.instance, total.keypoints);
@@ -82,6 +84,7 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
   print("on the other side of mu = 8", total.stereo_gate, total.keypoints);
   print("on the other side of mu = 20", total.temporal_gate, total.keypoints);
   print("wrong: class, flag or gate", total.any, total.keypoints);
+  if (!csv.empty()) write_file_atomic(csv, table);
 }
 
 int run(int argc, char** argv) {
@@ -102,6 +105,7 @@ int run(int argc, char** argv) {
   for (const std::string& folder : {reference, other}) {
     if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
   }
+  if (!csv.empty()) check_writable(csv);
   run(reference, other, sequence, settings, csv);
   return 0;
 }

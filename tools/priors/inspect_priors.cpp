@@ -6,6 +6,7 @@
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/paths.h>
 
@@ -79,7 +80,7 @@ std::vector<std::string> names_of(const std::string& label_space) {
   std::vector<std::string> names;
   try {
     const kys::LabelSpace space = kys::load_label_space(label_space);
-    for (const kys::LabelClass& c : space.classes()) names.push_back(c.name);
+    for (const kys::LabelClass& c : space.classes()) names.push_back(printable(c.name));
   } catch (const kys::Error&) {
     return {};
   }
@@ -90,7 +91,7 @@ void print(const fs::path& path, const PriorFile& file, const Reasons& reasons,
            const std::string& label_space) {
   const std::vector<std::string> names =
       names_of(label_space.empty() ? file.label_space() : label_space);
-  std::printf("%s: %dx%d, %s, calibration %016llx, %zu bytes%s\n", path.string().c_str(),
+  std::printf("%s: %dx%d, %s, calibration %016llx, %zu bytes%s\n", printable(path.string()).c_str(),
               file.width(), file.height(), file.label_space().c_str(),
               static_cast<unsigned long long>(file.calibration_hash()), file.file_size(),
               file.has_motion() ? "" : ", no motion");

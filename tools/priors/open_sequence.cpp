@@ -2,9 +2,11 @@
 
 #include <kys_slam/error.h>
 #include <kys_slam/sequence.h>
+#include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
-#include <fstream>
 #include <memory>
+#include <sstream>
 
 namespace kys_slam {
 
@@ -32,8 +34,10 @@ void check_made_of(const std::filesystem::path& input, const std::string& images
   const auto is_pair = [](const std::string& name) {
     return name.size() == 7 && name.starts_with("image_") && name[6] >= '0' && name[6] <= '3';
   };
+  constexpr std::size_t kMostBytes = 4096;
+  if (!path_exists(input / "images.txt")) return;
   std::string made;
-  std::ifstream(input / "images.txt") >> made;
+  std::istringstream(read_text(input / "images.txt", kMostBytes)) >> made;
   if (!is_pair(made) || !is_pair(images) || made == images) return;
   throw InputError(input.string() + ": made of " + made + ", but " + images +
                    " is tracked (--pair grey or colour chooses)");

@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "priors/builder/json_integer.h"
+#include "priors/builder/json_input.h"
 #include "seeded_random.h"
 
 namespace kys_slam {
@@ -21,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
+constexpr const char* kSource = "images.txt";
 
 double gaussian(std::uint64_t seed, std::uint64_t a, std::uint64_t b) {
   const double u = std::max(seeded_uniform(seed, a, 2 * b), 1e-300),
@@ -57,14 +58,26 @@ Rgb16Image to_kitti(const FlowField& flow) {
   return out;
 }
 
+/// images.txt says of which cameras' images perception was made; build_priors looks at it.
+void copy_source(const fs::path& folder, const fs::path& output) {
+  constexpr std::size_t kMostBytes = 4096;
+  if (!path_exists(folder / kSource)) return;
+  write_file_atomic(output / kSource, read_text(folder / kSource, kMostBytes));
+}
+
+void check_apart(const std::string& folder, const std::string& output) {
+  if (is_same_path(folder, output)) throw InputError("--output " + output + ": is the input");
+}
+
 }  // namespace
 
 Relabelling relabel_segments(const std::string& folder, const std::string& output, double share,
                              std::uint64_t seed, const kys::LabelSpace& labels) {
+  check_apart(folder, output);
   const std::string json_in = folder + ".json", json_out = output + ".json";
   const std::string text = read_text(json_in);
   try {
-    Json document = Json::parse(text);
+    Json document = parse_json(text, json_in);
     std::set<std::int64_t> observed;
     for (const Json& a : document.at("annotations")) {
       for (const Json& s : a.at("segments_info")) {
@@ -97,6 +110,7 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
       fs::copy_file(fs::path(folder) / name, fs::path(output) / name,
                     fs::copy_options::overwrite_existing);
     }
+    copy_source(folder, output);
     write_file_atomic(json_out, document.dump());
     return {hit, things};
   } catch (const Json::exception& error) {
@@ -108,8 +122,12 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
 
 double disturb_flow(const std::string& folder, const std::string& output, double relative,
                     double correlation, std::uint64_t seed, FieldEncoding encoding) {
+  check_apart(folder, output);
+  std::vector<fs::path> files = list_folder(folder);
+  std::erase_if(files, [](const fs::path& file) { return file.filename() == kSource; });
+  if (files.empty()) throw InputError(folder + ": has no flow");
   make_output_folder(output);
-  const std::vector<fs::path> files = list_folder(folder);
+  copy_source(folder, output);
   double sum = 0, count = 0;
   std::size_t done = 0;
   for (const fs::path& file : files) {

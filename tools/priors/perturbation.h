@@ -20,7 +20,7 @@ struct Relabelling {
 /// class of the sequence; the new class decides whether it is a thing. A segment is relabelled when
 /// its random number is below the share, and its new class does not depend on the share: segments
 /// relabelled at 10 % are relabelled alike at 30 % and 60 %.
-/// \param folder,output without a slash at the end.  \throws InputError.
+/// \param folder,output without a slash at the end.  \throws InputError, also when they are one.
 Relabelling relabel_segments(const std::string& folder, const std::string& output, double share,
                              std::uint64_t seed, const kys::LabelSpace& labels);
 
@@ -29,7 +29,7 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
 /// (`correlation` 0) or correlated over `correlation` px, which no smoothing removes. For the same
 /// seed errors are proportional to `relative`. Pixels without flow stay invalid. Returns the mean
 /// length of the errors, px.
-/// \throws InputError.
+/// \throws InputError, also for a folder without flow, and when both are one folder.
 double disturb_flow(const std::string& folder, const std::string& output, double relative,
                     double correlation, std::uint64_t seed, FieldEncoding encoding);
 

@@ -2,8 +2,10 @@
 // Priors live in the rectified geometry.
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 
 #include <cstdio>
 
@@ -12,9 +14,22 @@
 
 namespace {
 
+using namespace kys_slam;
+namespace fs = std::filesystem;
+
+constexpr const char* kSource = "rectified_from.txt";
+constexpr std::size_t kMostPathBytes = 16384;
+
+/// A run that was ended goes on in its folder; images of two sequences do not go into one.
+void check_source(const fs::path& output, const std::string& source) {
+  constexpr std::size_t kMostBytes = 65536;
+  if (!path_exists(output) || (is_folder(output) && list_folder(output).empty())) return;
+  const fs::path record = output / kSource;
+  if (path_exists(record) && read_text(record, kMostBytes) == source) return;
+  throw InputError("--output " + output.string() + ": is not empty and not made of this sequence");
+}
+
 int run(int argc, char** argv) {
-  using namespace kys_slam;
-  namespace fs = std::filesystem;
   CLI::App app(
       "Writes the rectified images of a sequence in KITTI layout (image_0, image_1, calib.txt), "
       "as input of perception networks.");
@@ -31,6 +46,10 @@ int run(int argc, char** argv) {
       }
     }
   }
+  const std::string source = printable(fs::canonical(input).string(), kMostPathBytes) + "\n";
+  check_source(output, source);
+  make_output_folder(output);
+  write_file_atomic(fs::path(output) / kSource, source);
   make_output_folder(left);
   make_output_folder(right);
   const StereoCamera& k = sequence.camera;

@@ -1,5 +1,6 @@
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/median.h>
@@ -77,13 +78,12 @@ std::string measure(const Arguments& a, const Sequence& sequence,
     }
   }
   std::string rows;
-  char line[256];
+  char line[128];
   for (std::size_t i = 0; i < map.segments.size(); ++i) {
     if (shifts[i].empty()) continue;
-    std::snprintf(line, sizeof line, "%s,%s,%u,%.4f,%.3f\n", name.c_str(),
-                  camera == 0 ? "left" : "right", map.segments[i].input_id, median(shifts[i]),
-                  median(depths[i]));
-    rows += line;
+    std::snprintf(line, sizeof line, ",%s,%u,%.4f,%.3f\n", camera == 0 ? "left" : "right",
+                  map.segments[i].input_id, median(shifts[i]), median(depths[i]));
+    rows += csv_field(name) + line;
   }
   return rows;
 }
@@ -127,6 +127,7 @@ int run(int argc, char** argv) {
   app.add_option("--encoding", a.encoding, "Of PNGs: kitti, vkitti")
       ->transform(CLI::CheckedTransformer(encodings));
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
+  check_writable(a.output);
   run(a);
   return 0;
 }

@@ -1,23 +1,66 @@
 // validate_priors: is there a sound prior file, made for this sequence, for every frame?
+#include <kys/label_space.h>
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_file.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/paths.h>
 
 #include <algorithm>
 #include <cstdio>
-#include <iostream>
+#include <map>
+#include <string>
+#include <vector>
 
 #include "common/command_line.h"
 #include "open_sequence.h"
 
 namespace {
 
+using namespace kys_slam;
+namespace fs = std::filesystem;
+
+/// Classes of the label spaces that files name, by name; 0: not built in. Such a space is in files
+/// whose path only the user knows.
+class LabelCounts {
+ public:
+  std::size_t of(const std::string& name) {
+    const auto [at, is_new] = counts_.try_emplace(name, 0);
+    if (!is_new) return at->second;
+    const std::vector<std::string>& known = kys::builtin_label_spaces();
+    if (std::find(known.begin(), known.end(), name) == known.end()) {
+      std::fprintf(stderr,
+                   "validate_priors: labels of label space %s are not checked: it is not built in "
+                   "(--label-space)\n",
+                   printable(name).c_str());
+    } else {
+      at->second = kys::load_label_space(name).size();
+    }
+    return at->second;
+  }
+
+ private:
+  std::map<std::string, std::size_t> counts_;
+};
+
+/// A file whose labels are in its label space, that of `expected` or the one it names.
+PriorFile open_checked(const fs::path& path, const ExpectedPriors& expected, LabelCounts& counts) {
+  PriorFile file = PriorFile::open(path, expected);
+  if (expected.label_count > 0) return file;
+  const std::size_t count = counts.of(file.label_space());
+  for (std::size_t c = 0; c < file.camera_count() && count > 0; ++c) {
+    for (const PriorSegment& s : file.segments(static_cast<CameraSide>(c))) {
+      if (s.label < count) continue;
+      throw InputError(path.string() + ": label " + std::to_string(s.label) +
+                       " is not in label space " + file.label_space());
+    }
+  }
+  return file;
+}
+
 int run(int argc, char** argv) {
-  using namespace kys_slam;
-  namespace fs = std::filesystem;
   CLI::App app("Checks prior files: count, sizes, checksums, calibration, label space, coverage.");
   std::string folder, sequence_folder, label_space, pair;
   app.add_option("folder", folder, "Folder of prior files")->required();
@@ -33,6 +76,7 @@ int run(int argc, char** argv) {
   expected.calibration_hash = calibration_hash(sequence.camera);
   expected.label_space = label_space;
   if (!label_space.empty()) expected.label_count = kys::load_label_space(label_space).size();
+  LabelCounts counts;
   std::size_t bad = 0, missing = 0, bytes = 0;
   double labelled = 0, pixels = 0;
   for (const std::string& name : sequence.names) {
@@ -42,7 +86,7 @@ int run(int argc, char** argv) {
       continue;
     }
     try {
-      const PriorFile file = PriorFile::open(path, expected);
+      const PriorFile file = open_checked(path, expected, counts);
       bytes += file.file_size();
       for (std::size_t c = 0; c < file.camera_count(); ++c) {
         pixels += static_cast<double>(file.width()) * file.height();
@@ -51,7 +95,7 @@ int run(int argc, char** argv) {
         }
       }
     } catch (const InputError& error) {
-      if (++bad <= 10) std::cerr << "validate_priors: " << error.what() << "\n";
+      if (++bad <= 10) print_failure("validate_priors", {kBadInput, printable(error.what())});
     }
   }
   const std::size_t good = sequence.names.size() - missing - bad;

@@ -246,6 +246,15 @@ void check_free(const fs::path& output) {
   if (!empty) throw InputError(output.string() + ": exists and is not empty");
 }
 
+/// An empty folder that is there is replaced at the end: better to know before that it can be. A
+/// mount point cannot, nor can "." by that name.
+void check_replaceable(const fs::path& output) {
+  std::error_code error;
+  if (!fs::remove(output, error) && !error) return;
+  if (!error) fs::create_directory(output, error);
+  if (error) throw InputError("cannot write " + output.string() + ": " + error.message());
+}
+
 constexpr const char* kMarker = ".simulate_sequence";
 
 }  // namespace
@@ -256,6 +265,7 @@ SequenceFigures write_sequence(const World& world, const WriteOptions& options) 
   fs::path output = options.output.lexically_normal();
   if (output.filename().empty()) output = output.parent_path();
   check_free(output);
+  check_replaceable(output);
   fs::path partial = output;
   partial += ".partial";
   std::error_code error;
@@ -270,13 +280,16 @@ SequenceFigures write_sequence(const World& world, const WriteOptions& options) 
   try {
     write_file_atomic(partial / kMarker, std::string_view("incomplete\n"));
     figures = Writer(world, options, partial).run();
-    fs::remove(partial / kMarker, error);
-    fs::remove(output, error);  // an empty folder, if anything
-    fs::rename(partial, output, error);
-    if (error) throw InputError("cannot write " + output.string() + ": " + error.message());
   } catch (...) {
     fs::remove_all(partial, error);
     throw;
+  }
+  fs::remove(partial / kMarker, error);
+  fs::remove(output, error);  // an empty folder, if anything
+  fs::rename(partial, output, error);
+  if (error) {
+    throw InputError("cannot write " + output.string() + ": " + error.message() +
+                     "; the whole sequence is in " + partial.string());
   }
   return figures;
 }

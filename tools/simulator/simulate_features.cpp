@@ -1,4 +1,5 @@
 #include <kys_slam/error.h>
+#include <kys_slam/util/atomic_file.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -54,7 +55,8 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
     progress("frames", static_cast<double>(i + 1) / static_cast<double>(frames));
   }
   writer.finish();
-  std::printf("%s: %zu frames, %zu landmarks", output.c_str(), frames, world.landmark_count());
+  std::printf("%s: %zu frames, %zu landmarks", printable(output).c_str(), frames,
+              world.landmark_count());
   if (o.traffic != Traffic::kNone || !o.objects.empty()) {
     std::printf(", movers cover %.1f %% of the image",
                 100 * mover_share / static_cast<double>(frames));
@@ -124,6 +126,12 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "no progress");
 }
 
+/// Poses of a whole trajectory, of which --frames may take a part.
+std::size_t poses_in(const std::string& trajectory, kys_slam::simulator::FeatureOptions options) {
+  options.frames = kys_slam::simulator::FeatureOptions().frames;
+  return kys_slam::simulator::read_feature_path(trajectory, options).poses.size();
+}
+
 int run(int argc, char** argv) {
   using namespace kys_slam;
   using namespace kys_slam::simulator;
@@ -146,10 +154,11 @@ int run(int argc, char** argv) {
   if (!a.objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1)) {
     throw InputError("--objects: not with --traffic, --start or --every");
   }
-  if (!a.objects.empty()) o.objects = read_objects(a.objects);
   o.labelled = a.perception != "none";
   if (o.labelled) perception_level(a.perception);  // refuses what it does not know
+  check_writable(a.output);
   const FeaturePath path = read_feature_path(a.trajectory, o);
+  if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));
   Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
   write_frames(world, o, a.perception, a.output, progress);

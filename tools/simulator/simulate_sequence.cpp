@@ -95,7 +95,8 @@ int run(int argc, char** argv) {
   std::signal(SIGINT, [](int) { interrupted = true; });
   std::signal(SIGTERM, [](int) { interrupted = true; });
   const SequenceFigures figures = write_sequence(world, write_options);
-  std::printf("%s: %zu frames of world %s\n", write_options.output.c_str(), world.times.size(),
+  std::printf("%s: %zu frames of world %s\n",
+              kys_slam::printable(write_options.output.string()).c_str(), world.times.size(),
               world.name.c_str());
   if (figures.moving >= 0) {
     std::printf("movers cover %.1f %% of the left images, what can move and stands %.1f %%\n",

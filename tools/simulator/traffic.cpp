@@ -3,6 +3,7 @@
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
@@ -448,6 +449,7 @@ namespace {
 enum Column : std::size_t { kFrame = 0, kObject = 2, kCategory = 4, kMoving = 5, kPose = 6 };
 constexpr std::size_t kBoxColumn = 16;  // centre, then length, width, height
 constexpr std::size_t kObjectColumns = 22;
+constexpr std::size_t kGrowth = 3;  // of a list that grows: what it has and twice as much
 
 /// One row of objects.csv, with the axes of a camera: x right, y down, z ahead.
 struct ObjectRow {
@@ -482,8 +484,9 @@ ObjectRow read_row(const TextTable& table, const TextRow& row) {
 
 }  // namespace
 
-std::vector<FeatureObject> read_objects(const std::filesystem::path& file) {
+std::vector<FeatureObject> read_objects(const std::filesystem::path& file, std::size_t frames) {
   const TextTable table(file);
+  std::size_t poses = 0;
   std::map<std::int64_t, FeatureObject> objects;
   std::map<std::int64_t, bool> moves;
   for (const TextRow& row : table.rows()) {
@@ -502,9 +505,14 @@ std::vector<FeatureObject> read_objects(const std::filesystem::path& file) {
     }
     const std::int64_t next = o.first_frame + static_cast<std::int64_t>(o.poses.size());
     if (r.frame < next) table.fail(row, "frames of an object must increase");
-    if (r.frame > next + 100000) table.fail(row, "a gap in the frames of an object");
+    if (r.frame >= static_cast<std::int64_t>(frames)) {
+      table.fail(row, "the trajectory has " + std::to_string(frames) + " frames");
+    }
     // Where no view shows it, it stays where it is seen next.
-    o.poses.insert(o.poses.end(), static_cast<std::size_t>(r.frame - next) + 1, r.T_w_o);
+    const std::size_t added = static_cast<std::size_t>(r.frame - next) + 1;
+    poses += added;
+    check_memory(file.string(), kGrowth * sizeof(Rigid3) * poses);
+    o.poses.insert(o.poses.end(), added, r.T_w_o);
   }
   std::vector<FeatureObject> out;
   for (auto& [id, object] : objects) {

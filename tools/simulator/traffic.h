@@ -28,9 +28,9 @@ std::vector<FeatureObject> park_cars(const FeaturePath& path, std::uint64_t seed
 std::vector<FeatureObject> make_traffic(const FeaturePath& path, Traffic density,
                                         std::uint64_t seed);
 
-/// The objects of a rendered world, from its objects.csv; frames as in the world.
-/// \throws InputError naming the file and line
-std::vector<FeatureObject> read_objects(const std::filesystem::path& file);
+/// The objects of a rendered world, from its objects.csv; frames as in the world, which has
+/// `frames`. \throws InputError naming the file and line
+std::vector<FeatureObject> read_objects(const std::filesystem::path& file, std::size_t frames);
 
 /// T_w_o of an object in a frame, or null when it does not exist in that frame.
 const Rigid3* pose_in_frame(const FeatureObject& object, std::size_t frame);

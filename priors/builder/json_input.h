@@ -1,12 +1,30 @@
 #pragma once
 
 #include <kys_slam/error.h>
+#include <kys_slam/util/memory_limit.h>
 
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 
 namespace kys_slam {
+
+/// Parses the text of a JSON file. nlohmann::json copies and writes a document by recursion:
+/// nesting without a limit uses up the stack. \param name of the file, for the message \throws
+/// InputError when it is nested deeper than 64 or needs more memory than there is;
+/// nlohmann::json::exception for a syntax error
+inline nlohmann::json parse_json(const std::string& text, const std::string& name) {
+  constexpr int kMaxDepth = 64;
+  constexpr std::size_t kGrowth = 32;  // an empty object, three characters, takes so much of each
+  check_memory(name, kGrowth * text.size());
+  return nlohmann::json::parse(
+      text, [&](int depth, nlohmann::json::parse_event_t, const nlohmann::json&) {
+        if (depth > kMaxDepth) {
+          throw InputError(name + ": is nested deeper than " + std::to_string(kMaxDepth));
+        }
+        return true;
+      });
+}
 
 /// A member that must be a whole number in the range of `Integer`. nlohmann::json converts between
 /// number types without a check (undefined behaviour for a floating-point number out of range).
@@ -25,7 +43,8 @@ Integer integer_at(const nlohmann::json& object, const char* key, const std::str
       return static_cast<Integer>(number);
     }
   }
-  throw InputError(name + ": " + key + " is no whole number, or out of range: " + value.dump());
+  const std::string found = value.is_number() ? value.dump() : value.type_name();
+  throw InputError(name + ": " + key + " is no whole number, or out of range: " + found);
 }
 
 }  // namespace kys_slam
