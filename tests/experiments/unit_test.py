@@ -3,9 +3,11 @@ import argparse
 import json
 import os
 import pathlib
+import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(SOURCE / "tools" / "experiments"))
@@ -110,6 +112,40 @@ class Statistics(unittest.TestCase):
         self.assertEqual(wrong[8], "smaller")
 
 
+    def test_schedules_are_not_pooled_when_variants_are_compared(self):
+        row = lambda variant, schedule, seed, ate: {
+            "input": "a", "seed": seed, "case": "exact", "variant": variant, "schedule": schedule,
+            "repeat": 0, "origin": "stand-in", "configuration": "KYS", "ate": ate, "tracked": 100.0}
+        rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
+                for schedule in ("pipelined", "realtime")
+                for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
+        tables = report.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
+        self.assertEqual([t.rows[0][2] for t in tables], [3, 3])  # pairs: seeds
+        self.assertTrue("pipelined" in tables[0].title and "realtime" in tables[1].title)
+
+    def test_p_belongs_to_the_ratio_beside_it(self):
+        """Ratios of one half, but for one pair whose metres outweigh the others'."""
+        row = lambda seed, ate: {"input": "a", "seed": seed, "case": "exact", "variant": "",
+                                 "schedule": "pipelined", "repeat": 0, "ate": ate, "tracked": 100.0}
+        base = [row(s, 0.1 * s) for s in range(1, 8)] + [row(8, 100.0)]
+        mine = [row(s, 0.05 * s) for s in range(1, 8)] + [row(8, 101.0)]
+        shown = dict(zip(report.PAIRED_HEADER, report.paired_rows([], base, mine, "ate")))
+        logs = paired.difference(np.zeros(8), [-np.log(2)] * 7 + [np.log(1.01)])
+        self.assertEqual(shown["Wilcoxon p"], report.show_p(logs.wilcoxon_p))
+
+    def test_percentile_of_exposure(self):
+        """Wrong keypoints in 1 to 20 % of 20 frames: 19.05 by linear interpolation."""
+        def call(command):
+            with open(command[-1], "w", encoding="utf-8") as file:
+                file.write("frame,keypoints,any\n" + "".join(f"{i},100,{i}\n" for i in range(1, 21)))
+        work = argparse.Namespace(program=lambda name: name)
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(step, "call", call):
+            found = step.exposure(work, "", "", "", folder)
+        self.assertAlmostEqual(found["exposure_p95"], 19.05)
+        self.assertAlmostEqual(found["exposure_mean"], 10.5)
+        self.assertEqual(found["exposure_max"], 20)
+
+
 class Tables(unittest.TestCase):
     table = Table("t", "A & B", ["name", "x|y", "50 %"], [["a_b", "1", "<2>"], ["c", "-", "3"]],
                   "Note.", {1: "others"})
@@ -206,6 +242,38 @@ class Plans(unittest.TestCase):
         def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, _):
             return f"{name} {seed} {schedule} {repeat}"
 
+    def test_other_prior_files_are_another_input(self):
+        """Given data: their folder keeps its name, a file in it changes."""
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            touch(root / "kitti" / "07" / "image_0" / "000000.png")
+            prior = root / "priors" / "kitti" / "07" / "000000.kysp"
+            touch(prior)
+
+            def ids():
+                planner = self.Planner(data=folder)
+                planner.jobs, planner.states, planner.cases = {}, {}, {"exact": {}}
+                planner.given = data_sets.find(folder)
+                planner.programs = unittest.mock.Mock(key=lambda name: name)
+                source = planner.input_of("kitti/07", 1, {"seeds": [1]})
+                return planner.priors_of(source, "kitti/07", "exact", None, 1)
+
+            first = ids()
+            self.assertEqual(ids(), first)
+            time = prior.stat().st_mtime_ns
+            prior.write_text("other")
+            os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
+            self.assertNotEqual(ids(), first)
+
+    def test_failed_jobs_are_done_again(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = pathlib.Path(folder) / "done"
+            done.mkdir()
+            for name, status in (("a", "failed"), ("b", "done"), ("c", "lost")):
+                (done / f"{name}.json").write_text(json.dumps({"status": status}))
+            plan.write_plan({}, {}, folder)
+            self.assertEqual(sorted(p.stem for p in done.iterdir()), ["b", "c"])
+
     EXPERIMENT = {"seeds": [4, 5], "schedules": ["pipelined", "realtime"], "repeats": {"realtime": 2}}
 
     def runs(self, experiment, seed):
@@ -278,6 +346,38 @@ class Steps(unittest.TestCase):
             count, total, seconds = step.time_left(step.Work(folder))
             self.assertEqual((count, total), (60, 100))
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
+
+
+class Refusals(unittest.TestCase):
+    """One line and status 2."""
+
+    def refused(self, script, *arguments):
+        done = subprocess.run([sys.executable, SOURCE / "tools" / "experiments" / script, *arguments],
+                              capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertNotIn("Traceback", done.stderr)
+        return done.stderr.splitlines()[-1]
+
+    def test_plans(self):
+        with tempfile.TemporaryDirectory() as folder:
+            program = pathlib.Path(folder) / "run_stereo_kitti"
+            program.write_text("#!/bin/sh\necho '  mode: stock  # stock, verified'\n")
+            program.chmod(0o755)
+            plans = lambda *more: self.refused("plan.py", "--output", folder, "--bin", folder, *more)
+            for cores in ("0", "-1", "x"):
+                self.assertIn("--cores", plans("--cores", cores))
+            self.assertIn("/nonexistent", plans("--worlds", "/nonexistent"))
+            self.assertIn("--inputs nosuch", plans("--inputs", "nosuch", "--only", "table_3_rejection"))
+
+    def test_damaged_work_folders(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "plan.json"
+            for text in ("[]", "{}", "null", "{"):
+                path.write_text(text)
+                self.assertIn("plan.json", self.refused("report.py", folder))
+                self.assertIn("plan.json", self.refused("step.py", folder, "x"))
+            path.write_text(json.dumps({"cores": 1, "jobs": [], "costs": []}))
+            self.assertIn("nosuch.json", self.refused("step.py", folder, "nosuch"))
 
 
 class Drives(unittest.TestCase):
