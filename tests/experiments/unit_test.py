@@ -3,6 +3,7 @@ import argparse
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -378,6 +379,73 @@ class Refusals(unittest.TestCase):
                 self.assertIn("plan.json", self.refused("step.py", folder, "x"))
             path.write_text(json.dumps({"cores": 1, "jobs": [], "costs": []}))
             self.assertIn("nosuch.json", self.refused("step.py", folder, "nosuch"))
+
+
+class Scripts(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+
+    def program(self, name, text):
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("#!/bin/sh\n" + text)
+        path.chmod(0o755)
+        return path
+
+    def call(self, *command, **more):
+        return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **more)
+
+    def test_lint_without_a_branch_to_compare_with(self):
+        for tool in ("clang-format", "clang-tidy", "cmake"):
+            self.program(f"bin/{tool}", "exit 0\n")
+        shutil.copytree(SOURCE / "tools", self.folder / "source" / "tools",
+                        ignore=lambda folder, names: [n for n in names if n != "lint.sh"])
+        git = ("git", "-C", self.folder / "source", "-c", "user.name=a", "-c", "user.email=a")
+        self.call(*git, "init", "-q", "-b", "other")
+        self.call(*git, "commit", "-q", "--allow-empty", "-m", "first")
+        path = f"{self.folder / 'bin'}:{os.environ['PATH']}"
+        done = self.call(self.folder / "source" / "tools" / "lint.sh", env={**os.environ, "PATH": path})
+        self.assertNotEqual(done.returncode, 0, done.stdout)
+        self.assertIn("main", done.stderr)
+
+    def test_setup_refuses_options_it_does_not_have(self):
+        for options in (["--pyhton"], ["--python", "--view"]):
+            done = self.call(SOURCE / "tools" / "setup.sh", *options, timeout=60)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
+
+    def test_reproduce_takes_paths_of_its_caller(self):
+        """The interpreter is a stub that writes its arguments: those of plan.py."""
+        self.program("python", 'printf "%s\\n" "$@" > seen; exit 3\n')
+        for name in ("data", "bin", "worlds"):
+            (self.folder / name).mkdir()
+        done = self.call(SOURCE / "tools" / "reproduce.sh", "--no-setup", "--data", "data", "--bin", "bin",
+                         "--output", "a b", "--worlds", "worlds", cwd=self.folder,
+                         env={**os.environ, "KYS_PYTHON": "./python"})
+        self.addCleanup((SOURCE / "seen").unlink)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        words = (SOURCE / "seen").read_text().splitlines()
+        for option, name in (("--data", "data"), ("--bin", "bin"), ("--output", "a b"),
+                             ("--worlds", "worlds")):
+            self.assertEqual(words[words.index(option) + 1], str(self.folder / name))
+
+    def test_a_checkout_in_a_folder_with_a_space(self):
+        """The workflow runs one job of a plan that was made."""
+        tools = self.folder / "a b" / "experiments"
+        shutil.copytree(SOURCE / "tools" / "experiments", tools,
+                        ignore=shutil.ignore_patterns("__pycache__"))
+        (tools / "step.py").write_text(
+            "import sys\nopen(f'done/{sys.argv[2]}.json', 'w').write('{}')\n")
+        work = self.folder / "work"
+        for name in ("jobs", "done"):
+            (work / name).mkdir(parents=True)
+        (work / "plan.json").write_text(json.dumps({"jobs": ["x"]}))
+        (work / "jobs" / "x.json").write_text(json.dumps({"needs": [], "threads": 1, "cost": 1}))
+        done = self.call(sys.executable, "-m", "snakemake", "--snakefile", tools / "Snakefile",
+                         "--directory", work, "--cores", "1", "--quiet", "all")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue((work / "done" / "x.json").exists())
 
 
 class Drives(unittest.TestCase):
