@@ -21,6 +21,7 @@ import yaml
 
 import data_sets
 from runs import FAILED, InputError, digest, find_program, read_json, remove, write_text
+from inputs import whole  # runs knows where it is
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 SOURCE = os.path.dirname(os.path.dirname(HERE))
@@ -420,12 +421,6 @@ def write_plan(plan, jobs, output):
     write_text(os.path.join(output, "plan.json"), json.dumps(plan, indent=1))
 
 
-def at_least_one(text):
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number of at least 1")
-    return int(text)
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -442,7 +437,7 @@ def main():
     parser.add_argument("--worlds", default="", metavar="DIR",
                         help="worlds rendered before by this simulator: taken where the command in "
                              "their README is the same")
-    parser.add_argument("--cores", type=at_least_one, default=2)
+    parser.add_argument("--cores", type=whole(1), default=2)
     parser.add_argument("--bin", default=os.path.join(SOURCE, "build", "release", "bin"),
                         metavar="DIR")
     options = parser.parse_args()

@@ -5,15 +5,15 @@ import json
 import os
 import shutil
 import subprocess
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "common"))
+from inputs import InputError  # noqa: E402
 
 TIERS = ("same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped")
 FAILED = "failed"  # status of a job without a result
 DONE, TRACKING_FAILED = 0, 3  # exit status of the run_stereo programs that leave results
 EXACT = ("panoptic-left", "panoptic-right", "disparity", "flow-left", "flow-right")
-
-
-class InputError(Exception):
-    """Bad input; the message is one line that says what is wrong."""
 
 
 class Failure(Exception):

@@ -244,7 +244,7 @@ def figures_of(output):
     }
     try:
         figures.update(recall_of(output))
-    except (OSError, ValueError, IndexError):
+    except InputError:
         pass  # no ground truth
     return figures
 
