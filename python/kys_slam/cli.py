@@ -724,8 +724,9 @@ def _demo(args) -> int:
 def main(argv: Optional[List[str]] = None) -> int:
     """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed, 70
     for a defect of the program, 130 when interrupted before tracking."""
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
-        sys.stdout.reconfigure(errors="backslashreplace")
+    for stream in (sys.stdout, sys.stderr):  # names of files may be no text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     args = _parser().parse_args(argv)
     try:
         return args.command(args)

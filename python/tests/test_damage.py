@@ -4,10 +4,10 @@ nothing that is computed is lost."""
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -298,3 +298,102 @@ def test_classes_with_digits_of_another_kind(folders, capsys):
     (folders / "masks" / "0.png").touch()
     (folders / "masks" / "classes.txt").write_text("² car\n")
     assert "classes.txt:1" in refused(capsys, *run_of(folders, "--masks", folders / "masks"))
+
+
+# Results of runs that are lost or damaged
+
+@pytest.fixture(scope="module")
+def tracked(corridor, corridor_camera, tmp_path_factory):
+    """Folder of a run with ground truth that goes on after its end."""
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    for left, right, timestamp, _ in corridor:
+        slam.feed(left, right, timestamp)
+    slam.finish()
+    n = 2 * len(corridor)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, :3, 3] = [(0.3 * np.sin(0.05 * i), 0, 0.1 * i) for i in range(n)]  # as kys_slam.demo has it
+    folder = tmp_path_factory.mktemp("tracked") / "run"
+    folder.mkdir()
+    slam.write_run(folder, "corridor", (0.1 * np.arange(n), poses))
+    return folder
+
+
+@pytest.fixture
+def damaged(tracked, tmp_path):
+    """A copy whose files the test changes."""
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("evo")
+    return Path(shutil.copytree(tracked, tmp_path / "run"))
+
+
+def test_lost_run_is_drawn_and_said(damaged, tracked, capsys):
+    (damaged / "trajectory.tum").write_text("")
+    lost = damaged.rename(damaged.with_name("gone"))
+    for runs in ([lost], [lost, tracked]):
+        for command, file in (("plot", "p.png"), ("report", "p.html")):
+            assert cli.main([command, *map(str, runs), "--output", str(lost / file)]) == 0
+            assert (lost / file).stat().st_size > 5000
+    from kys_slam.plot import load_run
+    assert load_run(lost, None).label == "gone: lost"
+    assert "no times in common" in refused(capsys, "evaluate", lost)
+
+
+def test_summaries_that_are_none(damaged, capsys):
+    summary = json.loads((damaged / "summary.json").read_text())
+    wrong = [[], None, 5, {"left_out": [1]}, {"path_length_m": "x"}, {"frames": "<script>x</script>"},
+             {"mode": {}}, {"complete": "no"}, {"end_reason": []}, {"loops_closed": "1"}]
+    for what in [json.dumps(w if not isinstance(w, dict) else {**summary, **w}) for w in wrong] + [
+            "[" * 100000, "", "{", "\xff"]:
+        (damaged / "summary.json").write_text(what, encoding="latin-1")
+        assert "summary.json" in refused(capsys, "report", damaged, "--output", damaged / "p.html")
+    assert not (damaged / "p.html").exists()
+
+
+def test_every_cell_of_the_page_is_escaped(damaged):
+    summary = json.loads((damaged / "summary.json").read_text())
+    bad = "<script>x</script>"
+    summary.update(mode=bad, complete=False, end_reason=bad, left_out={bad: bad})
+    (damaged / "summary.json").write_text(json.dumps(summary))
+    folder = damaged.rename(damaged.with_name("<script>x<"))
+    assert cli.main(["report", str(folder), "--output", str(folder / "p.html")]) == 0
+    assert "<script" not in (folder / "p.html").read_text()
+
+
+def test_frames_without_rows(damaged):
+    header = (damaged / "frames.csv").read_text().splitlines()[0]
+    (damaged / "frames.csv").write_text(header + "\n")
+    assert cli.main(["report", str(damaged), "--output", str(damaged / "p.html")]) == 0
+    assert "nan" not in (damaged / "p.html").read_text().split("<h2>")[0]
+
+
+@pytest.mark.parametrize("name", (b"caf\xe9", b"a$b$c_{x", "\u00fc x".encode()))
+def test_names_of_folders(damaged, name, capsys):
+    folder = damaged.rename(damaged.with_name(os.fsdecode(name)))
+    for command, file in (("plot", "p.png"), ("report", "p.html")):
+        assert cli.main([command, str(folder), "--output", str(folder / file)]) == 0
+        assert (folder / file).stat().st_size > 5000
+
+
+def test_report_draws_ground_truth_where_it_belongs(tracked, monkeypatch):
+    """Truth at 2.5 times the frames' rate, longer than the run, in a frame turned by 90 degrees: what
+    is drawn is the pose at the time of each frame, not the next one."""
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("evo")
+    from kys_slam import report
+    times, poses = kys_slam.read_tum(tracked / "trajectory.tum")
+    run = Path(shutil.copytree(tracked, tracked.with_name("turned")))
+    turn = np.array([[0, 0, 1, 5], [0, 1, 0, 0], [-1, 0, 0, 7], [0, 0, 0, 1.0]])
+    many = np.sort(np.concatenate([times, times + 0.004, times[-1] + np.arange(1, 9)]))
+    truth = np.tile(np.eye(4), (len(many), 1, 1))
+    for axis in range(3):
+        truth[:, axis, 3] = np.interp(many, times, poses[:, axis, 3])
+    truth[np.isin(many, times + 0.004), 1, 3] += 1  # poses of other moments
+    kys_slam.write_tum(run / "ground_truth.tum", many, turn @ truth)
+    drawn = []
+    draw_paths = report.draw_paths
+    monkeypatch.setattr(report, "draw_paths", lambda runs, axes: (drawn.extend(runs),
+                                                                  draw_paths(runs, axes))[1])
+    report.write_report([run], run / "p.html")
+    at = np.isin(many, times)
+    difference = drawn[0].truth.poses[at][:len(times), :3, 3] - drawn[0].path.poses[:, :3, 3]
+    assert np.abs(difference).max() < 1e-6
