@@ -26,8 +26,8 @@ except ImportError as error:
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend comes first)
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
-                                "kys_slam"))
+sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
+                             "kys_slam"))
 from labels import label_of, readable  # noqa: E402
 
 MAX_TIME_DIFFERENCE = 0.01  # s
