@@ -457,6 +457,7 @@ class _Failures:
 def _signals_interrupt() -> Iterator[None]:
     """SIGTERM and SIGHUP end a run as Ctrl-C does, unless the parent process ignores them (nohup)."""
     def interrupt(number, frame):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come; the results are being saved
         raise KeyboardInterrupt
 
     before = {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
