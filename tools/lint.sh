@@ -19,8 +19,10 @@ case "${1:-}" in
     all=true
     mapfile -t files < <(git ls-files '*.h' '*.cpp')
     ;;
-  "") mapfile -t files < <(
-    { git diff --name-only --diff-filter=d "$(git merge-base HEAD main)" -- '*.h' '*.cpp'
+  "")
+    base=$(git merge-base HEAD main)  # by itself: in the list below its failure would go unseen
+    mapfile -t files < <(
+    { git diff --name-only --diff-filter=d "$base" -- '*.h' '*.cpp'
       git ls-files --others --exclude-standard -- '*.h' '*.cpp'; } | sort -u) ;;
   *) files=("$@") ;;
 esac

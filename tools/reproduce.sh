@@ -18,9 +18,12 @@
 #   --no-setup      nothing is installed or built
 #   --dry-run       say what would be done, and how long it is expected to take
 set -euo pipefail
-cd "$(dirname "$0")/.."
 
 scale=full cores=$(nproc) profile=local output="" setup=true dry="" bin=build/release/bin
+python=${KYS_PYTHON:-.venv/bin/python}
+# Paths are the caller's: they are read before the folder changes.
+path() { realpath -m -- "$1"; }
+case ${KYS_PYTHON:-} in */*) python=$(realpath -ms -- "$KYS_PYTHON") ;; esac  # a link stays one
 plan=()
 while [ $# -gt 0 ]; do
   case $1 in
@@ -28,10 +31,10 @@ while [ $# -gt 0 ]; do
     --miniature) scale=miniature; shift ;;
     --cores) cores=${2:?--cores N}; shift 2 ;;
     --profile) profile=${2:?--profile NAME}; shift 2 ;;
-    --output) output=${2:?--output DIR}; shift 2 ;;
-    --bin) bin=${2:?--bin DIR}; shift 2 ;;
-    --worlds) plan+=(--worlds "${2:?--worlds DIR}"); shift 2 ;;
-    --data) plan+=(--data "${2:?--data ROOT}"); shift 2 ;;
+    --output) output=$(path "${2:?--output DIR}"); shift 2 ;;
+    --bin) bin=$(path "${2:?--bin DIR}"); shift 2 ;;
+    --worlds) plan+=(--worlds "$(path "${2:?--worlds DIR}")"); shift 2 ;;
+    --data) plan+=(--data "$(path "${2:?--data ROOT}")"); shift 2 ;;
     --no-setup) setup=false; shift ;;
     --dry-run) dry=--dry-run; shift ;;
     --only | --seeds | --inputs | --schedules)
@@ -41,6 +44,8 @@ while [ $# -gt 0 ]; do
     *) echo "tools/reproduce.sh: unknown option $1; see --help" >&2; exit 2 ;;
   esac
 done
+[ ! -d "$profile" ] || profile=$(path "$profile")
+cd "$(dirname "$0")/.."
 if [ -z "$output" ]; then
   output=runs/reproduce
   [ "$scale" = full ] || output=$output-$scale
@@ -48,7 +53,6 @@ fi
 [ -d "$profile" ] || profile=tools/experiments/profiles/$profile
 [ -d "$profile" ] || { echo "tools/reproduce.sh: $profile: no such profile" >&2; exit 2; }
 
-python=${KYS_PYTHON:-.venv/bin/python}
 if $setup; then
   tools/setup.sh --experiments
   cmake --preset release -DPython3_EXECUTABLE="$PWD/.venv/bin/python" >/dev/null

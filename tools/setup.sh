@@ -12,7 +12,6 @@
 #   tools/setup.sh --onnx        and what networks as ONNX files need in it (make_priors; 0.4 GB)
 #   tools/setup.sh --perception   and the networks' libraries in it (tools/perception; 6 GB)
 set -euo pipefail
-cd "$(dirname "$0")/.."
 
 packages=(
   build-essential cmake ninja-build ccache pkg-config git ca-certificates
@@ -20,10 +19,16 @@ packages=(
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
   libdlib-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
 )
-case "${1:-}" in
-  --format) packages+=(clang-format) ;;
-  --checks) packages+=(clang clang-format clang-tidy) ;;
+case "$#:${1:-}" in
+  0: | 1:--plots | 1:--experiments | 1:--python | 1:--browser | 1:--site | 1:--view | 1:--onnx | \
+    1:--perception) ;;
+  1:--format) packages+=(clang-format) ;;
+  1:--checks) packages+=(clang clang-format clang-tidy) ;;
+  1:-h | 1:--help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+  1:*) echo "tools/setup.sh: unknown option $1; see --help" >&2; exit 2 ;;
+  *) echo "tools/setup.sh: one option at a time; see --help" >&2; exit 2 ;;
 esac
+cd "$(dirname "$0")/.."
 as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
 install() {  # those of the packages that are missing

@@ -36,6 +36,7 @@ from ._core import (  # noqa: F401
     __version__,
     builtin_label_spaces,
     check_stereo_pair,
+    check_writable,
     evaluate,
     mode_needs_priors,
     modes,
@@ -55,7 +56,7 @@ __all__ = [
     "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
     "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Sequence",
     "Settings", "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
-    "builtin_label_spaces", "check_stereo_pair", "evaluate", "mode_needs_priors", "modes", "open_image_pair",
-    "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
+    "builtin_label_spaces", "check_stereo_pair", "check_writable", "evaluate", "mode_needs_priors", "modes",
+    "open_image_pair", "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
     "rig_from_camera_info", "to_gray", "write_prior", "write_tum",
 ]

@@ -1,13 +1,18 @@
 """The command kys-slam: track any stereo recording, evaluate and draw what came of it."""
 
 import argparse
+import contextlib
+import io
 import json
+import math
 import os
+import signal
 import subprocess
 import sys
 import time
+import traceback
 from pathlib import Path
-from typing import List, Optional
+from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -15,7 +20,7 @@ import kys_slam
 from kys_slam import InputError
 from kys_slam.live import POLICIES, Playback
 
-BAD_INPUT, TRACKING_FAILED, INTERRUPTED = 2, 3, 130
+BAD_INPUT, TRACKING_FAILED, DEFECT, INTERRUPTED = 2, 3, 70, 130
 INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
 RUN_FILES = ("summary.json", "trajectory.tum", "frames.csv")
 
@@ -32,6 +37,36 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
 """
 
 
+# Values of options: what is outside their range is refused with the option's name.
+
+def _whole(low: int):
+    def whole_number(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) < 2**31:
+            raise argparse.ArgumentTypeError(f"'{text}' is no whole number from {low} to {2**31 - 1}")
+        return int(text)
+    return whole_number
+
+
+def _number(low: float, high: float, exclusive: bool = True):
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low < value if exclusive else low <= value) or value > high:
+            raise argparse.ArgumentTypeError(
+                f"'{text}' is no number {'above' if exclusive else 'from'} {low:g} to {high:g}")
+        return value
+    return number
+
+
+def _size(text: str) -> Tuple[int, int]:
+    sides = text.lower().split("x")
+    if len(sides) != 2 or not all(s.isdecimal() and 0 < int(s) <= 16384 for s in sides):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size: WxH, each 1 to 16384 px")
+    return int(sides[0]), int(sides[1])
+
+
 def _add_run(commands) -> None:
     p = commands.add_parser(
         "run", help="track a recording",
@@ -43,13 +78,13 @@ def _add_run(commands) -> None:
     camera.add_argument("--calibration", nargs="+", metavar="FILE",
                         help="Kalibr camchain, OpenCV stereo calibration, our YAML, or the "
                         "camera_info files of the left and the right camera")
-    camera.add_argument("--calibration-unit", type=float, default=1, metavar="M",
+    camera.add_argument("--calibration-unit", type=_number(0, 1e6), metavar="M",
                         help="metres per unit of the calibration's lengths (mm: 0.001)")
-    camera.add_argument("--rate", type=float, metavar="HZ",
+    camera.add_argument("--rate", type=_number(0, 1e5), metavar="HZ",
                         help="frames per second, where the recording does not say")
     camera.add_argument("--times", default="", metavar="FILE", help="time stamps, s, one per image")
     camera.add_argument("--topics", nargs=2, metavar=("LEFT", "RIGHT"), help="image topics of a bag")
-    camera.add_argument("--tolerance", type=float, metavar="S",
+    camera.add_argument("--tolerance", type=_number(0, 3600, exclusive=False), metavar="S",
                         help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
                         "for bags)")
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
@@ -75,12 +110,12 @@ def _add_run(commands) -> None:
     slam.add_argument("--late", default="wait", choices=POLICIES, metavar="POLICY",
                       help="with --schedule realtime: policy for frames that arrive faster than "
                       "they are tracked: wait (default), drop-oldest, drop-newest")
-    slam.add_argument("--queue", type=int, default=2, metavar="N",
+    slam.add_argument("--queue", type=_whole(1), default=2, metavar="N",
                       help="with --late: frames that may wait (default: 2)")
-    slam.add_argument("--speed", type=float, default=1, metavar="X",
+    slam.add_argument("--speed", type=_number(0, 1e6), default=1, metavar="X",
                       help="with --schedule realtime: play X times as fast as recorded")
-    slam.add_argument("--start", type=int, default=0, metavar="N", help="first frame")
-    slam.add_argument("--frames", type=int, metavar="N", help="number of frames")
+    slam.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
+    slam.add_argument("--frames", type=_whole(1), metavar="N", help="number of frames")
     slam.add_argument("--load-map", metavar="FILE", help="continue with this map")
     slam.add_argument("--save-map", metavar="FILE", help="write the map at the end")
     slam.add_argument("--localize-only", action="store_true", help="do not change the map")
@@ -96,8 +131,13 @@ def _add_run(commands) -> None:
     p.set_defaults(command=_run)
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str):
+        self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}; see --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("kys-slam", description=_DESCRIPTION,
+    parser = _Parser("kys-slam", description=_DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"KYS-SLAM {kys_slam.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -130,8 +170,8 @@ def _parser() -> argparse.ArgumentParser:
 
     p = commands.add_parser("calibrate", help="show a calibration after rectification; convert it")
     p.add_argument("files", nargs="+", metavar="FILE")
-    p.add_argument("--calibration-unit", type=float, default=1, metavar="M")
-    p.add_argument("--size", metavar="WxH", help="size of the images, for files without it")
+    p.add_argument("--calibration-unit", type=_number(0, 1e6), default=1, metavar="M")
+    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it")
     p.add_argument("--output", metavar="FILE", help="write it as our YAML, lengths in m")
     p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
     p.set_defaults(command=_calibrate)
@@ -151,7 +191,7 @@ def _parser() -> argparse.ArgumentParser:
     p.set_defaults(command=_completion)
 
     p = commands.add_parser("demo", help="test the installation on a small simulated corridor")
-    p.add_argument("--frames", type=int, default=40)
+    p.add_argument("--frames", type=_whole(1), default=40)
     p.set_defaults(command=_demo)
     return parser
 
@@ -162,7 +202,26 @@ def _read_rig(args):
     if not args.calibration:
         raise InputError("which camera is it? --calibration FILE (Kalibr camchain, OpenCV stereo "
                          "calibration, own YAML, or two camera_info files)")
-    return kys_slam.read_stereo_rig(args.calibration, args.calibration_unit)
+    return kys_slam.read_stereo_rig(args.calibration, args.calibration_unit or 1)
+
+
+# Options that depend on what the input is: kind of input: those it knows.
+_INPUT_OPTIONS = {
+    "two folders of images": ("calibration", "calibration_unit", "rate", "times", "tolerance"),
+    "a video": ("calibration", "calibration_unit", "rate"),
+    "a bag": ("calibration", "calibration_unit", "topics", "tolerance"),
+    "a sequence of a known layout": ("pair", "tolerance")}
+
+
+def _check_options(args, path: Path, kind: str) -> None:
+    for name in sorted({name for names in _INPUT_OPTIONS.values() for name in names}):
+        if name not in _INPUT_OPTIONS[kind] and getattr(args, name) not in (None, ""):
+            more = (": it contains its calibration; for images of your own give LEFT and RIGHT"
+                    if name == "calibration" else "")
+            raise InputError(f"{path}: is {kind}, to which --{name.replace('_', '-')} does not "
+                             f"apply{more}")
+    if args.calibration_unit and not args.calibration:
+        raise InputError("--calibration-unit needs --calibration")
 
 
 def _open(args):
@@ -170,44 +229,50 @@ def _open(args):
     from kys_slam import recordings
     paths = [Path(p) for p in args.input]
     part = {"start": args.start, "frames": args.frames}
-    if args.start < 0 or (args.frames is not None and args.frames < 1):
-        raise InputError("--start must not be negative, --frames at least 1")
     for path in paths:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder")
     suffixes = {p.suffix.lower() for p in paths}
     if len(paths) > 2:
         raise InputError("give one recording, or LEFT and RIGHT")
+    path = paths[0]
+    if suffixes <= recordings.VIDEO_SUFFIXES and not any(p.is_dir() for p in paths):
+        _check_options(args, path, "a video")
+        right = paths[1] if len(paths) == 2 else None
+        return recordings.open_videos(path, right, _read_rig(args), rate=args.rate, **part)
     if len(paths) == 2:
         if all(p.is_dir() for p in paths):
-            tolerance = {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
-            return kys_slam.open_image_pair(*paths, _read_rig(args), rate=args.rate,
-                                            times=args.times, **part, **tolerance)
-        if suffixes <= recordings.VIDEO_SUFFIXES:
-            return recordings.open_videos(*paths, _read_rig(args), rate=args.rate, **part)
+            return _open_folders(args, paths, part)
         raise InputError(f"{paths[0]}, {paths[1]}: neither two folders of images nor two videos")
-    path = paths[0]
-    if suffixes <= recordings.VIDEO_SUFFIXES:
-        return recordings.open_videos(path, None, _read_rig(args), rate=args.rate, **part)
     if path.suffix == ".kysp" or (path.is_dir() and any(path.glob("*.kysp"))):
         raise InputError(f"{path}: prior files; give the recording, and these to --priors")
     if path.is_dir() and (path / "summary.json").exists():
         raise InputError(f"{path}: the results of a run; kys-slam evaluate or kys-slam plot")
     is_ros2 = path.is_dir() and (path / "metadata.yaml").exists()
     if suffixes <= recordings.BAG_SUFFIXES and path.is_file() or is_ros2:
+        _check_options(args, path, "a bag")
         rig = _read_rig(args) if args.calibration else None
-        return recordings.open_bag(path, rig, topics=args.topics,
-                                   tolerance=args.tolerance or 0.01, **part)
-    if path.is_dir():
-        inside = _pair_inside(path)
-        if inside:
-            return kys_slam.open_image_pair(*inside, _read_rig(args), rate=args.rate,
-                                            times=args.times, **part)
-    tolerance = {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
-    if args.calibration:
-        raise InputError(f"{path}: sequences of known layouts bring their calibration; without "
-                         "--calibration, or give LEFT and RIGHT")
-    return kys_slam.open_sequence(path, pair=args.pair, **part, **tolerance)
+        tolerance = {} if args.tolerance is None else {"tolerance": args.tolerance}
+        return recordings.open_bag(path, rig, topics=args.topics, **part, **tolerance)
+    inside = _pair_inside(path)
+    if inside:
+        return _open_folders(args, inside, part)
+    _check_options(args, path, "a sequence of a known layout")
+    sequence = kys_slam.open_sequence(path, pair=args.pair, **part, **_pairing(args))
+    if args.tolerance is not None and sequence.layout not in INDOOR_LAYOUTS:
+        raise InputError(f"{path}: images of {sequence.layout} are paired by number, --tolerance does "
+                         "not apply")
+    return sequence
+
+
+def _pairing(args) -> dict:
+    return {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
+
+
+def _open_folders(args, paths, part):
+    _check_options(args, paths[0], "two folders of images")
+    return kys_slam.open_image_pair(*paths, _read_rig(args), rate=args.rate, times=args.times, **part,
+                                    **_pairing(args))
 
 
 def _pair_inside(path: Path):
@@ -222,6 +287,9 @@ def _pair_inside(path: Path):
 def _make_settings(args, layout: str) -> kys_slam.Settings:
     indoor = args.kind == "indoor" or (args.kind is None and layout in INDOOR_LAYOUTS)
     settings = kys_slam.Settings.indoor() if indoor else kys_slam.Settings()
+    has_priors = args.priors or (args.masks and (Path(args.masks) / "classes.txt").exists())
+    if has_priors:  # a mode that is named anywhere takes the place of this one
+        settings["kys.mode"] = "verified"
     if args.config:
         settings.load(args.config)
     for assignment in args.settings:
@@ -231,9 +299,6 @@ def _make_settings(args, layout: str) -> kys_slam.Settings:
         settings[key] = value
     if args.mode:
         settings["kys.mode"] = args.mode
-    has_priors = args.priors or (args.masks and (Path(args.masks) / "classes.txt").exists())
-    if has_priors and not args.mode and settings.get("kys.mode") == "stock":
-        settings["kys.mode"] = "verified"
     settings.check()
     mode = settings.get("kys.mode")
     if not has_priors and kys_slam.mode_needs_priors(mode):
@@ -323,23 +388,132 @@ def _open_recorders(args, slam) -> list:
     if not args.view and not args.record:
         return []
     from kys_slam.record import VIEWER, open_recorder
-    targets = args.record + ([VIEWER] if args.view else [])
-    return [open_recorder(target, slam) for target in targets]
+    recorders: list = []
+    try:
+        for target in args.record + ([VIEWER] if args.view else []):
+            recorders.append(open_recorder(target, slam))
+    except BaseException:
+        for recorder in recorders:
+            recorder.discard()
+        raise
+    return recorders
+
+
+def _check_output_options(args) -> None:
+    """What can be said before anything is tracked."""
+    if args.localize_only and not args.load_map:
+        raise InputError("--localize-only needs --load-map")
+    if args.schedule != "realtime" and (args.late, args.queue, args.speed) != ("wait", 2, 1):
+        raise InputError("--late, --queue and --speed need --schedule realtime: elsewhere frames are "
+                         "read as fast as they are tracked")
+    targets = [Path(target).resolve() for target in args.record]
+    for i, target in enumerate(args.record):
+        _must_be_new(target, "--record", args)
+        if targets[i] in targets[:i]:
+            raise InputError(f"{target}: is there twice; one --record per file")
+    if args.save_map:
+        kys_slam.check_writable(args.save_map)
+
+
+def _describe(error: BaseException) -> Tuple[int, str]:
+    """Exit status and message of what went wrong, as the C++ programs have them."""
+    if isinstance(error, OSError):
+        where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+        return BAD_INPUT, f"{where}{error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return BAD_INPUT, "out of memory"
+    text = " ".join(str(error).split())
+    if isinstance(error, InputError):
+        return BAD_INPUT, text
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return DEFECT, (f"a defect of the program: {type(error).__name__}: {text} "
+                    f"({Path(at.filename).name}:{at.lineno})")
+
+
+class _Failures:
+    """What goes wrong during a run; the run goes on to save what there is."""
+
+    def __init__(self) -> None:
+        self.status = 0
+        self.messages: List[str] = []
+
+    @contextlib.contextmanager
+    def guard(self) -> Iterator[None]:
+        """Notes what one step raises."""
+        try:
+            yield
+        except Exception as error:
+            status, message = _describe(error)
+            self.status = self.status or status
+            if message not in self.messages:
+                self.messages.append(message)
+
+    def print(self) -> None:
+        for message in self.messages:
+            print(f"kys-slam: {message}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _signals_interrupt() -> Iterator[None]:
+    """SIGTERM and SIGHUP end a run as Ctrl-C does, unless the parent process ignores them (nohup)."""
+    def interrupt(number, frame):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come; the results are being saved
+        raise KeyboardInterrupt
+
+    before = {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
+    taken = [n for n, handler in before.items() if handler != signal.SIG_IGN]
+    try:
+        for number in taken:
+            signal.signal(number, interrupt)
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, before[number] or signal.SIG_DFL)
+
+
+class _Feed:
+    """Feeds the frames of a recording to a system."""
+
+    def __init__(self, args, slam, masks, total: int) -> None:
+        self.args, self.slam, self.masks = args, slam, masks
+        self.progress, self.watch = _Progress(total, args.quiet), _PairWatch()
+        self.done, self._told = 0, set()
+
+    def all(self, frames) -> None:
+        for frame in frames:
+            if self.done == 0 and not self.args.no_check and frame.left is not None:
+                _check_pair(frame)
+            self._feed(frame)
+            self.done += 1
+            self.progress.update(self.done)
+
+    def _feed(self, frame) -> None:
+        self.watch.check(frame, self.args.start + self.done)
+        mask = self.masks(frame.name) if self.masks else None
+        segments = None
+        if mask and self.masks.classes:
+            segments, mask = self.masks.priors(mask), self.masks.without_classes(mask)
+        if isinstance(frame, kys_slam.StereoFrame):
+            report = self.slam.feed_frame(frame, segments, mask)
+        else:
+            report = self.slam.feed(frame.left, frame.right, frame.timestamp, segments, mask,
+                                    name=frame.name)
+        if report.warning and report.warning not in self._told:
+            self._told.add(report.warning)
+            print(f"kys-slam: warning: frame {report.index}: {report.warning}", file=sys.stderr,
+                  flush=True)
 
 
 def _run(args) -> int:
+    with _signals_interrupt():
+        return _run_recording(args)
+
+
+def _run_recording(args) -> int:
     began = time.monotonic()
+    _check_output_options(args)
     recording = _open(args)
     settings = _make_settings(args, recording.layout)
-    if args.localize_only and not args.load_map:
-        raise InputError("--localize-only needs --load-map")
-    if args.schedule != "realtime" and (args.late, args.speed) != ("wait", 1):
-        raise InputError("--late and --speed need --schedule realtime: elsewhere frames are read as "
-                         "fast as they are tracked")
-    if not 0 < args.speed < 1e6 or args.queue < 1:
-        raise InputError("--speed must be above 0, --queue at least 1")
-    for target in args.record:
-        _must_be_new(target, "--record", args)
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")
@@ -353,59 +527,49 @@ def _run(args) -> int:
     if args.load_map:
         slam.load_map(args.load_map, args.localize_only)
     recorders = _open_recorders(args, slam)
-    progress = _Progress(len(recording), args.quiet)
-    watch = _PairWatch()
-    end_reason, done, told = "", 0, set()
+    feed = _Feed(args, slam, masks, len(recording))
+    failures, interrupted = _Failures(), False
     start_up_s = time.monotonic() - began
     wall, cpu = time.monotonic(), time.process_time()
     frames = recording
     if args.schedule == "realtime":
         frames = Playback(recording, args.late, args.queue, args.speed)
     try:
-        for frame in frames:
-            if done == 0 and not args.no_check and frame.left is not None:
-                _check_pair(frame)
-            watch.check(frame, args.start + done)
-            mask = masks(frame.name) if masks else None
-            segments = None
-            if mask and masks.classes:
-                segments, mask = masks.priors(mask), masks.without_classes(mask)
-            if isinstance(frame, kys_slam.StereoFrame):
-                report = slam.feed_frame(frame, segments, mask)
-            else:
-                report = slam.feed(frame.left, frame.right, frame.timestamp, segments, mask, name=frame.name)
-            if report.warning and report.warning not in told:
-                told.add(report.warning)
-                print(f"kys-slam: warning: frame {report.index}: {report.warning}", file=sys.stderr,
-                      flush=True)
-            done += 1
-            progress.update(done)
+        with failures.guard():
+            feed.all(frames)
     except KeyboardInterrupt:
-        end_reason = "interrupted"
+        interrupted = True
         slam.interrupt()
-    except InputError as error:
-        if done == 0:
-            raise
-        end_reason = str(error)
-    progress.end()
-    slam.finish()
-    result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
-                            wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
-                            end_reason=end_reason, left_out=_left_out(recording, frames, masks),
-                            warnings=watch.finish())
+    feed.progress.end()
+    if failures.status and feed.done == 0:  # nothing to save
+        for recorder in recorders:
+            recorder.discard()
+        failures.print()
+        return failures.status
+    with failures.guard():
+        slam.finish()
+    end_reason = "interrupted" if interrupted else "; ".join(failures.messages)
+    result = None
+    with failures.guard():
+        result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
+                                wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
+                                end_reason=end_reason, left_out=_left_out(recording, frames, masks),
+                                warnings=feed.watch.finish())
     if args.save_map:
-        slam.save_map(args.save_map)
-    if not args.quiet:
+        with failures.guard():
+            slam._save_map_or_beside(args.save_map, output)
+    for recorder in recorders:
+        with failures.guard():
+            recorder.close()
+            if recorder.skipped:
+                print(f"kys-slam: {recorder.skipped} frames were not shown, the viewer was behind",
+                      file=sys.stderr)
+    if result and not args.quiet:
         print(result["table"], end="")
         print(f"\nresults in {output}")
-    for recorder in recorders:
-        recorder.close()
-        if recorder.skipped:
-            print(f"kys-slam: {recorder.skipped} frames were not shown, the viewer was behind",
-                  file=sys.stderr)
-    if end_reason and end_reason != "interrupted":
-        print(f"kys-slam: {end_reason}", file=sys.stderr)
-        return BAD_INPUT
+    failures.print()
+    if failures.status:
+        return failures.status
     if 2 * result["tracked"] < result["frames"] or not result["frames"]:
         print(f"kys-slam: tracking failed: {result['tracked']} of {result['frames']} frames tracked",
               file=sys.stderr)
@@ -508,10 +672,7 @@ def _calibrate(args) -> int:
     rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
     width, height = rig.size
     if args.size:
-        try:
-            width, height = (int(v) for v in args.size.lower().split("x"))
-        except ValueError:
-            raise InputError(f"'{args.size}' is no size: WxH") from None
+        width, height = args.size
     if width == 0:
         raise InputError(f"{rig.name}: does not say the size of the images; give --size WxH")
     rig.set_image_size(width, height)
@@ -562,25 +723,24 @@ def _demo(args) -> int:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed, 130
-    when interrupted before tracking."""
-    parser = _parser()
-    args = parser.parse_args(argv)
+    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed, 70
+    for a defect of the program, 130 when interrupted before tracking."""
+    for stream in (sys.stdout, sys.stderr):  # names of files may be no text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    args = _parser().parse_args(argv)
     try:
         return args.command(args)
-    except InputError as error:
-        print(f"kys-slam: {error}", file=sys.stderr)
-        return BAD_INPUT
     except KeyboardInterrupt:  # before anything is tracked; later the run ends in order
         print("kys-slam: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of the output has seen enough, e.g. head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"kys-slam: {where}{error.strerror}", file=sys.stderr)
-        return BAD_INPUT
+    except Exception as error:
+        status, message = _describe(error)
+        print(f"kys-slam: {message}", file=sys.stderr)
+        return status
 
 
 if __name__ == "__main__":

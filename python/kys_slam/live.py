@@ -15,6 +15,7 @@ from typing import Any, Deque, Iterable, Iterator, Optional
 from ._core import InputError
 
 POLICIES = ("wait", "drop-oldest", "drop-newest")
+LONGEST_PAUSE = 60.0  #: s; a longer gap between time stamps is played as a pause of this length
 
 
 class FrameQueue:
@@ -78,7 +79,7 @@ class FrameQueue:
 class Playback:
     """A recording at the pace of its time stamps: iterate over it once. Frames are read in a thread
     of its own. A frame is handed out at its time or, when the reader of this is late, as the policy
-    of FrameQueue says."""
+    of FrameQueue says. Gaps of more than LONGEST_PAUSE are shortened."""
 
     def __init__(self, recording: Iterable[Any], policy: str = "wait", capacity: int = 2,
                  speed: float = 1.0) -> None:
@@ -107,8 +108,9 @@ class Playback:
         try:
             for frame in self._recording:
                 due = frame.timestamp / self._speed
-                offset = time.monotonic() - due if offset is None else offset
-                if self._stop.wait(max(0, due + offset - time.monotonic())):
+                now = time.monotonic()
+                offset = now - due if offset is None else min(offset, now + LONGEST_PAUSE - due)
+                if self._stop.wait(max(0, due + offset - now)):
                     break
                 self._queue.put(frame)
         except BaseException as what:  # raised where the frames are read

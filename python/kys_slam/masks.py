@@ -52,7 +52,7 @@ class MaskFolder:
             first, _, last = words[0].partition("-")
             moves = words[-1] == "moving"
             name = " ".join(words[1:len(words) - moves])
-            if not (first.isdigit() and (last or first).isdigit() and
+            if not (first.isdecimal() and (last or first).isdecimal() and
                     0 < int(first) <= int(last or first) <= 255):
                 raise InputError(f"{file}:{number}: '{words[0]}' is no value of 1 to 255, no range")
             if name not in ids:

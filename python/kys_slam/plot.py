@@ -7,8 +7,13 @@ from typing import List, NamedTuple, Optional
 import numpy as np
 
 from ._core import InputError, read_tum
+from .labels import label_of
 
 MAX_DIFFERENCE = 0.01  #: s, between an estimate and its ground truth
+
+
+class CannotAlign(InputError):
+    """The two trajectories have too little in common."""
 
 
 class Path3D(NamedTuple):
@@ -27,6 +32,12 @@ class PlottedRun(NamedTuple):
     error_times: np.ndarray  #: (M,) s
     errors: np.ndarray  #: (M,) m, distance from the truth
     figures: dict  #: of evo: rmse, mean, median, std, min, max, sse, m; empty without truth
+
+    @property
+    def label(self) -> str:
+        if len(self.path.times) == 0:
+            return f"{self.name}: lost"
+        return self.name + (f": ATE {self.figures['rmse']:.3f} m" if self.figures else "")
 
 
 def read_trajectory(path: Path) -> Path3D:
@@ -47,74 +58,91 @@ def _evo():
 
 def load_run(path: Path, reference: Optional[Path], align: str = "se3") -> PlottedRun:
     """reference: a TUM file; None: the run's own ground truth, if it has one.
-    align: se3, sim3 or none. Raises InputError when the two have no times in common."""
-    estimate = read_trajectory(path)
+    align: se3, sim3 or none. Raises CannotAlign when the two have too few times in common; a run that
+    is lost in all frames has no figures."""
+    estimate, name = read_trajectory(path), label_of(path)
     if reference is None and path.is_dir() and (path / "ground_truth.tum").exists():
         reference = path / "ground_truth.tum"
     if reference is None:
-        return PlottedRun(path.name or str(path), estimate, None, np.empty(0), np.empty(0), {})
+        return PlottedRun(name, estimate, None, np.empty(0), np.empty(0), {})
     truth = Path3D(*read_tum(reference))
+    if len(truth.times) == 0:
+        raise CannotAlign(f"{reference}: has no poses")
+    if len(estimate.times) == 0:
+        return PlottedRun(name, estimate, truth, np.empty(0), np.empty(0), {})
     metrics, sync, trajectory = _evo()
     as_evo = [trajectory.PoseTrajectory3D(poses_se3=list(p.poses), timestamps=p.times)
               for p in (truth, estimate)]
     try:
         there, own = sync.associate_trajectories(*as_evo, max_diff=MAX_DIFFERENCE)
     except sync.SyncException:
-        raise InputError(f"{path}: has no times in common with {reference}") from None
+        raise CannotAlign(f"{path}: has no times in common with {reference}") from None
     if own.num_poses < 3:
-        raise InputError(f"{path}: {own.num_poses} poses have ground truth, too few to align")
+        raise CannotAlign(f"{path}: {own.num_poses} poses have ground truth, too few to align")
     whole = as_evo[1]
     if align != "none":
         try:
             r, t, scale = own.align(there, correct_scale=align == "sim3")
         except Exception as error:  # evo: degenerate, e.g. all positions in one place
-            raise InputError(f"{path}: cannot be aligned with {reference}: {error}") from None
+            raise CannotAlign(f"{path}: cannot be aligned with {reference}: {error}") from None
         whole.scale(scale)
         whole.transform(np.block([[r, t.reshape(3, 1)], [np.zeros((1, 3)), np.ones((1, 1))]]))
     error = metrics.APE(metrics.PoseRelation.translation_part)
     error.process_data((there, own))
-    return PlottedRun(path.name or str(path),
-                      Path3D(estimate.times, np.array(whole.poses_se3)), truth, own.timestamps,
-                      np.asarray(error.error), error.get_all_statistics())
+    return PlottedRun(name, Path3D(estimate.times, np.array(whole.poses_se3)), truth,
+                      own.timestamps, np.asarray(error.error), error.get_all_statistics())
 
 
 def _plane(runs: List[PlottedRun]) -> tuple:
     """The two axes along which the paths are longest."""
     positions = np.concatenate([(run.truth or run.path).poses[:, :3, 3] for run in runs])
+    if len(positions) == 0:
+        return (0, 2)
     axes = sorted(np.argsort(np.ptp(positions, axis=0))[1:])
     return (int(axes[0]), int(axes[1]))
 
 
-def draw(runs: List[PlottedRun], file: Path) -> None:
-    """A picture: paths from where they are seen best; with truth, errors over time."""
+def pyplot():
+    """matplotlib.pyplot, for pictures without a display; a dollar in a name begins no formula."""
     try:
         import matplotlib
         matplotlib.use("Agg")
         from matplotlib import pyplot as plt
     except ImportError:
         raise InputError("plots need matplotlib: pip install matplotlib") from None
-    judged = [run for run in runs if run.truth is not None]
-    figure, panels = plt.subplots(2 if judged else 1, 1, figsize=(8, 9.5 if judged else 7),
-                                  height_ratios=[3, 1] if judged else [1], squeeze=False)
-    axes = panels[0, 0]
+    plt.rcParams["text.parse_math"] = False
+    return plt
+
+
+def draw_paths(runs: List[PlottedRun], axes) -> list:
+    """Paths from where they are seen best, with their truth; the colours of the runs."""
     i, k = _plane(runs)
+    judged = [run for run in runs if run.truth is not None]
     drawn = []
     for run in judged:
         if not any(np.array_equal(run.truth.poses, d) for d in drawn):
             axes.plot(run.truth.poses[:, i, 3], run.truth.poses[:, k, 3], "k--", linewidth=1.0,
                       label="ground truth" if not drawn else f"ground truth of {run.name}")
             drawn.append(run.truth.poses)
-    for run in runs:
-        label = run.name + (f": ATE {run.figures['rmse']:.3f} m" if run.figures else "")
-        line, = axes.plot(run.path.poses[:, i, 3], run.path.poses[:, k, 3], linewidth=1.2,
-                          label=label)
-        if judged and run.figures:
-            panels[1, 0].plot(run.error_times - run.error_times[0], run.errors, linewidth=0.9,
-                              color=line.get_color())
+    colours = [axes.plot(run.path.poses[:, i, 3], run.path.poses[:, k, 3], linewidth=1.2,
+                         label=run.label)[0].get_color() for run in runs]
     axes.set(xlabel=f"{'xyz'[i]}, m", ylabel=f"{'xyz'[k]}, m")
     axes.set_aspect("equal", "datalim")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3)
+    return colours
+
+
+def draw(runs: List[PlottedRun], file: Path) -> None:
+    """A picture: paths; with truth, errors over time."""
+    plt = pyplot()
+    judged = any(run.truth is not None for run in runs)
+    figure, panels = plt.subplots(2 if judged else 1, 1, figsize=(8, 9.5 if judged else 7),
+                                  height_ratios=[3, 1] if judged else [1], squeeze=False)
+    for run, colour in zip(runs, draw_paths(runs, panels[0, 0])):
+        if run.figures:
+            panels[1, 0].plot(run.error_times - run.error_times[0], run.errors, linewidth=0.9,
+                              color=colour)
     if judged:
         panels[1, 0].set(xlabel="time, s", ylabel="position error, m")
         panels[1, 0].set_ylim(bottom=0)

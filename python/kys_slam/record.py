@@ -50,7 +50,7 @@ class Recorder:
             self._wait_for("ready")
         except BaseException:
             self._child.kill()
-            self._child.wait()
+            self._end_child()
             raise
         descriptor = self._child.stdin.fileno()
         if hasattr(fcntl, "F_SETPIPE_SZ"):
@@ -87,12 +87,26 @@ class Recorder:
                                _loops(slam.reports())))
             self.drawing_s = self._wait_for("done")["drawing_s"]
         finally:
-            try:
-                self._child.stdin.close()
-            except BrokenPipeError:
-                pass
-            self._child.wait()
-            self._child.stdout.close()
+            self._end_child()
+
+    def discard(self) -> None:
+        """Ends the recording and removes its file."""
+        if not self._open:
+            return
+        self._open = False
+        self._slam._remove_pipe(self._pipe)
+        self._child.kill()
+        self._pipe.finish()
+        self._end_child()
+        _remove_file(self.target)
+
+    def _end_child(self) -> None:
+        try:
+            self._child.stdin.close()
+        except BrokenPipeError:
+            pass
+        self._child.wait()
+        self._child.stdout.close()
 
     def _send(self, what) -> None:
         data = pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
@@ -110,8 +124,15 @@ class Recorder:
             raise InputError(f"{self.target}: cannot be recorded: the process that writes it ended "
                              f"with status {self._child.wait()}") from None
         if answer.get("state") != state:
-            raise InputError(answer.get("error", f"{self.target}: cannot be recorded"))
+            error = answer.get("error", "cannot be recorded")
+            raise InputError(error if self.target in error else f"{self.target}: {error}")
         return answer
+
+
+def _remove_file(target: str) -> None:
+    """Not what is no file of its own: a device, a link."""
+    if target != VIEWER and os.path.isfile(target) and not os.path.islink(target):
+        os.unlink(target)
 
 
 def _loops(reports: List[FrameReport]) -> List[LoopSeen]:

@@ -116,10 +116,10 @@ def main() -> int:
         say({"error": str(error)})
         return 2
     except OSError as error:
-        say({"error": f"the recording cannot be written: {error}"})
+        say({"error": f"cannot be written: {error.strerror or error}"})
         return 2
     except Exception as error:
-        say({"error": f"the recording failed: {type(error).__name__}: {error}"})
+        say({"error": f"cannot be recorded: {type(error).__name__}: {error}"})
         return 70
     say({"state": "done", "drawing_s": drawing_s})
     return 0

@@ -7,7 +7,9 @@ ROS 1 and ROS 2 bags (SQLite and MCAP). Frames come out rectified and grey, in o
 Needs opencv-python-headless for videos, rosbags for bags.
 """
 
+import contextlib
 import os
+import sys
 from collections import deque
 from pathlib import Path
 from typing import Deque, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
@@ -52,7 +54,7 @@ class Recording:
         self.camera: StereoCamera = camera or self._rectifier.camera
 
     def __len__(self) -> int:
-        return self._size or 0
+        return min(self._size or 0, sys.maxsize)  # of a damaged bag, anything
 
     def __iter__(self) -> Iterator[PairFrame]:
         index = 0
@@ -104,13 +106,31 @@ def _video_rate(video, path: PathLike, rate: Optional[float]) -> float:
     return float(value)
 
 
+def _video_length(video) -> int:
+    """Frames, as the header counts them; 0: it does not."""
+    value = video.get(_cv2().CAP_PROP_FRAME_COUNT)
+    return int(value) if 0 < value < 2**31 else 0
+
+
 def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, start: int = 0,
                 frames: Optional[int] = None, rate: Optional[float] = None) -> Recording:
-    """Two videos of the same frames, or one (`right` None) with both images side by side."""
-    videos = [_open_video(left)] + ([_open_video(right)] if right is not None else [])
+    """Two videos of the same frames, or one (`right` None) with both images side by side.
+
+    A video that ends more than one frame before the number that its header counts is an InputError,
+    after the frames before. One frame is counted: some containers state their duration alone.
+    """
+    paths = [left] if right is None else [left, right]
+    videos = [_open_video(path) for path in paths]
     fps = _video_rate(videos[0], left, rate)
-    lengths = [int(v.get(_cv2().CAP_PROP_FRAME_COUNT)) for v in videos]
-    counts = {"frames of the longer video": max(lengths) - min(lengths)}
+    lengths = [_video_length(v) for v in videos]
+    counts = {"frames of the longer video": max(lengths) - min(lengths) if all(lengths) else 0,
+              "frames that a video does not hold": 0}
+
+    def check_end(path: PathLike, length: int, index: int) -> None:
+        if length - index > 1:
+            raise InputError(f"{path}: damaged or truncated: frame {index} cannot be read, the header "
+                             f"counts {length}")
+        counts["frames that a video does not hold"] += length - index == 1
 
     def pairs():
         index = -1
@@ -118,6 +138,9 @@ def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, st
             read = [v.read() for v in videos]
             index += 1
             if not all(ok for ok, _ in read):
+                for path, length, (ok, _) in zip(paths, lengths, read):
+                    if not ok:
+                        check_end(path, length, index)
                 return
             if index < start:
                 continue
@@ -153,13 +176,36 @@ def _open_bag(path: PathLike):
     if path.is_file() and path.suffix in (".db3", ".mcap") and \
             (path.parent / "metadata.yaml").exists():
         path = path.parent  # a ROS 2 bag is the folder
-    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-    try:
+    with _reading(path, "not a bag that rosbags can read"):
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-    except Exception as error:  # rosbags has a tree of exceptions; all mean the same here
-        raise InputError(f"{path}: not a bag that rosbags can read: "
-                         f"{str(error).splitlines()[0]}") from None
     return reader
+
+
+@contextlib.contextmanager
+def _reading(path: PathLike, what: str) -> Iterator[None]:
+    """Any error as an InputError that names the file: damaged bags raise exceptions of rosbags, of
+    what it is built on, and of NumPy."""
+    try:
+        yield
+    except Exception as error:
+        lines = str(error).splitlines() or [type(error).__name__]
+        raise InputError(f"{path}: {what}: {lines[0]}") from None
+
+
+def _messages(reader, path: PathLike, connections) -> Iterator[Tuple[int, object, int, object]]:
+    """(number from 1, connection, time of reception in ns, message) of the connections' messages."""
+    stream = reader.messages(connections)
+    number = 0
+    while True:
+        number += 1
+        with _reading(path, f"message {number} cannot be read"):
+            found = next(stream, None)
+            if found is None:
+                return
+            connection, received, raw = found
+            message = reader.deserialize(raw, connection.msgtype)
+        yield number, connection, received, message
 
 
 def _side(topic: str, words: Tuple[str, ...]) -> bool:
@@ -182,13 +228,12 @@ def find_image_topics(reader) -> Tuple[str, str]:
                      (", ".join(images) or "none, this bag has no images"))
 
 
-def _camera_info(reader, topic: str) -> Optional[dict]:
+def _camera_info(reader, path: PathLike, topic: str) -> Optional[dict]:
     base = topic[:-11] if topic.endswith("/compressed") else topic
     wanted = base.rsplit("/", 1)[0] + "/camera_info"
     connections = [c for c in reader.connections
                    if c.msgtype == _CAMERA_INFO and c.topic == wanted]
-    for connection, _, raw in reader.messages(connections) if connections else ():
-        m = reader.deserialize(raw, connection.msgtype)
+    for _, _, _, m in _messages(reader, path, connections) if connections else ():
         low = hasattr(m, "k")
         values = {k: list(map(float, getattr(m, k.lower() if low else k))) for k in "DKRP"}
         if "rect" in base.rsplit("/", 1)[1]:  # rectified already: P is all that counts
@@ -300,29 +345,29 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
         if topic not in known:
             raise InputError(f"{path}: has no topic {topic}; it has: {', '.join(sorted(known))}")
     if rig is None:
-        infos = [_camera_info(reader, topic) for topic in (left, right)]
+        infos = [_camera_info(reader, path, topic) for topic in (left, right)]
         if None in infos:
             raise InputError(f"{path}: no camera_info beside {left} and {right}; "
                              "give --calibration")
         rig = rig_from_camera_info(infos, str(path))
     counts: Dict[str, int] = {}
     connections = [c for c in reader.connections if c.topic in (left, right)]
+    for connection in connections:
+        if connection.msgtype not in (_IMAGE, _COMPRESSED):
+            raise InputError(f"{path}: {connection.topic} carries {connection.msgtype}, not images")
 
     def stream():
-        for connection, received, raw in reader.messages(connections):
-            if connection.msgtype not in (_IMAGE, _COMPRESSED):
-                raise InputError(f"{path}: {connection.topic} carries {connection.msgtype}, "
-                                 "not images")
-            message = reader.deserialize(raw, connection.msgtype)
+        for number, connection, received, message in _messages(reader, path, connections):
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             yield (0 if connection.topic == left else 1, stamp or received,
-                   (connection, message))
+                   (number, connection, message))
 
     def image(item) -> np.ndarray:
-        connection, message = item
-        if connection.msgtype == _COMPRESSED:
-            return decode_gray(bytes(message.data), connection.topic)
-        return _decode_image(message, connection.topic)
+        number, connection, message = item
+        with _reading(path, f"message {number} cannot be read"):
+            if connection.msgtype == _COMPRESSED:
+                return decode_gray(bytes(message.data), connection.topic)
+            return _decode_image(message, connection.topic)
 
     def pairs():
         for index, (stamp, a, b) in enumerate(pair_by_time(stream(), tolerance, counts)):

@@ -11,47 +11,62 @@ from typing import Dict, List
 import numpy as np
 
 from ._core import InputError, evaluate, read_tum
+from .labels import label_of
+from .plot import CannotAlign, PlottedRun, draw_paths, load_run, pyplot, read_trajectory
 
 _STYLE = """body { font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse } td, th { border-bottom: 1px solid #ccc; padding: .2em .8em;
 text-align: right } td:first-child, th:first-child { text-align: left } img { max-width: 100% }"""
 
 
+_SUMMARY = {"mode": str, "frames": int, "frames_tracked": int, "keyframes": int, "loops_closed": int,
+            "path_length_m": (int, float), "complete": bool, "end_reason": str, "left_out": dict}
+
+
+def _read_summary(file: Path) -> dict:
+    """Raises ValueError when it is not the summary of a run."""
+    summary = json.loads(file.read_text(encoding="utf-8"))
+    if not isinstance(summary, dict):
+        raise ValueError("no summary of a run")
+    for key, kind in _SUMMARY.items():
+        if not isinstance(summary.get(key), (kind, type(None))):
+            raise ValueError(f"{key} is {json.dumps(summary[key])[:40]}")
+    return summary
+
+
+def _load(folder: Path) -> PlottedRun:
+    """Aligned with its ground truth, if it has one and can be aligned."""
+    try:
+        return load_run(folder, None)
+    except CannotAlign:
+        return PlottedRun(label_of(folder), read_trajectory(folder), None, np.empty(0), np.empty(0), {})
+
+
 class _Run:
     def __init__(self, folder: Path) -> None:
-        self.name = folder.resolve().name
+        self.name = label_of(folder)
         try:
-            self.summary = json.loads((folder / "summary.json").read_text())
-            with open(folder / "frames.csv", newline="") as file:
+            self.summary = _read_summary(folder / "summary.json")
+            with open(folder / "frames.csv", newline="", encoding="utf-8") as file:
                 rows = list(csv.DictReader(file))
             self.frames = {key: np.array([float(r[key]) for r in rows]) for key in
                            ("timestamp", "matches", "inliers", "ms_total")}
             self.lost = np.array([r["status"] == "lost" for r in rows], bool)
         except OSError as error:
             raise InputError(f"{folder}: not the folder of a run "
-                             f"({Path(error.filename).name} is missing)") from None
-        except (ValueError, KeyError, TypeError) as error:
+                             f"({Path(error.filename).name}: {error.strerror})") from None
+        except (ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
             raise InputError(f"{folder}: its summary.json or frames.csv is damaged: {error}") from None
-        self.times, self.poses = read_tum(folder / "trajectory.tum")
-        truth = folder / "ground_truth.tum"
-        self.truth = read_tum(truth) if truth.exists() else None
+        self.plotted = _load(folder)
         self.figures = None
-        if self.truth and len(self.times) > 2:
-            figures = evaluate(*self.truth, self.times, self.poses)
+        truth, own = folder / "ground_truth.tum", read_trajectory(folder)
+        if truth.exists() and len(own.times) > 2:
+            figures = evaluate(*read_tum(truth), *own)
             self.figures = figures if figures["pairs"] > 2 else None
 
 
-def aligned_truth(truth, times: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Positions (N, 3) m of the ground truth in the estimate's frame (least squares, SE(3))."""
-    nearest = np.clip(np.searchsorted(truth[0], times), 0, len(truth[0]) - 1)
-    a, b = truth[1][nearest][:, :3, 3], poses[:, :3, 3]
-    u, _, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
-    r = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return (truth[1][:, :3, 3] - a.mean(0)) @ r.T + b.mean(0)
-
-
-def _cell(value, form: str) -> str:
-    return "" if value is None else format(value, form)
+def _cell(value, form: str = "") -> str:
+    return "" if value is None else html.escape(format(value, form))
 
 
 def _table(runs: List[_Run]) -> str:
@@ -59,24 +74,21 @@ def _table(runs: List[_Run]) -> str:
             "<th>path, m</th><th>ATE, m</th><th>RPE, m</th><th>ms per frame</th></tr>"]
     for run in runs:
         s, f = run.summary, run.figures
-        cells = [html.escape(run.name), html.escape(str(s.get("mode", ""))),
-                 f"{s.get('frames_tracked')} of {s.get('frames')}", str(s.get("keyframes")),
-                 str(s.get("loops_closed")), _cell(s.get("path_length_m"), ".1f"),
+        times = run.frames["ms_total"]
+        cells = [_cell(run.name), _cell(s.get("mode")),
+                 _cell(s.get("frames_tracked")) + " of " + _cell(s.get("frames")),
+                 _cell(s.get("keyframes")), _cell(s.get("loops_closed")),
+                 _cell(s.get("path_length_m"), ".1f"),
                  _cell(f and f["ate_m"]["rmse"], ".4f"),
                  _cell(f and f["rpe_translation_m"]["rmse"], ".4f"),
-                 _cell(float(np.median(run.frames["ms_total"])), ".1f")]
+                 _cell(float(np.median(times)) if len(times) else None, ".1f")]
         rows.append("<tr>" + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
     return "<table>" + "\n".join(rows) + "</table>"
 
 
 def _pictures(runs: List[_Run]) -> Dict[str, str]:
     """PNGs, base64, by their caption."""
-    try:
-        import matplotlib
-        matplotlib.use("Agg")
-        from matplotlib import pyplot as plt
-    except ImportError:
-        raise InputError("reports need matplotlib: pip install matplotlib") from None
+    plt = pyplot()
     pictures = {}
 
     def add(caption: str, figure) -> None:
@@ -86,17 +98,8 @@ def _pictures(runs: List[_Run]) -> Dict[str, str]:
         pictures[caption] = base64.b64encode(out.getvalue()).decode()
 
     figure, axes = plt.subplots(figsize=(8, 6))
-    drawn = False
-    for run in runs:
-        axes.plot(run.poses[:, 0, 3], run.poses[:, 2, 3], label=run.name, linewidth=1.2)
-        if run.figures and not drawn:
-            truth = aligned_truth(run.truth, run.times, run.poses)
-            axes.plot(truth[:, 0], truth[:, 2], "k--", label="ground truth", linewidth=0.9)
-            drawn = True
-    axes.set(xlabel="x, m", ylabel="z, m")
-    axes.set_aspect("equal", "datalim")
-    axes.legend(), axes.grid(alpha=0.3)
-    add("Paths, seen from above", figure)
+    draw_paths([run.plotted for run in runs], axes)
+    add("Paths", figure)
     for key, caption in (("inliers", "Landmarks in the pose of each frame; red: lost"),
                          ("ms_total", "Tracking time per frame, ms")):
         figure, axes = plt.subplots(figsize=(8, 2.6))
@@ -128,4 +131,4 @@ def write_report(folders: List[Path], output: Path) -> None:
     for caption, png in _pictures(runs).items():
         parts.append(f"<h2>{html.escape(caption)}</h2>"
                      f"<img alt='{html.escape(caption)}' src='data:image/png;base64,{png}'>")
-    output.write_text("\n".join(parts) + "</body></html>\n")
+    output.write_text("\n".join(parts) + "</body></html>\n", encoding="utf-8", errors="replace")

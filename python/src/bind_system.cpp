@@ -1,6 +1,8 @@
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
+#include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/save_map.h>
 #include <nanobind/stl/filesystem.h>
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
@@ -436,6 +438,8 @@ void bind_system(nb::module_& m) {
   bind_settings(m);
   bind_report(m);
   bind_pipe(m);
+  m.def("check_writable", &check_writable, "file"_a,
+        "Raises InputError when the file cannot be written. Leaves no file.");
   nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
                     const std::optional<std::filesystem::path>&, bool>(),
@@ -484,6 +488,12 @@ void bind_system(nb::module_& m) {
             without_gil([&] { s.system().save_map(file); });
           },
           "file"_a, "After finish(): the whole map.")
+      .def(
+          "_save_map_or_beside",
+          [](Slam& s, const std::filesystem::path& file, const std::filesystem::path& output) {
+            without_gil([&] { save_map_or_beside(s.system(), file, output); });
+          },
+          "file"_a, "output"_a, "save_map, or the folder's saved.map when the file is refused.")
       .def("_trajectory",
            [](Slam& s) {
              const auto list = without_gil([&] { return s.system().trajectory(); });

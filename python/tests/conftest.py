@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("KYS_SHARED_DATA", ROOT.parent / "shared" / "data"))
+DATA = Path(os.environ.get("KYS_SHARED_DATA_DIR", ROOT.parent / "shared" / "data"))
 BIN = Path(os.environ.get("KYS_BIN_DIR", ROOT / "build/release/bin"))
 
 

@@ -10,7 +10,8 @@ SKIPPED = 77
 
 
 def run(*arguments):
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False,
+                          errors="replace", env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"})
 
 
 def main():
@@ -43,6 +44,17 @@ def main():
                 file.write(content)
         result = run(script, odd)
         assert result.returncode == 0, result.stderr
+        # A name that is not UTF-8, and one that is half a formula.
+        for name in (b"caf\xe9", b"a$b$c_{x"):
+            odd = os.path.join(folder, os.fsdecode(name))
+            os.mkdir(odd)
+            with open(os.path.join(odd, "trajectory.tum"), "w", encoding="utf-8") as file:
+                file.write(text)
+            compare = os.path.join(os.path.dirname(script), "compare_runs.py")
+            for command in ((script, odd), (compare, odd, "--ground-truth", truth, "--output",
+                                             os.path.join(odd, "c.png"))):
+                result = run(*command)
+                assert result.returncode == 0, result.stderr
         # Moving objects are drawn into the picture: it changes.
         objects = os.path.join(folder, "objects.csv")
         pictures = []

@@ -3,9 +3,12 @@ import argparse
 import json
 import os
 import pathlib
+import shutil
+import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(SOURCE / "tools" / "experiments"))
@@ -110,6 +113,40 @@ class Statistics(unittest.TestCase):
         self.assertEqual(wrong[8], "smaller")
 
 
+    def test_schedules_are_not_pooled_when_variants_are_compared(self):
+        row = lambda variant, schedule, seed, ate: {
+            "input": "a", "seed": seed, "case": "exact", "variant": variant, "schedule": schedule,
+            "repeat": 0, "origin": "stand-in", "configuration": "KYS", "ate": ate, "tracked": 100.0}
+        rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
+                for schedule in ("pipelined", "realtime")
+                for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
+        tables = report.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
+        self.assertEqual([t.rows[0][2] for t in tables], [3, 3])  # pairs: seeds
+        self.assertTrue("pipelined" in tables[0].title and "realtime" in tables[1].title)
+
+    def test_p_belongs_to_the_ratio_beside_it(self):
+        """Ratios of one half, but for one pair whose metres outweigh the others'."""
+        row = lambda seed, ate: {"input": "a", "seed": seed, "case": "exact", "variant": "",
+                                 "schedule": "pipelined", "repeat": 0, "ate": ate, "tracked": 100.0}
+        base = [row(s, 0.1 * s) for s in range(1, 8)] + [row(8, 100.0)]
+        mine = [row(s, 0.05 * s) for s in range(1, 8)] + [row(8, 101.0)]
+        shown = dict(zip(report.PAIRED_HEADER, report.paired_rows([], base, mine, "ate")))
+        logs = paired.difference(np.zeros(8), [-np.log(2)] * 7 + [np.log(1.01)])
+        self.assertEqual(shown["Wilcoxon p"], report.show_p(logs.wilcoxon_p))
+
+    def test_percentile_of_exposure(self):
+        """Wrong keypoints in 1 to 20 % of 20 frames: 19.05 by linear interpolation."""
+        def call(command):
+            with open(command[-1], "w", encoding="utf-8") as file:
+                file.write("frame,keypoints,any\n" + "".join(f"{i},100,{i}\n" for i in range(1, 21)))
+        work = argparse.Namespace(program=lambda name: name)
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(step, "call", call):
+            found = step.exposure(work, "", "", "", folder)
+        self.assertAlmostEqual(found["exposure_p95"], 19.05)
+        self.assertAlmostEqual(found["exposure_mean"], 10.5)
+        self.assertEqual(found["exposure_max"], 20)
+
+
 class Tables(unittest.TestCase):
     table = Table("t", "A & B", ["name", "x|y", "50 %"], [["a_b", "1", "<2>"], ["c", "-", "3"]],
                   "Note.", {1: "others"})
@@ -206,6 +243,38 @@ class Plans(unittest.TestCase):
         def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, _):
             return f"{name} {seed} {schedule} {repeat}"
 
+    def test_other_prior_files_are_another_input(self):
+        """Given data: their folder keeps its name, a file in it changes."""
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            touch(root / "kitti" / "07" / "image_0" / "000000.png")
+            prior = root / "priors" / "kitti" / "07" / "000000.kysp"
+            touch(prior)
+
+            def ids():
+                planner = self.Planner(data=folder)
+                planner.jobs, planner.states, planner.cases = {}, {}, {"exact": {}}
+                planner.given = data_sets.find(folder)
+                planner.programs = unittest.mock.Mock(key=lambda name: name)
+                source = planner.input_of("kitti/07", 1, {"seeds": [1]})
+                return planner.priors_of(source, "kitti/07", "exact", None, 1)
+
+            first = ids()
+            self.assertEqual(ids(), first)
+            time = prior.stat().st_mtime_ns
+            prior.write_text("other")
+            os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
+            self.assertNotEqual(ids(), first)
+
+    def test_failed_jobs_are_done_again(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = pathlib.Path(folder) / "done"
+            done.mkdir()
+            for name, status in (("a", "failed"), ("b", "done"), ("c", "lost")):
+                (done / f"{name}.json").write_text(json.dumps({"status": status}))
+            plan.write_plan({}, {}, folder)
+            self.assertEqual(sorted(p.stem for p in done.iterdir()), ["b", "c"])
+
     EXPERIMENT = {"seeds": [4, 5], "schedules": ["pipelined", "realtime"], "repeats": {"realtime": 2}}
 
     def runs(self, experiment, seed):
@@ -278,6 +347,105 @@ class Steps(unittest.TestCase):
             count, total, seconds = step.time_left(step.Work(folder))
             self.assertEqual((count, total), (60, 100))
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
+
+
+class Refusals(unittest.TestCase):
+    """One line and status 2."""
+
+    def refused(self, script, *arguments):
+        done = subprocess.run([sys.executable, SOURCE / "tools" / "experiments" / script, *arguments],
+                              capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertNotIn("Traceback", done.stderr)
+        return done.stderr.splitlines()[-1]
+
+    def test_plans(self):
+        with tempfile.TemporaryDirectory() as folder:
+            program = pathlib.Path(folder) / "run_stereo_kitti"
+            program.write_text("#!/bin/sh\necho '  mode: stock  # stock, verified'\n")
+            program.chmod(0o755)
+            plans = lambda *more: self.refused("plan.py", "--output", folder, "--bin", folder, *more)
+            for cores in ("0", "-1", "x"):
+                self.assertIn("--cores", plans("--cores", cores))
+            self.assertIn("/nonexistent", plans("--worlds", "/nonexistent"))
+            self.assertIn("--inputs nosuch", plans("--inputs", "nosuch", "--only", "table_3_rejection"))
+
+    def test_damaged_work_folders(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "plan.json"
+            for text in ("[]", "{}", "null", "{"):
+                path.write_text(text)
+                self.assertIn("plan.json", self.refused("report.py", folder))
+                self.assertIn("plan.json", self.refused("step.py", folder, "x"))
+            path.write_text(json.dumps({"cores": 1, "jobs": [], "costs": []}))
+            self.assertIn("nosuch.json", self.refused("step.py", folder, "nosuch"))
+
+
+class Scripts(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+
+    def program(self, name, text):
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("#!/bin/sh\n" + text)
+        path.chmod(0o755)
+        return path
+
+    def call(self, *command, **more):
+        return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **more)
+
+    def test_lint_without_a_branch_to_compare_with(self):
+        for tool in ("clang-format", "clang-tidy", "cmake"):
+            self.program(f"bin/{tool}", "exit 0\n")
+        shutil.copytree(SOURCE / "tools", self.folder / "source" / "tools",
+                        ignore=lambda folder, names: [n for n in names if n != "lint.sh"])
+        git = ("git", "-C", self.folder / "source", "-c", "user.name=a", "-c", "user.email=a")
+        self.call(*git, "init", "-q", "-b", "other")
+        self.call(*git, "commit", "-q", "--allow-empty", "-m", "first")
+        path = f"{self.folder / 'bin'}:{os.environ['PATH']}"
+        done = self.call(self.folder / "source" / "tools" / "lint.sh", env={**os.environ, "PATH": path})
+        self.assertNotEqual(done.returncode, 0, done.stdout)
+        self.assertIn("main", done.stderr)
+
+    def test_setup_refuses_options_it_does_not_have(self):
+        for options in (["--pyhton"], ["--python", "--view"]):
+            done = self.call(SOURCE / "tools" / "setup.sh", *options, timeout=60)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
+
+    def test_reproduce_takes_paths_of_its_caller(self):
+        """The interpreter is a stub that writes its arguments: those of plan.py."""
+        self.program("python", 'printf "%s\\n" "$@" > seen; exit 3\n')
+        for name in ("data", "bin", "worlds"):
+            (self.folder / name).mkdir()
+        done = self.call(SOURCE / "tools" / "reproduce.sh", "--no-setup", "--data", "data", "--bin", "bin",
+                         "--output", "a b", "--worlds", "worlds", cwd=self.folder,
+                         env={**os.environ, "KYS_PYTHON": "./python"})
+        self.addCleanup((SOURCE / "seen").unlink)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        words = (SOURCE / "seen").read_text().splitlines()
+        for option, name in (("--data", "data"), ("--bin", "bin"), ("--output", "a b"),
+                             ("--worlds", "worlds")):
+            self.assertEqual(words[words.index(option) + 1], str(self.folder / name))
+
+    def test_a_checkout_in_a_folder_with_a_space(self):
+        """The workflow runs one job of a plan that was made."""
+        tools = self.folder / "a b" / "experiments"
+        shutil.copytree(SOURCE / "tools" / "experiments", tools,
+                        ignore=shutil.ignore_patterns("__pycache__"))
+        (tools / "step.py").write_text(
+            "import sys\nopen(f'done/{sys.argv[2]}.json', 'w').write('{}')\n")
+        work = self.folder / "work"
+        for name in ("jobs", "done"):
+            (work / name).mkdir(parents=True)
+        (work / "plan.json").write_text(json.dumps({"jobs": ["x"]}))
+        (work / "jobs" / "x.json").write_text(json.dumps({"needs": [], "threads": 1, "cost": 1}))
+        done = self.call(sys.executable, "-m", "snakemake", "--snakefile", tools / "Snakefile",
+                         "--directory", work, "--cores", "1", "--quiet", "all")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue((work / "done" / "x.json").exists())
 
 
 class Drives(unittest.TestCase):

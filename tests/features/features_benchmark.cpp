@@ -20,7 +20,7 @@ using namespace kys_slam;
 
 const GrayImage& frame(int camera) {
   const auto load = [](int c) {
-    const char* elsewhere = std::getenv("KYS_SHARED_DATA");
+    const char* elsewhere = std::getenv("KYS_SHARED_DATA_DIR");
     const std::filesystem::path data = elsewhere != nullptr ? elsewhere : KYS_SHARED_DATA_DIR;
     const auto path = data / "kitti_06_clip" / (c == 0 ? "image_0" : "image_1") / "000010.png";
     return std::filesystem::exists(path) ? read_gray(path) : test::Texture(7).render(1226, 370);

@@ -214,7 +214,7 @@ TEST(OrbOptions, NamesTheSettingThatMakesNoSense) {
 }
 
 TEST(OrbExtractor, RealFramesAreFullAndEvenlyCovered) {
-  const char* elsewhere = std::getenv("KYS_SHARED_DATA");
+  const char* elsewhere = std::getenv("KYS_SHARED_DATA_DIR");
   const auto folder =
       std::filesystem::path(elsewhere != nullptr ? elsewhere : KYS_SHARED_DATA_DIR) /
       "kitti_06_clip";

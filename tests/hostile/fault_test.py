@@ -4,7 +4,7 @@ every n. Of the many allocations a sample; with --stacks the first and the last 
 stack of calls asks for, with --all every one. Whatever fails: the program ends by
 itself with status 0 or 2 and one line, what it wrote is complete, and what was tracked is saved.
 
-    fault_test.py BIN_DIR FAULTS_LIBRARY [--all] [--kinds read,write] [--program sequential]
+    fault_test.py BIN_DIR FAULTS_LIBRARY [--all] [--kinds read,write] [--schedule sequential]
 """
 import argparse
 import json

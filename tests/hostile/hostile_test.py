@@ -612,6 +612,19 @@ def settings_seed_of_the_simulator(f, programs):
 
 
 @case
+def settings_mode_that_is_named_stays(f, programs):
+    """Priors choose a mode only where none is named."""
+    os.mkdir(f("priors"))
+    f.write("priors/none.kysp", "")  # of no frame of the sequence
+    f.write("stock.yaml", "kys: {mode: stock}\n")
+    for arguments, mode in (([], "verified"), (["--set", "kys.mode=stock"], "stock"),
+                            (["--config", f("stock.yaml")], "stock"),
+                            (["--mode", "kys", "--set", "kys.mode=stock"], "kys")):
+        passed(programs.kitti(f, "--priors", f("priors"), "--overwrite", *arguments))
+        expect(complete(f)["mode"] == mode, f"{arguments}: not {mode}")
+
+
+@case
 def settings_set_leaves_the_sequence(f, programs):
     passed(programs.run("run_stereo_kitti", "--set", "orb.levels=7", f.sequence, "--output",
                         f.output, "--quiet"))

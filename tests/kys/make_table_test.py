@@ -146,6 +146,30 @@ class MakeTable(unittest.TestCase):
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
         self.assertEqual(self.run_tool(self.folder / "none.vec").returncode, 2)
 
+    def test_numbers_that_make_no_table(self):
+        """Signs of NaN and of no dimensions are all alike: every distance would be 0."""
+        bad = self.folder / "bad.bin"
+        write_bin(bad, {**VECTORS, "sky": [1.0, float("nan"), 0.5, 0.5]})
+        cases = [bad.read_bytes()]
+        write_bin(bad, dict.fromkeys(VECTORS, []))
+        cases += [bad.read_bytes(), b"3 0\nroad\nred\ncar\nsky\n"]
+        for content in cases:
+            bad.write_bytes(content)
+            done = self.run_tool(bad)
+            self.assertEqual(done.returncode, 2, content)
+            self.assertIn("bad.bin", done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            self.assertFalse((self.folder / "out" / "tiny.table.csv").exists())
+
+    def test_table_to_keep_names_its_line(self):
+        old = self.folder / "old.csv"
+        vectors = self.write_vec({k: v for k, v in VECTORS.items() if k != "red"})
+        for value in ("nan", "inf", "-1", "x"):
+            old.write_text(f"kys-table,1,tiny,3\n0,9,8\n9,0,{value}\n8,7,0\n")
+            done = self.run_tool(vectors, "--keep", old)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
+            self.assertIn("old.csv:3", done.stderr)
+
     def test_shipped_spaces_are_readable(self):
         for name, count in (("coco_panoptic_133", 133), ("ade20k_150", 150), ("vkitti2", 14)):
             found, classes = label_files.read_classes(SPACES / f"{name}.classes.csv")

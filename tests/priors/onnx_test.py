@@ -38,11 +38,11 @@ SETTINGS = {
 }
 
 
-def write_network(folder, **changes):
+def write_network(folder, scale=1.0, **changes):
     """Logits (-r, r - 0.5) of the red channel r: bright is car, dark is road."""
     node = onnx.helper.make_node("Conv", ["image", "weights", "bias"], ["logits"])
     weights = np.zeros((2, 3, 1, 1), np.float32)
-    weights[:, 0, 0, 0] = -1, 1
+    weights[:, 0, 0, 0] = -scale, scale
     constants = [onnx.numpy_helper.from_array(weights, "weights"),
                  onnx.numpy_helper.from_array(np.array([0.5, -0.5], np.float32), "bias")]
     tensor = onnx.helper.make_tensor_value_info
@@ -101,6 +101,44 @@ class Onnx(unittest.TestCase):
         self.assertAlmostEqual(segments[1]["area"], 30 * 50, delta=300)
         self.assertEqual(self.segment(network)["frames"], 0)
 
+    def test_other_weights_of_the_same_name_make_other_maps(self):
+        write_sequence(self.folder / "sequence")
+        for scale, made in ((1.0, 3), (1.0, 0), (0.5, 3)):
+            network = segment_onnx.Network(write_network(self.folder, scale))
+            self.assertEqual(self.segment(network)["frames"], made)
+
+    def test_settings_that_make_no_sense(self):
+        """One line that names the YAML file."""
+        entry = SETTINGS["input"]
+        wrong = [{"input": {**entry, "size": size}} for size in (5, [5], [0, 5], ["x", 5], [5.5, 5])]
+        wrong += [{"input": {**entry, key: value}} for key, value in (
+            ("divide_by", 0), ("divide_by", "x"), ("mean", [1, 2]), ("mean", "x"), ("deviation", 0),
+            ("gamma", "x"), ("gamma", -1))]
+        wrong += [{"output": {"kind": "semantic", "min_score": "x"}}, {"output": 5}, {"input": 5},
+                  {"output": {"kind": "panoptic", "divisor": 0}}, {"classes": 5}, {"classes": [["a"]]},
+                  {"label_space": "none"}, {"label_space": 5}]
+        for changes in wrong:
+            with self.assertRaises(segment_onnx.common.InputError, msg=changes) as ended:
+                segment_onnx.Network(write_network(self.folder, **changes))
+            if changes != {"label_space": "none"}:
+                self.assertIn("tiny.yaml", str(ended.exception))
+        file = write_network(self.folder)
+        file.write_bytes(b"\xff\xfe\x00")
+        with self.assertRaisesRegex(segment_onnx.common.InputError, "tiny.yaml"):
+            segment_onnx.Network(file)
+
+    def test_images_that_the_network_or_the_other_camera_does_not_fit(self):
+        write_sequence(self.folder / "sequence")
+        network = segment_onnx.Network(write_network(
+            self.folder, input={**SETTINGS["input"], "size": [40, 60]}))
+        with self.assertRaisesRegex(segment_onnx.common.InputError, "tiny.onnx.*60x40"):
+            self.segment(network)
+        small = self.folder / "sequence" / "image_1" / "000000.png"
+        cv2.imwrite(str(small), np.zeros((20, 20), np.uint8))
+        network = segment_onnx.Network(write_network(self.folder))
+        with self.assertRaisesRegex(segment_onnx.common.InputError, "image_1.000000.png"):
+            self.segment(network, other=self.folder / "sequence" / "image_1")
+
     def test_any_number_of_threads_gives_the_same_files(self):
         write_sequence(self.folder / "sequence")
         network = segment_onnx.Network(write_network(self.folder))
@@ -115,7 +153,7 @@ class Onnx(unittest.TestCase):
         write_sequence(self.folder / "sequence")
         (self.folder / "sequence" / "image_0" / "000001.png").write_bytes(b"no image")
         network = segment_onnx.Network(write_network(self.folder))
-        with self.assertRaises(SystemExit) as ended:
+        with self.assertRaises(segment_onnx.common.InputError) as ended:
             self.segment(network, jobs=2)
         self.assertIn("000001.png", str(ended.exception))
 
@@ -149,7 +187,7 @@ class Onnx(unittest.TestCase):
         for changes, text in (({"classes": ["road", "spaceship"]}, "spaceship"),
                               ({"output": {"kind": "guess"}}, "output.kind"),
                               ({"input": {}}, "input.size"), ({"file": "none.onnx"}, "none.onnx")):
-            with self.assertRaises(SystemExit) as caught:
+            with self.assertRaises(segment_onnx.common.InputError) as caught:
                 segment_onnx.Network(write_network(self.folder, **changes))
             self.assertIn(text, str(caught.exception))
 

@@ -107,7 +107,7 @@ class ImportedOutputs(unittest.TestCase):
                                  ("disparity_right/000007.pfm", "disp_right.pfm")):
                 self.assertEqual((out / name).read_bytes(), (made / f"000007_{source}").read_bytes())
             self.assertEqual((out / "flow" / "images.txt").read_text(), "image_2\n")
-            with self.assertRaisesRegex(SystemExit, "holds no"):
+            with self.assertRaisesRegex(common.InputError, "holds no"):
                 self.run_import("unimatch-flow", out / "disparity", "--output", out / "x")
 
     def test_kmax(self):
@@ -124,10 +124,10 @@ class ImportedOutputs(unittest.TestCase):
             read = json.loads((out.parent / "left.json").read_text())
             self.assertEqual(read["annotations"], [{"file_name": "000007.png", "segments_info": infos}])
             (made / "000008.png").write_bytes(b"more")
-            with self.assertRaisesRegex(SystemExit, "says nothing of 000008"):
+            with self.assertRaisesRegex(common.InputError, "says nothing of 000008"):
                 self.run_import("kmax", made, "--json", document, "--output", out)
             document.write_text("[1]")
-            with self.assertRaisesRegex(SystemExit, "not the document"):
+            with self.assertRaisesRegex(common.InputError, "not the document"):
                 self.run_import("kmax", made, "--json", document, "--output", out)
 
 
@@ -179,8 +179,10 @@ def run_main(module, *arguments):
     with mock.patch.object(sys, "argv", [module.__name__, *map(str, arguments)]):
         try:
             module.main()
+        except common.InputError as error:
+            return str(error)
         except SystemExit as end:
-            return getattr(end, "message", end.code)
+            return end.code
     return None
 
 
@@ -315,7 +317,7 @@ class Refusals(unittest.TestCase):
             self.assertIn("weights.pth of raft_small: cannot load: ", said)
 
     def test_device_that_is_none(self):
-        with self.assertRaises(SystemExit) as end:
+        with self.assertRaises(common.InputError) as end:
             common.choose_device("warp")
         self.assertTrue(str(end.exception).startswith("--device warp: "))
 
@@ -346,7 +348,7 @@ class ModelClasses(unittest.TestCase):
         space = panoptic.read_label_space("ade20k_150")
         shuffled = list(space)[1:] + ["windowpane"]
         for names in (["road", "starship"], shuffled):
-            with self.assertRaises(SystemExit) as end:
+            with self.assertRaises(common.InputError) as end:
                 self.categories(names, space)
             self.assertIn(names[-1], str(end.exception))
 

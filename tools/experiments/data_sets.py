@@ -1,5 +1,6 @@
 """Sequences of the known data sets under a folder, wherever in it they are."""
 import dataclasses
+import hashlib
 import os
 import re
 
@@ -78,13 +79,18 @@ def find_trajectories(root):
 
 
 def state_of(folder):
-    """What tells one state of a recording from another: number and latest change of its files."""
-    count, latest = 0, 0
-    for path, _, files in os.walk(folder):
+    """What tells one state of a folder from another: number of its files, and a digest of their names,
+    sizes and times of change."""
+    count, state = 0, hashlib.sha256()
+    for path, inside, files in os.walk(folder):
+        inside.sort()
         count += len(files)
-        for name in files:
-            latest = max(latest, os.stat(os.path.join(path, name)).st_mtime_ns)
-    return [count, latest]
+        for name in sorted(files):
+            file = os.path.join(path, name)
+            now = os.stat(file)
+            state.update(repr((os.path.relpath(file, folder), now.st_size, now.st_mtime_ns)).encode(
+                "utf-8", "surrogateescape"))
+    return [count, state.hexdigest()[:12]]
 
 
 def perception_of(sequence, root):

@@ -9,7 +9,8 @@ TRUTH holds kitti/NN.txt and euroc/NAME.tum.txt. A mode may have settings: kys:k
 is the literal one. Feature files are made when a run needs them, and removed after the last one that
 does. A run that is there, of the same programs with the same arguments, is not made again: stop it
 and start it again as you like. `stock` reads no priors and runs once per traffic. Written after
-every drive: DIR/drives.md (mean, and difference to stock on the same seed), DIR/drives.csv (all).
+every drive: DIR/drives.md (mean, and difference to stock on the same seed), DIR/drives.csv (all). A run
+that fails is a row with its reason; then the exit status is 2.
 """
 import argparse
 import glob
@@ -17,18 +18,22 @@ import hashlib
 import json
 import math
 import os
-import statistics
 import sys
 import time
 
+import numpy as np
+from scipy import stats
+
+from paired import CONFIDENCE, mean
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, digest, find_program, read_json,
                   remove, write_text)
+from inputs import reading, run, whole  # runs knows where it is
 from tables import Table, show
 
 RUN_HEADER = ["sequence", "traffic", "perception", "mode", "seed", "frames", "lost", "ATE m",
-              "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share"]
+              "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share", "failed"]
 HEADER = ["sequence", "traffic", "perception", "mode", "seeds", "ATE m", "less stock, m", "E_t %",
-          "E_R deg/100m", "frames lost", "loops"]
+          "E_R deg/100m", "frames lost", "loops", "failed"]
 
 
 class Drive:
@@ -91,17 +96,19 @@ def finished(command, output):
     return read_json(os.path.join(output, "run.json")) == key
 
 
-def run_once(command, output, announce):
-    """The summary of a run, made unless it is there; None when the program failed."""
+def figures_of(drive, command, output, options):
+    """What a row has after its labels, of a run that is made unless it is there."""
     if not finished(command, output):
         remove(output)
-        try:
-            call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
-        except Failure as failure:
-            announce(str(failure))
-            return None
+        call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
         write_text(os.path.join(output, "run.json"), json.dumps([digest(command[0]), command[1:]]))
-    return read_json(os.path.join(output, "summary.json"))
+    file = os.path.join(output, "summary.json")
+    e_t, e_r = segment_errors(find_program(options.bin, "evaluate_trajectory"), output)
+    with reading(file):
+        s = read_json(file)
+        return [s["frames"], s["frames"] - s["frames_tracked"], s.get("ate_se3_rmse_m"), e_t, e_r,
+                s.get("rpe_translation_rmse_m"), s["loops_closed"], s["keyframes"], s["submaps"],
+                drive.share(), ""]
 
 
 def run_drive(drive, modes, options, announce):
@@ -114,29 +121,21 @@ def run_drive(drive, modes, options, announce):
             command += ["--set", setting]
         folder = os.path.join(options.output, "runs", drive.name + "-" + mode.replace(":", "+"))
         jobs.append((mode, command, folder))
-    if not all(finished(command, folder) for _, command, folder in jobs):
-        drive.make(announce)
+    sequence, traffic, perception, seed = drive.labels
     rows = []
     for mode, command, folder in jobs:
-        if not finished(command, folder):
-            announce(f"{drive.name}: {mode}")
-        summary = run_once(command, folder, announce)
-        if summary is None:
-            continue
-        e_t, e_r = segment_errors(find_program(options.bin, "evaluate_trajectory"), folder)
-        sequence, traffic, perception, seed = drive.labels
-        rows.append([sequence, traffic, perception, mode, seed, summary["frames"],
-                     summary["frames"] - summary["frames_tracked"], summary.get("ate_se3_rmse_m"),
-                     e_t, e_r, summary.get("rpe_translation_rmse_m"), summary["loops_closed"],
-                     summary["keyframes"], summary["submaps"], drive.share()])
+        try:
+            if not finished(command, folder):
+                drive.make(announce)
+                announce(f"{drive.name}: {mode}")
+            figures = figures_of(drive, command, folder, options)
+        except (Failure, InputError) as error:
+            announce(f"{drive.name}: {mode}: {error}")
+            figures = [None] * (len(RUN_HEADER) - 6) + [str(error)]
+        rows.append([sequence, traffic, perception, mode, seed, *figures])
     if not options.keep:
         remove(drive.file)
     return rows
-
-
-def mean(values):
-    known = [v for v in values if v is not None]
-    return statistics.fmean(known) if known else None
 
 
 def interval(values):
@@ -145,9 +144,9 @@ def interval(values):
         return "-"
     if len(values) == 1:
         return f"{values[0]:+.3f}"
-    t = {2: 12.71, 3: 4.30, 4: 3.18, 5: 2.78}.get(len(values), 2.0)
-    half = t * statistics.stdev(values) / math.sqrt(len(values))
-    return f"{statistics.fmean(values):+.3f} +- {half:.3f}"
+    half = stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(
+        len(values))
+    return f"{np.mean(values):+.3f} +- {half:.3f}"
 
 
 def summarise(rows):
@@ -165,7 +164,8 @@ def summarise(rows):
                       show(mean([r[7] for r in group]), 3),
                       "" if mode == "stock" else interval(less),
                       show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
-                      sum(r[6] for r in group), sum(r[11] for r in group)])
+                      *(sum(r[k] or 0 for r in group) for k in (6, 11)),
+                      sum(bool(r[15]) for r in group)])
     return table
 
 
@@ -177,6 +177,8 @@ def sequences_of(truth):
     kitti = [os.path.basename(p)[:-4] for p in sorted(glob.glob(os.path.join(truth, "kitti", "*.txt")))]
     euroc = [os.path.basename(p).split(".")[0]
              for p in sorted(glob.glob(os.path.join(truth, "euroc", "*.tum.txt")))]
+    if not kitti + euroc:
+        raise InputError(f"{truth}: holds no trajectories (kitti/NN.txt, euroc/NAME.tum.txt)")
     return kitti + euroc
 
 
@@ -192,7 +194,7 @@ def parse(arguments):
     parser.add_argument("--modes", type=words,
                         default=["stock", "panoptic", "kys", "kys:kys.normalize=false", "mask"])
     parser.add_argument("--seeds", type=words, default=["1", "2", "3"])
-    parser.add_argument("--frames", type=int, help="number of frames of each sequence (default: all)")
+    parser.add_argument("--frames", type=whole(1), help="number of frames of each sequence (default: all)")
     parser.add_argument("--bin", default="build/release/bin")
     parser.add_argument("--keep", action="store_true", help="do not remove feature files")
     return parser.parse_args(arguments)
@@ -221,13 +223,10 @@ def main():
                     write_text(os.path.join(options.output, "drives.md"),
                                table_of(rows).markdown())
     print(table_of(rows).markdown(), end="")
-    announce("done")
-    return 0
+    failed = sum(bool(row[-1]) for row in rows)
+    announce(f"done; {failed} of {len(rows)} runs failed" if failed else "done")
+    return 2 if failed else 0
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (InputError, Failure) as error:
-        print(f"drives.py: {error}", file=sys.stderr)
-        sys.exit(2)
+    run(main)

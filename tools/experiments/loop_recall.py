@@ -14,15 +14,22 @@ as verified when it was closed, differs from the true one by no more than --erro
 """
 
 import argparse
-import csv
 import pathlib
 import sys
 
 import numpy as np
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "common"))
+import inputs  # noqa: E402
+
+
+FRAMES = {"index": str, "timestamp": float, "loop": str, "loop_frame": str, "loop_gap_m": float,
+          "loop_distance_m": float}
+
 
 def read_truth(path):
-    rows = np.loadtxt(path, ndmin=2)
+    with inputs.reading(path):
+        rows = np.loadtxt(path, ndmin=2)[:, :8]
     x, y, z, w = rows[:, 4:8].T
     forward = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=1)
     return rows[:, 0], rows[:, 1:4], forward
@@ -64,25 +71,25 @@ class Limits:
 
 def recall_of(run, options=Limits):
     """Loops closed and true, revisits and those the map ties, largest gap of a loop (m) of a run.
-    OSError, ValueError, IndexError: the folder has no ground truth or is incomplete."""
+    InputError: the folder has no ground truth or is incomplete."""
     run = pathlib.Path(run)
     times, positions, forward = read_truth(run / "ground_truth.tum")
-    with open(run / "frames.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    edges = np.loadtxt(run / "graph.csv", delimiter=",", skiprows=1, ndmin=2)[:, :3]
-    time_of = {row["index"]: float(row["timestamp"]) for row in rows}
+    rows = inputs.read_table(run / "frames.csv", FRAMES)
+    with inputs.reading(run / "graph.csv"):
+        edges = np.loadtxt(run / "graph.csv", delimiter=",", skiprows=1, ndmin=2)[:, :3]
+    time_of = {row["index"]: row["timestamp"] for row in rows}
     exist = revisits(times, positions, forward, options)
     closed, true, gap = [], 0, 0.0
     for row in rows:
         if not row["loop"]:
             continue
-        closed.append(float(row["timestamp"]))
-        gap = max(gap, float(row["loop_gap_m"]))
+        closed.append(row["timestamp"])
+        gap = max(gap, row["loop_gap_m"])
         if row["loop_frame"] not in time_of:
             continue
         a = int(np.argmin(abs(times - closed[-1])))
         b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
-        error = abs(np.linalg.norm(positions[a] - positions[b]) - float(row["loop_distance_m"]))
+        error = abs(np.linalg.norm(positions[a] - positions[b]) - row["loop_distance_m"])
         true += bool(error <= options.error)
     tied = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
     return {"loops_closed": len(closed), "loops_true": true, "revisits": len(exist),
@@ -103,11 +110,7 @@ def main():
     print("| --- | --- | --- | --- | --- | --- |")
     totals = np.zeros(4, int)
     for run in options.run:
-        try:
-            found = recall_of(run, options)
-        except (OSError, ValueError, IndexError) as error:
-            print(f"loop_recall.py: {run}: {error}", file=sys.stderr)
-            return 2
+        found = recall_of(run, options)
         counts = [found[key] for key in ("loops_closed", "loops_true", "revisits", "revisits_tied")]
         print(f"| {run.name} | {' | '.join(map(str, counts))} | {found['loop_gap_m']:.2f} |")
         totals += counts
@@ -116,4 +119,4 @@ def main():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    inputs.run(main)

@@ -20,7 +20,8 @@ import sys
 import yaml
 
 import data_sets
-from runs import InputError, digest, find_program, read_json, write_text
+from runs import FAILED, InputError, digest, find_program, read_json, remove, write_text
+from inputs import whole  # runs knows where it is
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 SOURCE = os.path.dirname(os.path.dirname(HERE))
@@ -104,6 +105,20 @@ class Planner:
                             "threads": threads, "cost": cost}
         return ident
 
+    # --- given data ----------------------------------------------------------------------------
+
+    def state_of(self, folder):
+        if folder not in self.states:
+            self.states[folder] = data_sets.state_of(folder)
+        return self.states[folder]
+
+    def given_perception(self, name):
+        """Parts of a spec: a recording and its perception, where they are and in what state."""
+        sequence = self.given[name]
+        perception = data_sets.perception_of(sequence, self.options.data)
+        return {"state": self.state_of(sequence.folder), "perception": perception,
+                "perception_state": perception and self.state_of(perception[1])}
+
     # --- input ---------------------------------------------------------------------------------
 
     def input_of(self, name, seed, experiment):
@@ -111,10 +126,7 @@ class Planner:
         if name in self.given:
             if seed != experiment["seeds"][0]:
                 return None  # a recording has no seeds
-            folder = self.given[name].folder
-            if folder not in self.states:
-                self.states[folder] = data_sets.state_of(folder)
-            return None, folder, {"origin": "given", "input": name}
+            return None, self.given[name].folder, {"origin": "given", "input": name}
         spec, _, size = name.partition("@")
         if spec.startswith("world/"):
             stand_in = {"world": spec.removeprefix("world/"), "seed": 0}
@@ -169,9 +181,7 @@ class Planner:
         if config:
             spec["config_digest"] = digest(os.path.join(CONFIGS, config))
         if job is None:
-            sequence = self.given[name]
-            spec.update(state=self.states[folder], label_space=sequence.label_space,
-                        perception=data_sets.perception_of(sequence, self.options.data))
+            spec.update(label_space=self.given[name].label_space, **self.given_perception(name))
         needs = [job] if job else []
         if recipe:
             spec["perturb"] = self.programs.key("perturb_priors")
@@ -203,7 +213,7 @@ class Planner:
         arguments = ["--mode", mode, "--schedule", schedule]
         spec = {"input": folder}
         if job is None:
-            spec["state"] = self.states[folder]
+            spec["state"] = self.state_of(folder)
             if experiment.get("frames"):
                 arguments += ["--frames", str(experiment["frames"])]
             if self.given[name].label_space != "coco_panoptic_133":
@@ -278,7 +288,7 @@ class Planner:
                 "compare": self.programs.key("compare_priors"),
                 "build": self.programs.key("build_priors")}
         if job is None:
-            spec.update({k: self.jobs[exact]["spec"][k] for k in ("state", "perception")})
+            spec.update(self.given_perception(name))
         ident = self.add("survey", [name.replace("/", ""), seed], spec,
                          ([job] if job else []) + [exact, still], 1, 10)
         return {**labels, "job": ident, "seed": seed, "variant": "", "configuration": "KYS",
@@ -289,8 +299,7 @@ class Planner:
         job, folder, _ = source
         spec = {"input": folder, "frames": 6, "build": self.programs.key("build_priors")}
         if job is None:
-            spec.update(state=self.states[folder],
-                        perception=data_sets.perception_of(self.given[name], self.options.data))
+            spec.update(self.given_perception(name))
         return self.add("perception", [name.replace("/", "")], spec, [job] if job else [],
                         self.options.cores, 10)
 
@@ -372,16 +381,20 @@ class Planner:
         for wanted in self.options.only:
             if wanted not in names:
                 raise InputError(f"--only {wanted}: there are {', '.join(names)}")
-        experiments = []
+        experiments, known = [], set()
         for file in files:
             if self.options.only and file.removesuffix(".yaml") not in self.options.only:
                 continue
             spec = self.experiment(file)
+            known.update(load_yaml(file)["inputs"], spec["inputs"])
             if not spec["schedules"]:
                 continue
             spec["runs"] = self.runs_of(spec)
             spec["left_out"] = self.left_out.get(spec["name"], {})
             experiments.append(spec)
+        for wanted in self.options.inputs:
+            if wanted not in known:
+                raise InputError(f"--inputs {wanted}: there are {', '.join(sorted(known))}")
         experiments.sort(key=lambda e: e.get("order", 99))
         return {"scale": self.options.scale, "source": SOURCE, "bin": self.options.bin,
                 "data": self.options.data, "worlds": self.options.worlds, "cores": self.options.cores,
@@ -393,13 +406,18 @@ class Planner:
 
 
 def write_plan(plan, jobs, output):
-    """Job files that are there already stay as they are: their times mean something."""
+    """Job files that are there already stay as they are: their times mean something. Failed jobs are
+    to be done again."""
     os.makedirs(os.path.join(output, "jobs"), exist_ok=True)
     os.makedirs(os.path.join(output, "done"), exist_ok=True)
     for ident, job in jobs.items():
         path = os.path.join(output, "jobs", ident + ".json")
         if read_json(path) != job:
             write_text(path, json.dumps(job))
+    for entry in os.scandir(os.path.join(output, "done")):
+        result = read_json(entry.path) if entry.name.endswith(".json") else None
+        if isinstance(result, dict) and result.get("status") == FAILED:
+            remove(entry.path)
     write_text(os.path.join(output, "plan.json"), json.dumps(plan, indent=1))
 
 
@@ -419,7 +437,7 @@ def main():
     parser.add_argument("--worlds", default="", metavar="DIR",
                         help="worlds rendered before by this simulator: taken where the command in "
                              "their README is the same")
-    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--cores", type=whole(1), default=2)
     parser.add_argument("--bin", default=os.path.join(SOURCE, "build", "release", "bin"),
                         metavar="DIR")
     options = parser.parse_args()
@@ -427,8 +445,9 @@ def main():
     options.bin = os.path.abspath(options.bin)
     options.worlds = os.path.abspath(options.worlds) if options.worlds else ""
     try:
-        if options.data and not os.path.isdir(options.data):
-            raise InputError(f"{options.data}: no such folder")
+        for folder in (options.data, options.worlds):
+            if folder and not os.path.isdir(folder):
+                raise InputError(f"{folder}: no such folder")
         planner = Planner(options)
         plan = planner.plan()
         write_plan(plan, planner.jobs, options.output)

@@ -63,9 +63,9 @@ def cell(rows, metric):
     return text or "-"
 
 
-def splits(experiment, rows):
-    """What goes into one table: origins are never mixed, nor what `per` names."""
-    keys = ["origin"] + [k for k in ("variant", "schedule") if len(unique(rows, k)) > 1]
+def splits(experiment, rows, apart=("variant", "schedule")):
+    """What goes into one table: origins are never mixed, nor the labels `apart`, nor what `per` names."""
+    keys = ["origin"] + [k for k in apart if len(unique(rows, k)) > 1]
     keys += [k for k in experiment.get("per", []) if k not in keys]
     seen = list(dict.fromkeys(tuple(r[k] for k in keys) for r in rows))
     for values in seen:
@@ -173,7 +173,7 @@ def paired_rows(label, baseline_rows, rows, metric, ignore=()):
     keys, a, b = pairs(baseline_rows, rows, metric, ignore)
     if not keys:
         return None
-    d = difference(a, b)
+    d = difference(a, b)  # of metres; the ratio, its interval, test and verdict are of logarithms
     good = [(x, y) for x, y in zip(a, b) if x > 0 and y > 0]
     ratio = difference([np.log(x) for x, _ in good], [np.log(y) for _, y in good])
     worst = max(range(len(keys)), key=lambda i: b[i] - a[i])
@@ -181,7 +181,7 @@ def paired_rows(label, baseline_rows, rows, metric, ignore=()):
     power = lambda v: None if v is None else float(np.exp(v))
     return label + [
         d.pairs, show(d.mean), interval(d.low, d.high), show(power(ratio.mean), 3),
-        interval(power(ratio.low), power(ratio.high)), show_p(d.wilcoxon_p),
+        interval(power(ratio.low), power(ratio.high)), show_p(ratio.wilcoxon_p),
         f"{show(b[worst] - a[worst])} ({keys[worst][0]}, seed {keys[worst][1]})",
         show(mean([r.get("tracked") for r in rows]), 1), ratio.verdict]
 
@@ -218,8 +218,8 @@ def paired_tables(experiment, rows):
                 f"{experiment['name']}-paired-{len(tables) + 1}",
                 f"Paired difference of ATE to {baseline}; {words}",
                 ["configuration", "case", *PAIRED_HEADER], body,
-                "Same input, seed and case. Ratio: geometric mean of ATE over the baseline's; "
-                "intervals: bootstrap over pairs."))
+                "Same input, seed and case. Ratio: geometric mean of ATE over the baseline's, tested by "
+                "Wilcoxon's signed ranks of its logarithms; intervals: bootstrap over pairs."))
     return tables + variant_tables(experiment, rows)
 
 
@@ -228,12 +228,12 @@ def variant_tables(experiment, rows):
     if len(variants) < 2:
         return []
     tables = []
-    for origin in unique(rows, "origin"):
+    for _, words, group in splits({}, rows, apart=("schedule",)):
         body = []
         for other in variants[1:]:
-            for configuration in unique(rows, "configuration"):
-                for case in unique(rows, "case"):
-                    mine = select(rows, origin=origin, configuration=configuration, case=case)
+            for configuration in unique(group, "configuration"):
+                for case in unique(group, "case"):
+                    mine = select(group, configuration=configuration, case=case)
                     row = paired_rows([configuration, case], select(mine, variant=variants[0]),
                                       select(mine, variant=other), "ate", ignore=("variant",))
                     if row:
@@ -242,7 +242,7 @@ def variant_tables(experiment, rows):
             tables.append(Table(
                 f"{experiment['name']}-variants-{len(tables) + 1}",
                 f"Paired difference of ATE, {', '.join(variants[1:])} to {variants[0]}; "
-                f"{ORIGINS[origin]}", ["configuration", "case", *PAIRED_HEADER], body))
+                f"{words}", ["configuration", "case", *PAIRED_HEADER], body))
     return tables
 
 

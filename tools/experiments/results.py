@@ -3,7 +3,7 @@ import csv
 import os
 
 from paired import mean
-from runs import InputError, read_json
+from runs import read_json, read_plan
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 METRICS = {"ate": ("ATE", "m"), "rpe_m": ("E_t per frame", "m"), "rpe_deg": ("E_R per frame", "deg"),
@@ -17,9 +17,7 @@ ORIGINS = {"given": "given data", "stand-in": "simulated stand-ins", "simulated"
 class Results:
     def __init__(self, work):
         self.work = os.path.abspath(work)
-        self.plan = read_json(os.path.join(self.work, "plan.json"))
-        if self.plan is None:
-            raise InputError(f"{work}: no plan.json; see plan.py")
+        self.plan = read_plan(self.work, "scale", "source", "jobs", "given", "experiments")
         self._done = {}
 
     def done(self, ident):

@@ -5,14 +5,15 @@ import json
 import os
 import shutil
 import subprocess
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "common"))
+from inputs import InputError  # noqa: E402
 
 TIERS = ("same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped")
+FAILED = "failed"  # status of a job without a result
 DONE, TRACKING_FAILED = 0, 3  # exit status of the run_stereo programs that leave results
 EXACT = ("panoptic-left", "panoptic-right", "disparity", "flow-left", "flow-right")
-
-
-class InputError(Exception):
-    """Bad input; the message is one line that says what is wrong."""
 
 
 class Failure(Exception):
@@ -55,6 +56,15 @@ def read_json(path):
             return json.load(file)
     except (OSError, ValueError):
         return None
+
+
+def read_plan(work, *keys):
+    """plan.json of a work folder, as plan.py writes it."""
+    path = os.path.join(work, "plan.json")
+    plan = read_json(path)
+    if not isinstance(plan, dict) or any(key not in plan for key in keys):
+        raise InputError(f"{path}: no plan, or a damaged one; plan.py writes it")
+    return plan
 
 
 def remove(path):

@@ -18,8 +18,8 @@ import time
 import numpy as np
 
 from loop_recall import recall_of
-from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, perception_arguments, read_json,
-                  remove, shares, tier_counts, write_text)
+from runs import (DONE, FAILED, TRACKING_FAILED, Failure, InputError, call, perception_arguments,
+                  read_json, read_plan, remove, shares, tier_counts, write_text)
 from town_path import write_drive
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
@@ -37,15 +37,17 @@ class Work:
 
     def __init__(self, folder):
         self.folder = os.path.abspath(folder)
-        self.plan = read_json(self.path("plan.json"))
-        if self.plan is None:
-            raise InputError(f"{self.path('plan.json')}: cannot be read; run plan.py")
+        self.plan = read_plan(self.folder, "cores", "jobs", "costs")
 
     def path(self, *parts):
         return os.path.join(self.folder, *parts)  # an absolute part stands for itself
 
     def job(self, ident):
-        return read_json(self.path("jobs", ident + ".json"))
+        path = self.path("jobs", ident + ".json")
+        job = read_json(path)
+        if not isinstance(job, dict):
+            raise InputError(f"{path}: no job; plan.py writes them")
+        return job
 
     def done(self, ident):
         return read_json(self.path("done", ident + ".json"))
@@ -172,9 +174,9 @@ def exposure(work, clean, perturbed, folder, scratch):
             seen = frames.setdefault(row["frame"], [0, 0])
             seen[0] += int(row["any"])
             seen[1] += int(row["keypoints"])
-    values = sorted(100 * wrong / max(1, total) for wrong, total in frames.values())
-    return {"exposure_mean": sum(values) / len(values), "exposure_max": values[-1],
-            "exposure_p95": values[min(len(values) - 1, int(0.95 * len(values)))]}
+    values = [100 * wrong / max(1, total) for wrong, total in frames.values()]
+    return {"exposure_mean": float(np.mean(values)), "exposure_max": max(values),
+            "exposure_p95": float(np.percentile(values, 95))}
 
 
 def make_priors(work, job):
@@ -242,7 +244,7 @@ def figures_of(output):
     }
     try:
         figures.update(recall_of(output))
-    except (OSError, ValueError, IndexError):
+    except InputError:
         pass  # no ground truth
     return figures
 
@@ -387,13 +389,13 @@ KINDS = {"input": simulate, "drive": simulate_drive, "priors": make_priors, "run
 
 def do(work, job):
     for need in job["needs"]:
-        needed = work.done(need) or {"status": "failed", "reason": "was not made"}
-        if needed["status"] == "failed":
-            return {"status": "failed", "reason": f"{need.split('-')[0]}: {needed['reason']}"}
+        needed = work.done(need) or {"status": FAILED, "reason": "was not made"}
+        if needed["status"] == FAILED:
+            return {"status": FAILED, "reason": f"{need.split('-')[0]}: {needed['reason']}"}
     try:
         return {"status": "done", **KINDS[job["kind"]](work, job)}
     except (Failure, InputError, OSError, ValueError, KeyError) as error:
-        return {"status": "failed", "reason": str(error) or type(error).__name__}
+        return {"status": FAILED, "reason": str(error) or type(error).__name__}
 
 
 def time_left(work, sample=40):
@@ -418,10 +420,10 @@ def main():
         return 2
     try:
         work = Work(sys.argv[1])
+        job = work.job(sys.argv[2])
     except InputError as error:
         print(f"step.py: {error}", file=sys.stderr)
         return 2
-    job = work.job(sys.argv[2])
     start = time.monotonic()
     result = {"id": job["id"], **do(work, job), "seconds": time.monotonic() - start}
     write_text(work.path("done", job["id"] + ".json"), json.dumps(result))

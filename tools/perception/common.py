@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+from inputs import (InputError, fail, first_line, read_table, reading,  # noqa: E402, F401
+                    run, whole)
+
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
 PAIRS = {"grey": ("image_0", "image_1"), "colour": ("image_2", "image_3")}
 
 
 def image_pair(sequence, wanted=""):
     """Left and right image folder that run_stereo_kitti tracks (--pair). The right one may be
-    missing. Exits with one line when there is no left one."""
+    missing. InputError when there is no left one."""
     for name, (left, right) in PAIRS.items():
         if wanted in ("", name) and (Path(sequence) / left).is_dir():
             return Path(sequence) / left, Path(sequence) / right
@@ -23,7 +27,7 @@ def image_pair(sequence, wanted=""):
 
 
 def list_images(folder):
-    """Images of a folder in order of name. Exits with one line when there are none."""
+    """Images of a folder in order of name. InputError when there are none."""
     folder = Path(folder)
     if not folder.is_dir():
         fail(f"{folder}: is not a folder")
@@ -58,9 +62,13 @@ def write_atomic(path, data):
     try:
         temporary.write_bytes(data)
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}")
+    finally:
+        try:
+            temporary.unlink(missing_ok=True)
+        except OSError:
+            pass  # its folder is none
 
 
 def write_flo(path, flow):
@@ -95,42 +103,8 @@ def _lines(items, label):
         yield item
 
 
-class InputError(SystemExit):
-    """Ends the program with status 2. Its text is the message."""
-
-    def __init__(self, message):
-        super().__init__(2)
-        self.message = message
-
-    def __str__(self):
-        return self.message
-
-
-def fail(message):
-    """The input is at fault: ends the program with status 2; run() prints the message."""
-    raise InputError(message)
-
-
-def run(main):
-    """Calls main() and prints the message of an InputError: once, also when several threads
-    failed."""
-    try:
-        main()
-    except InputError as error:
-        print(error, file=sys.stderr)
-        raise
-
-
-def positive(text):
-    """A whole number of at least 1, for argparse."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return value
-
-
 def need(*modules):
-    """Exits with one line when a network library is not installed."""
+    """InputError when a network library is not installed."""
     for module in modules:
         try:
             importlib.import_module(module)
@@ -150,11 +124,6 @@ def choose_device(name):
     except (RuntimeError, AssertionError) as error:
         fail(f"--device {name}: {first_line(error)}")
     return device
-
-
-def first_line(error):
-    """The first line of an exception's message, or its type."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def arguments(description, inputs):

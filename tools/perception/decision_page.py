@@ -12,7 +12,6 @@ alone. The last frame has no flow: it is left out.
 
 import argparse
 import base64
-import csv
 import html
 import sys
 from pathlib import Path
@@ -21,8 +20,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python" / "kys_slam"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "semantics"))
 import common  # noqa: E402
 import kysp  # noqa: E402
+from label_files import read_classes  # noqa: E402
 
 COLOURS = {"moving": (40, 40, 230), "static": (60, 180, 60), "not_judged": (0, 200, 230)}  # BGR
 MARGIN = 0.6       # of a segment's size, shown around it
@@ -32,12 +33,18 @@ margin:.3em;vertical-align:top;width:19em}img{max-width:19em}figcaption{font-siz
 .moving{color:#c00}.static{color:#080}.not_judged{color:#a80}.wrong{background:#fcc}svg{background:#f4f4f4}"""
 
 
-def read_table(path):
-    try:
-        with open(path, newline="", encoding="utf-8") as stream:
-            return list(csv.DictReader(stream))
-    except (OSError, csv.Error, UnicodeDecodeError) as error:
-        common.fail(f"{path}: {common.first_line(error)}")
+def state(text):
+    if text not in COLOURS:
+        raise ValueError(f"state '{text}'")
+    return text
+
+
+COLUMNS = {"frame": str, "camera": str, "input_id": str, "identity": int, "label": int, "area_px": int,
+           "state": state, **dict.fromkeys(
+               ("log_odds", "mean_depth_m", "evidence_flow", "median_px", "valid", "patches",
+                "evidence_appearance", "still_alike", "keypoints", "evidence_keypoints",
+                "keypoint_inliers", "keypoint_shift_m", "keypoint_span_s", "evidence_space",
+                "place_free", "place_occupied", "place_span_s"), float)}  # of segments.csv
 
 
 def frame_number(text):
@@ -47,14 +54,15 @@ def frame_number(text):
 
 def read_truth(path):
     """Whether it moves, by frame, camera and number in the segmentation."""
-    return {(frame_number(row["frame"]), row["camera"], row.get("input_id") or row["segment_id"]):
-            row["moving"] == "1" for row in read_table(path)}
+    rows = common.read_table(path, {"frame": str, "camera": str, "moving": str})
+    with common.reading(path):
+        return {(frame_number(row["frame"]), row["camera"], row.get("input_id") or row["segment_id"]):
+                row["moving"] == "1" for row in rows}
 
 
 def reasons(row):
     """What each source said, in words."""
-    number = {key: float(row[key]) for key in row if key not in ("frame", "camera", "state")}
-    said = []
+    number, said = row, []
     if number["evidence_flow"]:
         said.append(f"flow {number['evidence_flow']:+.1f}: median residual {number['median_px']:.1f} px "
                     f"in {100 * number['valid']:.0f} % of its pixels")
@@ -69,7 +77,7 @@ def reasons(row):
         said.append(f"keypoints {number['evidence_keypoints']:+.1f}: {number['keypoint_inliers']:.0f} of "
                     f"{number['keypoints']:.0f} moved {number['keypoint_shift_m']:.2f} m in "
                     f"{number['keypoint_span_s']:.1f} s")
-    if number.get("evidence_space"):
+    if number["evidence_space"]:
         said.append(f"free space {number['evidence_space']:+.1f}: its place was free at "
                     f"{number['place_free']:.0f} px and occupied at "
                     f"{number['place_occupied']:.0f}, {number['place_span_s']:.1f} s before")
@@ -99,7 +107,7 @@ class Pictures:
 
         side = int(row["camera"] == "right")
         camera = self.load(row["frame"]).cameras[side]
-        at = np.flatnonzero(camera.segments["instance"] == int(row["identity"]))
+        at = np.flatnonzero(camera.segments["instance"] == row["identity"])
         if len(at) == 0:
             return None
         mask = camera.segment_map == at[0] + 1
@@ -126,7 +134,7 @@ def curve(rows):
     frames = [frame_number(row["frame"]) for row in rows]
     first, last = min(frames), max(frames)
     points = " ".join(f"{10 + 480 * (f - first) / max(1, last - first):.0f},"
-                      f"{30 - 5 * float(row['log_odds']):.1f}" for f, row in zip(frames, rows))
+                      f"{30 - 5 * row['log_odds']:.1f}" for f, row in zip(frames, rows))
     return (f'<svg width="500" height="60"><line x1="0" y1="30" x2="500" y2="30" stroke="#aaa"/>'
             f'<polyline points="{points}" fill="none" stroke="#00c" stroke-width="2"/></svg>')
 
@@ -148,23 +156,18 @@ def chosen(rows, count, truth, wrong_alone):
 
 def names_of(label_space):
     """Class names by dense label; empty where the label space is not known."""
-    try:
-        lines = (Path(__file__).resolve().parents[2] / "kys" / "data" /
-                 f"{label_space}.classes.csv").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return []
-    lines = [line for line in lines if line and not line.startswith("#")][2:]
-    return [line.split(",", 4)[4] for line in lines]
+    file = Path(__file__).resolve().parents[2] / "kys" / "data" / f"{label_space}.classes.csv"
+    return [c.name for c in read_classes(file)[1]] if file.exists() else []
 
 
 def figure(row, picture, names, truth):
-    label = int(row["label"])
-    name = names[label] if label < len(names) else f"class {label}"
+    label = row["label"]
+    name = names[label] if 0 <= label < len(names) else f"class {label}"
     wrong = is_wrong(row, truth)
     text = [f'<b class="{row["state"]}">{row["state"].replace("_", " ")}</b>'
             + (" <b>(the truth says otherwise)</b>" if wrong else ""),
-            f"frame {html.escape(row['frame'])} {row['camera']}, {html.escape(name)}, {row['area_px']} px at "
-            f"{float(row['mean_depth_m']):.0f} m, belief {float(row['log_odds']):+.1f}"]
+            f"frame {html.escape(row['frame'])} {html.escape(row['camera'])}, {html.escape(name)}, {row['area_px']} px at "
+            f"{row['mean_depth_m']:.0f} m, belief {row['log_odds']:+.1f}"]
     text += [html.escape(reason) for reason in reasons(row)]
     data = base64.b64encode(picture).decode("ascii")
     return (f'<figure class="{"wrong" if wrong else ""}"><img src="data:image/jpeg;base64,{data}" alt="">'
@@ -172,9 +175,9 @@ def figure(row, picture, names, truth):
 
 
 def make_page(options):
-    rows = [row for row in read_table(Path(options.priors) / "segments.csv")
-            if int(row["area_px"]) >= options.min_area]
-    if not rows or "log_odds" not in rows[0]:
+    rows = [row for row in common.read_table(Path(options.priors) / "segments.csv", COLUMNS)
+            if row["area_px"] >= options.min_area]
+    if not rows:
         common.fail(f"{options.priors}: has no judged segments of {options.min_area} px "
                     "(segments.csv)")
     last = max(frame_number(row["frame"]) for row in rows)
@@ -182,7 +185,7 @@ def make_page(options):
     truth = read_truth(options.truth) if options.truth else {}
     objects = {}
     for row in rows:
-        objects.setdefault(int(row["identity"]) % kysp.RIGHT_INSTANCES, []).append(row)
+        objects.setdefault(row["identity"] % kysp.RIGHT_INSTANCES, []).append(row)
     if options.wrong:
         objects = {k: v for k, v in objects.items() if any(is_wrong(row, truth) for row in v)}
 
@@ -220,9 +223,9 @@ def main():
     parser.add_argument("--output", required=True, type=Path, help="HTML file")
     parser.add_argument("--truth", help="table of the true decisions")
     parser.add_argument("--wrong", action="store_true", help="only wrong decisions (with --truth)")
-    parser.add_argument("--objects", type=int, default=40, help="largest number of objects")
-    parser.add_argument("--pictures", type=int, default=6, help="largest number of images per object")
-    parser.add_argument("--min-area", type=int, default=200, help="px, of a segment")
+    parser.add_argument("--objects", type=common.whole(0), default=40, help="largest number of objects")
+    parser.add_argument("--pictures", type=common.whole(0), default=6, help="largest number of images per object")
+    parser.add_argument("--min-area", type=common.whole(0), default=200, help="px, of a segment")
     options = parser.parse_args()
     if options.wrong and not options.truth:
         parser.error("--wrong needs --truth")

@@ -12,14 +12,17 @@ buses and trains, which the networks see in guard rails and walls.
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python" / "kys_slam"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "semantics"))
+import inputs  # noqa: E402
 import kysp  # noqa: E402
+from label_files import read_classes  # noqa: E402
 
 # Of the car: column in the left image (px) and depth (m), by frame, linear between.
 COLUMN = {22: 490, 24: 452, 36: 367, 38: 340, 40: 310, 42: 273, 43: 250, 44: 220, 45: 187, 46: 150,
@@ -32,23 +35,23 @@ LAST_FRAME = 50
 LEFT_OUT = ("bus", "train")
 
 
+def frame_name(text):
+    int(text)
+    return text
+
+
 def between(table, frame):
     return float(np.interp(frame, list(table), list(table.values())))
-
-
-def class_names(path):
-    """Names of a class file in order of its dense labels."""
-    lines = [line for line in Path(path).read_text(encoding="utf-8").splitlines()
-             if line and not line.startswith("#")]
-    return [line.split(",", 4)[4] for line in lines[2:]]
 
 
 def extent(frame, camera, instance):
     """First and last column of a segment, px."""
     priors = frame.cameras[camera]
-    segment = np.flatnonzero(priors.segments["instance"] == instance)[0] + 1
-    columns = np.flatnonzero((priors.segment_map == segment).any(axis=0))
-    return columns[0], columns[-1]
+    for segment in np.flatnonzero(priors.segments["instance"] == instance) + 1:
+        columns = np.flatnonzero((priors.segment_map == segment).any(axis=0))
+        if len(columns):
+            return columns[0], columns[-1]
+    raise ValueError(f"has no segment of instance {instance}")
 
 
 def is_the_car(row, frame, reach=0.0):
@@ -59,8 +62,8 @@ def is_the_car(row, frame, reach=0.0):
     camera = 1 if row["camera"] == "right" else 0
     depth = between(DEPTH, number)
     column = between(COLUMN, number) - (BF / depth if camera else 0)
-    first, last = extent(frame, camera, int(row["identity"]))
-    mean = float(row["mean_depth_m"])
+    first, last = extent(frame, camera, row["identity"])
+    mean = row["mean_depth_m"]
     margin = reach * FOCAL / depth
     return bool(first - margin <= column <= last + margin
                 and (mean == 0 or max(mean / depth, depth / mean) < 1.6))
@@ -76,16 +79,21 @@ def judged_segments(folder, names, min_area):
     """(row of segments.csv, is it the car, or a part of it) of every segment that counts."""
     folder = Path(folder)
     frames = {}
-    with open(folder / "segments.csv", newline="", encoding="utf-8") as stream:
-        for row in csv.DictReader(stream):
-            if int(row["frame"]) == LAST_FRAME or int(row["area_px"]) < min_area:
-                continue
-            if names[int(row["label"])] in LEFT_OUT:
-                continue
+    columns = {"frame": frame_name, "camera": str, "input_id": str, "identity": int,
+               "label": lambda text: range(len(names))[int(text)], "area_px": int,
+               "mean_depth_m": float, "residual_px": str, "magnitude_test": str, "radial_test": str}
+    for row in inputs.read_table(folder / "segments.csv", columns):
+        if int(row["frame"]) == LAST_FRAME or row["area_px"] < min_area:
+            continue
+        if names[row["label"]] in LEFT_OUT:
+            continue
+        file = folder / (row["frame"] + ".kysp")
+        with inputs.reading(file):
             if row["frame"] not in frames:
-                frames = {row["frame"]: kysp.read(folder / (row["frame"] + ".kysp"))}
+                frames = {row["frame"]: kysp.read(file)}
             frame = frames[row["frame"]]
-            yield row, is_the_car(row, frame), is_the_car(row, frame, HALF_LENGTH)
+            found = row, is_the_car(row, frame), is_the_car(row, frame, HALF_LENGTH)
+        yield found
 
 
 def count(rows, max_depth):
@@ -110,13 +118,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("priors", nargs="+")
     parser.add_argument("--classes", required=True, help="class file of the label space")
-    parser.add_argument("--min-area", type=int, default=200, help="px")
+    parser.add_argument("--min-area", type=inputs.whole(0), default=200, help="px")
     parser.add_argument("--max-depth", type=float, default=45.0, help="m, of the car")
     parser.add_argument("--list", action="store_true", help="every wrong decision")
     parser.add_argument("--table", help="file to write the truth of one PRIORS to (CSV), for "
                         "decision_page.py --truth")
     options = parser.parse_args()
-    names = class_names(options.classes)
+    names = [c.name for c in read_classes(options.classes)[1]]
     if options.table:
         lines = [f"{row['frame']},{row['camera']},{row['input_id']},{int(moves)}"
                  for row, moves, _ in judged_segments(options.priors[0], names, options.min_area)]
@@ -130,9 +138,9 @@ def main():
               f"within {options.max_depth:g} m: {result['near true']} of {result['near']}")
         for kind, row in result["wrong"] if options.list else []:
             says = ", ".join(f"{key[9:]} {row[key]}" for key in row if key.startswith("evidence_"))
-            print(f"  {kind:6} {row['frame']} {row['camera']:5} {names[int(row['label'])]} "
-                  f"{row['area_px']} px at {float(row['mean_depth_m']):.0f} m; {says or 'residual ' + row['residual_px']}")
+            print(f"  {kind:6} {row['frame']} {row['camera']:5} {names[row['label']]} "
+                  f"{row['area_px']} px at {row['mean_depth_m']:.0f} m; {says or 'residual ' + row['residual_px']}")
 
 
 if __name__ == "__main__":
-    main()
+    inputs.run(main)

@@ -39,7 +39,7 @@ def take(folder, ending, output, images):
 def take_panoptic(folder, document, output, images):
     """COCO panoptic: PNG files, and the document with their segments as OUTPUT.json."""
     try:
-        annotations = json.loads(Path(document).read_text())["annotations"]
+        annotations = json.loads(Path(document).read_text(encoding="utf-8"))["annotations"]
         segments = {Path(a["file_name"]).stem: a["segments_info"] for a in annotations}
         for name, infos in segments.items():
             for info in infos:

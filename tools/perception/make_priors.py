@@ -57,7 +57,7 @@ def main():
                         "image_3; run_stereo_kitti needs the same")
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
-    parser.add_argument("--frames", type=int, help="number of frames (default: all)")
+    parser.add_argument("--frames", type=common.whole(1), help="number of frames (default: all)")
     segment_onnx.add_jobs(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
     options = parser.parse_args(arguments)

@@ -7,7 +7,6 @@
 The model is a name on the Hugging Face hub or a folder made by save_pretrained().
 """
 
-import csv
 import io
 import json
 import sys
@@ -16,7 +15,9 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "semantics"))
 import common  # noqa: E402
+from label_files import read_classes  # noqa: E402
 
 LABEL_SPACES = Path(__file__).resolve().parents[2] / "kys" / "data"
 
@@ -26,9 +27,7 @@ def read_label_space(name):
     path = Path(name) if name.endswith(".csv") else LABEL_SPACES / f"{name}.classes.csv"
     if not path.exists():
         common.fail(f"{path}: no such label space")
-    with open(path, newline="", encoding="utf-8") as stream:
-        lines = [line for line in stream if not line.startswith(("#", "kys-classes"))]
-    return {row["name"]: (int(row["id"]), row["thing"] == "1") for row in csv.DictReader(lines)}
+    return {c.name: (c.id, c.thing) for c in read_classes(path)[1]}
 
 
 def categories_of(model, space):

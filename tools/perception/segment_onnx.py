@@ -9,6 +9,7 @@ other camera's images are given.
 """
 
 import concurrent.futures
+import hashlib
 import json
 import os
 import sys
@@ -35,26 +36,14 @@ class Network:
         import yaml
 
         self.path = Path(settings)
-        try:
-            self.settings = yaml.safe_load(self.path.read_text(encoding="utf-8"))
-        except (OSError, yaml.YAMLError) as error:
-            common.fail(f"{settings}: {common.first_line(error)}")
-        if not isinstance(self.settings, dict):
-            common.fail(f"{settings}: is not a list of settings")
-        self.kind = self._get("output", "kind")
-        if self.kind not in KINDS:
-            common.fail(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
-        default = 0.5 if self.kind == "instances" else 0.0
-        given = self.settings["output"].get("min_score", default)
-        self.threshold = float(given if threshold is None else threshold)
-        self.height, self.width = (int(v) for v in self._get("input", "size"))
-        space_name = self._get("label_space")
-        space = read_label_space(self._beside(space_name))
-        self.classes = []
-        for name in self._get("classes"):
-            if name is not None and name not in space:
-                common.fail(f"{settings}: class '{name}' is not in label space {space_name}")
-            self.classes.append(None if name is None else (name, *space[name]))
+        with common.reading(settings):
+            try:
+                self.settings = yaml.safe_load(self.path.read_text(encoding="utf-8"))
+            except yaml.YAMLError as error:
+                common.fail(f"{settings}: {common.first_line(error)}")
+            if not isinstance(self.settings, dict):
+                common.fail(f"{settings}: is not a list of settings")
+            self._read_settings(settings, threshold)
         self.file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # several images at a time: the same result for any number
@@ -64,13 +53,60 @@ class Network:
                 str(self.file), options, providers=onnxruntime.get_available_providers())
         except Exception as error:  # onnxruntime has no common base class of its errors
             common.fail(f"{self.file}: cannot be loaded: {common.first_line(error)}")
+        with open(self.file, "rb") as file:
+            self.digest = hashlib.file_digest(file, "sha256").hexdigest()
         self.input = self.session.get_inputs()[0].name
         self.outputs = [o.name for o in self.session.get_outputs()]
 
+    def _read_settings(self, settings, threshold):
+        """Values of the YAML file; raises whatever a wrong one gives."""
+        self.kind = self._get("output", "kind")
+        if self.kind not in KINDS:
+            common.fail(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
+        default = 0.5 if self.kind == "instances" else 0.0
+        given = self.settings["output"].get("min_score", default)
+        self.threshold = self._finite("output.min_score", given if threshold is None else threshold)
+        self.divisor = self._positive("output.divisor", self.settings["output"].get("divisor", 256))
+        size, entry = self._get("input", "size"), self.settings["input"]
+        if not (isinstance(size, list) and len(size) == 2 and
+                all(isinstance(v, int) and 0 < v <= 16384 for v in size)):
+            common.fail(f"{settings}: input.size is '{size}', not [height, width] in px")
+        self.height, self.width = size
+        self.gamma = self._positive("input.gamma", entry.get("gamma", 1))
+        self.divide_by = self._positive("input.divide_by", entry.get("divide_by", 255))
+        channels = lambda name, default, check: np.array(
+            [check(f"input.{name}", v) for v in np.broadcast_to(entry.get(name, default), 3).tolist()],
+            np.float32)
+        self.mean = channels("mean", 0, self._finite)
+        self.deviation = channels("deviation", 1, self._positive)
+        self.bgr = entry.get("colour", "rgb") == "bgr"
+        space_name = self._get("label_space")
+        space = read_label_space(self._beside(space_name))
+        self.classes = []
+        for name in self._get("classes"):
+            if name is not None and name not in space:
+                common.fail(f"{settings}: class '{name}' is not in label space {space_name}")
+            self.classes.append(None if name is None else (name, *space[name]))
+
     def description(self):
         """What its maps depend on."""
-        return json.dumps({"settings": self.settings, "weights": self.file.name,
-                           "threshold": self.threshold}, sort_keys=True)
+        return json.dumps({"settings": self.settings, "weights": self.digest,
+                           "threshold": self.threshold}, sort_keys=True, default=str)
+
+    def _finite(self, name, value):
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = np.nan
+        if not np.isfinite(number):
+            common.fail(f"{self.path}: {name} is '{value}', not a number")
+        return number
+
+    def _positive(self, name, value):
+        number = self._finite(name, value)
+        if number <= 0:
+            common.fail(f"{self.path}: {name} is {value}, not above 0")
+        return number
 
     def _get(self, *keys):
         value = self.settings
@@ -89,21 +125,23 @@ class Network:
         """(1, 3, h, w) float32 of an (H, W, 3) RGB image."""
         import cv2
 
-        entry = self.settings["input"]
-        gamma = float(entry.get("gamma", 1))
-        if gamma != 1:
-            image = (255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)[image]
+        if self.gamma != 1:
+            image = (255 * (np.arange(256) / 255) ** self.gamma).astype(np.uint8)[image]
         small = cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_LINEAR)
-        scaled = small.astype(np.float32) / float(entry.get("divide_by", 255))
-        scaled -= np.asarray(entry.get("mean", (0, 0, 0)), np.float32)
-        scaled /= np.asarray(entry.get("deviation", (1, 1, 1)), np.float32)
-        if entry.get("colour", "rgb") == "bgr":
+        scaled = small.astype(np.float32) / self.divide_by
+        scaled -= self.mean
+        scaled /= self.deviation
+        if self.bgr:
             scaled = scaled[:, :, ::-1]
         return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None])
 
     def run(self, image):
         """Outputs of the network by name."""
-        values = self.session.run(None, {self.input: self.prepare(image)})
+        try:
+            values = self.session.run(None, {self.input: self.prepare(image)})
+        except Exception as error:  # onnxruntime has no common base class of its errors
+            common.fail(f"{self.file}: takes no images of {self.width}x{self.height} px (input.size of "
+                        f"{self.path}): {common.first_line(error)}")
         return dict(zip(self.outputs, values))
 
     def output(self, values, key):
@@ -240,10 +278,9 @@ def to_panoptic(network, values, size, disparity):
             if network.classes[labels[k]] is not None:
                 add(resized(masks[k] > 0.5, size) > 0, network.classes[labels[k]])
     elif network.kind == "panoptic":
-        divisor = int(network.settings["output"].get("divisor", 256))
         packed = resized(np.squeeze(network.output(values, "name")), size)
         for value in np.unique(packed[packed >= 0]):
-            label = int(value) // divisor
+            label = int(value // network.divisor)
             if label < len(network.classes) and network.classes[label] is not None:
                 add(packed == value, network.classes[label])
     else:
@@ -313,7 +350,11 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
         between = time.perf_counter()
         disparity = None
         if other is not None and network.kind in ("semantic", "classes"):
-            disparity = coarse_disparity(image, read_image(Path(other) / path.name), mirrored)
+            beside = Path(other) / path.name
+            partner = read_image(beside)
+            if partner.shape != image.shape:
+                common.fail(f"{beside}: has another size than {path}")
+            disparity = coarse_disparity(image, partner, mirrored)
         ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
         write_ids(picture, ids)
         common.write_atomic(info, json.dumps(segments).encode("ascii"))
@@ -336,7 +377,7 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
 
 
 def add_jobs(parser):
-    parser.add_argument("--jobs", type=common.positive, default=os.cpu_count() or 1,
+    parser.add_argument("--jobs", type=common.whole(1), default=os.cpu_count() or 1,
                         help="threads (default: all)")
 
 

@@ -11,7 +11,8 @@ import argparse
 import os
 import sys
 
-from plot_trajectory import InputError, align, pair_up, plt, read_positions, save
+from plot_trajectory import (InputError, align, label_of, pair_up, plt, read_positions,
+                             readable, save)
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def read_run(argument, truth_path):
     error = np.linalg.norm(positions[ours] @ rotation.T + translation - truth[theirs], axis=1)
     away = np.linalg.norm(positions[ours] - positions[ours[0]], axis=1)
     truth_away = np.linalg.norm(truth[theirs] - truth[theirs[0]], axis=1)
-    return label or os.path.basename(os.path.normpath(folder)), times[ours], away, truth_away, error
+    return readable(label) or label_of(folder), times[ours], away, truth_away, error
 
 
 def main():
@@ -42,7 +43,7 @@ def main():
         figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(7, 5))
         upper.plot(runs[0][1], runs[0][3], color="0.5", linewidth=3, label="ground truth")
         for label, times, away, _, error in runs:
-            line, = upper.plot(times, away, linewidth=1.3, label=label.replace("$", r"\$"))
+            line, = upper.plot(times, away, linewidth=1.3, label=label)
             rmse = np.sqrt(np.mean(error ** 2))
             lower.semilogy(times, np.maximum(error, 1e-4), color=line.get_color(), linewidth=1.3,
                            label=f"ATE {rmse:.3f} m")
@@ -57,7 +58,7 @@ def main():
     except InputError as error:
         print(f"compare_runs.py: {error}", file=sys.stderr)
         return 2
-    print(arguments.output)
+    print(readable(arguments.output))
     return 0
 
 

@@ -26,7 +26,12 @@ except ImportError as error:
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend comes first)
 
+sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
+                             "kys_slam"))
+from labels import label_of, readable  # noqa: E402
+
 MAX_TIME_DIFFERENCE = 0.01  # s
+plt.rcParams["text.parse_math"] = False  # a dollar in a name begins no formula
 
 
 class InputError(Exception):
@@ -140,10 +145,10 @@ def draw_view(axes, estimate, truth, objects, plane):
 
 def draw(run, times, positions, truth_path, plane):
     summary = read_summary(run)
-    title = os.path.basename(os.path.abspath(run))
+    title = label_of(run)
     objects = list(read_objects(os.path.join(run, "objects.csv")).values())
     if "mode" in summary:
-        title += f"  (mode {summary['mode']})"
+        title += f"  (mode {readable(str(summary['mode']))})"
     if truth_path is None:
         figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
         draw_view(axes, positions, None, objects, plane)
@@ -208,7 +213,7 @@ def main():
     except InputError as error:
         print(f"plot_trajectory.py: {error}", file=sys.stderr)
         return 2
-    print(output)
+    print(readable(output))
     return 0
 
 

@@ -10,26 +10,31 @@ The last frame has no flow and is left out. Precision counts every flagged segme
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python" / "kys_slam"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+import inputs  # noqa: E402
 import kysp  # noqa: E402
 
 
 def frame_number(text):
     """Frames are called 12, 000012 or rgb_00012."""
-    digits = text[len(text.rstrip("0123456789")):]
-    return int(digits) if digits else text
+    return int(text[len(text.rstrip("0123456789")):])
 
 
-def read(path):
-    with open(path, newline="", encoding="utf-8") as stream:
-        return {(frame_number(r["frame"]), r["camera"], r.get("input_id") or r["segment_id"]): r
-                for r in csv.DictReader(stream)}
+SEGMENTS = {"area_px": int, "magnitude_test": str, "radial_test": str, "residual_px": str,
+            "radial_px": str, "coverage": str, "omega": str}
+MOTION = {"shift_m": float, "depth_m": float}
+
+
+def read(path, columns):
+    rows = inputs.read_table(path, {"frame": frame_number, "camera": str, **columns})
+    with inputs.reading(path):
+        return {(r["frame"], r["camera"], r.get("input_id") or r["segment_id"]): r for r in rows}
 
 
 def score(rows, truth, motion, options):
@@ -38,7 +43,7 @@ def score(rows, truth, motion, options):
               "magnitude_test": [0, 0], "radial_test": [0, 0], "wrong": []}
     last = max((key[0] for key in rows), default=0)
     for key, row in rows.items():
-        if int(row["area_px"]) < options.min_area or key[0] == last:
+        if row["area_px"] < options.min_area or key[0] == last:
             continue
         if options.camera and key[1] != options.camera:
             continue
@@ -56,8 +61,8 @@ def score(rows, truth, motion, options):
         for test in tests:
             result[test][0 if moving else 1] += 1
         measured = motion.get(key)
-        if moving and measured and float(measured["shift_m"]) > options.min_shift and float(
-                measured["depth_m"]) < options.max_depth:
+        if (moving and measured and measured["shift_m"] > options.min_shift
+                and measured["depth_m"] < options.max_depth):
             result["clear"] += 1
             result["clear_found"] += bool(tests)
     return result
@@ -93,9 +98,12 @@ def exported_motion(folder, step):
     """Motion values mu of all pixels of flagged segments (the paper's Fig. S2)."""
     values = []
     for path in sorted(Path(folder).glob("*.kysp"))[::step]:
-        for camera in kysp.read(path).cameras:
+        with inputs.reading(path):
+            cameras = kysp.read(path).cameras
+        for camera in cameras:
             dynamic = np.concatenate([[False], (camera.segments["flags"] & kysp.DYNAMIC) != 0])
-            values.append(camera.motion[dynamic[camera.segment_map]])
+            if camera.motion is not None:
+                values.append(camera.motion[dynamic[camera.segment_map]])
     return np.concatenate(values) if values else np.zeros(0)
 
 
@@ -104,17 +112,17 @@ def main():
     parser.add_argument("priors")
     parser.add_argument("truth")
     parser.add_argument("--motion")
-    parser.add_argument("--min-area", type=int, default=200, help="px")
+    parser.add_argument("--min-area", type=inputs.whole(0), default=200, help="px")
     parser.add_argument("--min-shift", type=float, default=0.3, help="m between frames")
     parser.add_argument("--max-depth", type=float, default=30.0, help="m")
     parser.add_argument("--camera", choices=("left", "right"), help="score only this camera")
-    parser.add_argument("--mu-step", type=int, default=0,
+    parser.add_argument("--mu-step", type=inputs.whole(0), default=0,
                         help="also score the exported motion, of every N-th frame (slow)")
     parser.add_argument("--list", action="store_true", help="every wrong decision")
     options = parser.parse_args()
-    rows = read(Path(options.priors) / "segments.csv")
-    report(score(rows, read(options.truth), read(options.motion) if options.motion else {}, options),
-           options)
+    rows = read(Path(options.priors) / "segments.csv", SEGMENTS)
+    truth = read(options.truth, {"moving": str})
+    report(score(rows, truth, read(options.motion, MOTION) if options.motion else {}, options), options)
     mu = exported_motion(options.priors, options.mu_step) if options.mu_step else np.zeros(0)
     if mu.size:
         print(f"exported mu over {mu.size} px of flagged segments: {np.mean(mu > 8):.3f} above 8, "
@@ -123,4 +131,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    inputs.run(main)

@@ -9,25 +9,27 @@ has another identity than when it was last seen. Needs SciPy.
 """
 
 import argparse
-import csv
+import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+import inputs  # noqa: E402
 
-def read(path):
-    with open(path, newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+
+SEGMENTS = {"frame": int, "camera": str, "input_id": str, "identity": str, "area_px": int}
+TRUTH = {"frame": int, "camera": str, "segment_id": str, "object": str, "isthing": str}
 
 
 def pairs_of(rows, truth, camera, min_area):
     """(object, identity) of every segment, in order of frames."""
-    objects = {(int(r["frame"]), r["camera"], r["segment_id"]): r["object"]
+    objects = {(r["frame"], r["camera"], r["segment_id"]): r["object"]
                for r in truth if r["isthing"] == "1"}
-    rows = sorted((r for r in rows if r["camera"] == camera and int(r["area_px"]) >= min_area),
-                  key=lambda r: int(r["frame"]))
-    keys = [(int(r["frame"]), camera, r["input_id"]) for r in rows]
+    rows = sorted((r for r in rows if r["camera"] == camera and r["area_px"] >= min_area),
+                  key=lambda r: r["frame"])
+    keys = [(r["frame"], camera, r["input_id"]) for r in rows]
     return [(objects[key], row["identity"]) for key, row in zip(keys, rows) if key in objects]
 
 
@@ -51,13 +53,13 @@ def main():
     parser.add_argument("priors")
     parser.add_argument("truth")
     parser.add_argument("--camera", choices=("left", "right"), default="left")
-    parser.add_argument("--min-area", type=int, default=200, help="px")
+    parser.add_argument("--min-area", type=inputs.whole(0), default=200, help="px")
     options = parser.parse_args()
-    pairs = pairs_of(read(Path(options.priors) / "segments.csv"), read(options.truth),
-                     options.camera, options.min_area)
+    pairs = pairs_of(inputs.read_table(Path(options.priors) / "segments.csv", SEGMENTS),
+                     inputs.read_table(options.truth, TRUTH), options.camera, options.min_area)
     share, switches, objects, identities = score(pairs)
     print(f"IDF1 {share:.3f}, {switches} switches, {objects} objects, {identities} identities")
 
 
 if __name__ == "__main__":
-    main()
+    inputs.run(main)

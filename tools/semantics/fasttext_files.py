@@ -3,29 +3,28 @@
 Nothing but the standard library; the files may be larger than memory.
 """
 
+import math
 import mmap
 import os
 import struct
 import sys
 import time
 from array import array
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+from inputs import InputError, fail, reading  # noqa: E402
 
 BIN_MAGIC = 793712314
 
 
-class VectorFileError(Exception):
-    """One line naming the file and what is wrong with it."""
-
-
 def load_vectors(path, words):
     """{word: list of float} of those `words` the file has; a .bin file has them all (subwords)."""
-    try:
+    with reading(path):
         with open(path, "rb") as file:
             if file.read(4) == struct.pack("<i", BIN_MAGIC):
                 return BinModel(path).vectors(words)
         return read_vec(path, words)
-    except OSError as error:
-        raise VectorFileError(f"{path}: {error.strerror}") from error
 
 
 def read_vec(path, words):
@@ -41,6 +40,8 @@ def read_vec(path, words):
             word, _, rest = line.rstrip().partition(b" ")
             if number == 1 and rest.isdigit():
                 dimensions = int(rest)
+                if dimensions < 1:
+                    fail(f"{path}:1: vectors of {dimensions} dimensions")
                 continue
             word = word.decode("utf-8", "replace")
             if word.lower() not in wanted:
@@ -48,9 +49,7 @@ def read_vec(path, words):
             vector = parse_vector(rest, path, number)
             dimensions = dimensions or len(vector)
             if len(vector) != dimensions:
-                raise VectorFileError(
-                    f"{path}:{number}: {len(vector)} numbers, other lines have {dimensions}"
-                )
+                fail(f"{path}:{number}: {len(vector)} numbers, other lines have {dimensions}")
             if word in words:
                 exact.setdefault(word, vector)
             else:
@@ -64,9 +63,9 @@ def parse_vector(text, path, number):
     try:
         vector = [float(value) for value in text.split()]
     except ValueError as error:
-        raise VectorFileError(f"{path}:{number}: {error}") from error
+        raise InputError(f"{path}:{number}: {error}") from error
     if not vector or not all(abs(value) < 1e30 for value in vector):
-        raise VectorFileError(f"{path}:{number}: a value is missing or not finite")
+        fail(f"{path}:{number}: a value is missing or not finite")
     return vector
 
 
@@ -102,7 +101,7 @@ def subwords(word, shortest, longest):
     """Character n-grams of '<word>', as bytes."""
     characters = [c.encode("utf-8") for c in f"<{word}>"]
     for start in range(len(characters)):
-        for length in range(shortest, longest + 1):
+        for length in range(max(1, shortest), longest + 1):
             end = start + length
             if end > len(characters):
                 break
@@ -122,13 +121,13 @@ class BinModel:
     def _take(self, file, layout):
         data = file.read(struct.calcsize(layout))
         if len(data) != struct.calcsize(layout):
-            raise VectorFileError(f"{self.path}: truncated")
+            fail(f"{self.path}: truncated")
         return struct.unpack(layout, data)
 
     def _read_head(self, file):
         _, version = self._take(file, "<ii")
         if version not in (11, 12):
-            raise VectorFileError(f"{self.path}: format version {version} is not known")
+            fail(f"{self.path}: format version {version} is not known")
         arguments = self._take(file, "<12id")
         self.dimensions, self.buckets, self.shortest, self.longest = (
             arguments[i] for i in (0, 8, 9, 10)
@@ -137,17 +136,19 @@ class BinModel:
             self.longest = 0
         entries, self.word_count, _, _, pruned = self._take(file, "<iiiqq")
         if not 0 <= self.word_count <= entries or entries > self.size:
-            raise VectorFileError(f"{self.path}: dictionary makes no sense")
+            fail(f"{self.path}: dictionary makes no sense")
         self.row_of_word = self._read_dictionary(file, entries)
         (quantised,) = self._take(file, "<?")
         if quantised or pruned > 0:
-            raise VectorFileError(f"{self.path}: quantised models are not supported, use the .vec")
+            fail(f"{self.path}: quantised models are not supported, use the .vec")
         self.rows, columns = self._take(file, "<qq")
         self.matrix = file.tell()
+        if self.dimensions < 1:
+            fail(f"{self.path}: vectors of {self.dimensions} dimensions")
         if columns != self.dimensions or self.rows != self.word_count + self.buckets:
-            raise VectorFileError(f"{self.path}: matrix and dictionary do not fit together")
+            fail(f"{self.path}: matrix and dictionary do not fit together")
         if self.rows < 0 or self.matrix + 4 * self.rows * columns > self.size:
-            raise VectorFileError(f"{self.path}: truncated")
+            fail(f"{self.path}: truncated")
 
     def _read_dictionary(self, file, entries):
         """{word: row}; leaves the file after the dictionary."""
@@ -157,7 +158,7 @@ class BinModel:
             for row in range(entries):
                 end = data.find(b"\0", at)
                 if end < 0:
-                    raise VectorFileError(f"{self.path}: truncated")
+                    fail(f"{self.path}: truncated")
                 if row < self.word_count:
                     rows[data[at:end].decode("utf-8", "replace")] = row
                 at = end + 10  # terminator, count (8 bytes), type (1 byte)
@@ -181,5 +182,7 @@ class BinModel:
             values.fromfile(file, self.dimensions)
             if sys.byteorder == "big":
                 values.byteswap()
+            if not all(map(math.isfinite, values)):
+                fail(f"{self.path}: row {row} of the vectors, of '{word}', is not finite")
             total = [a + b for a, b in zip(total, values)]
         return [value / max(1, len(rows)) for value in total]

@@ -22,6 +22,7 @@ import json
 from pathlib import Path
 
 from label_files import LabelClass, summary, write_classes, write_table
+import inputs  # label_files knows where it is
 
 NEAR, RELATED, UNRELATED = 102, 119, 135
 HERE = Path(__file__).parent
@@ -53,7 +54,8 @@ VKITTI2_STAND_INS = {
 
 
 def load(folder, name):
-    return json.loads((folder / name).read_text(encoding="utf-8"))
+    with inputs.reading(folder / name):
+        return json.loads((folder / name).read_text(encoding="utf-8"))
 
 
 def read_surrogates(path):
@@ -79,7 +81,7 @@ def coco(folder):
     classes = load(folder, "coco_panoptic_133.json")["categories"]
     words = load(folder, "coco133_hamming_ftvec.json")
     if words["names"] != [c["name"] for c in classes]:
-        raise SystemExit("COCO class list and table disagree")
+        inputs.fail("COCO class list and table disagree")
     return [
         LabelClass(c["id"], bool(c["isthing"]), "fasttext", text.replace("-", " "), c["name"])
         for c, text in zip(classes, words["text_used"])
@@ -156,20 +158,23 @@ def main():
     folder, output = arguments.semantics, arguments.output
     output.mkdir(parents=True, exist_ok=True)
 
-    classes, table = coco(folder)
+    with inputs.reading(folder):
+        classes, table = coco(folder)
     write_space(output, "coco_panoptic_133", classes, table, [
         "COCO panoptic, 133 classes, ids of the panoptic annotations (1..200, with gaps).",
         "Every class has real vectors. Off-diagonal range 50..174; the paper's own table, which is",
         "not public, has 0..172. S_max = 155 is exceeded by 1.6 % of the pairs.",
     ])
-    classes, table = ade20k(folder, rules["ade20k_150"])
+    with inputs.reading(folder):
+        classes, table = ade20k(folder, rules["ade20k_150"])
     write_space(output, "ade20k_150", classes, table, [
         "ADE20K scene parsing, 150 classes, ids 1..150 (0 is void in the annotations).",
         "70 classes have real vectors; distances to the other 80, marked surrogate, are 102 (near),",
         "119 (same group) or 135 (otherwise) by tools/semantics/surrogates.csv. Pairs of real",
         "classes with the same words (earth - land, counter - buffet) have distance 0.",
     ])
-    classes, table = vkitti2(folder, rules["vkitti2"])
+    with inputs.reading(folder):
+        classes, table = vkitti2(folder, rules["vkitti2"])
     write_space(output, "vkitti2", classes, table, [
         "Virtual KITTI 2, 14 classes in the order of colors.txt, ids 1..14; Undefined is void.",
         "Marked surrogate: Terrain, Vegetation, GuardRail and TrafficSign borrow the vectors of",
@@ -179,4 +184,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    inputs.run(main)

@@ -1,8 +1,13 @@
 """Reading and writing the class and table files of a label space (formats: kys/README.md)."""
 
+import math
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+from inputs import fail, reading  # noqa: E402
 
 COLUMNS = "id,thing,vector,text,name"
 
@@ -16,43 +21,51 @@ class LabelClass:
     name: str
 
 
+def content_lines(path):
+    """(number, line) of what is neither empty nor a comment."""
+    with reading(path):
+        return [
+            (number, line.rstrip("\r\n"))
+            for number, line in enumerate(Path(path).read_text(encoding="utf-8").splitlines(), 1)
+            if line.strip() and not line.startswith("#")
+        ]
+
+
 def read_classes(path):
-    """Returns (name of the space, list of LabelClass). Raises ValueError naming file and line."""
-    lines = [
-        (number, line.rstrip("\r\n"))
-        for number, line in enumerate(Path(path).read_text(encoding="utf-8").splitlines(), 1)
-        if line.strip() and not line.startswith("#")
-    ]
+    """Returns (name of the space, list of LabelClass). InputError naming file and line."""
+    lines = content_lines(path)
     if len(lines) < 2:
-        raise ValueError(f"{path}: empty or truncated")
+        fail(f"{path}: empty or truncated")
     head = lines[0][1].split(",")
-    if len(head) != 4 or head[0] != "kys-classes" or head[1] != "1" or not head[3].isdigit():
-        raise ValueError(f"{path}:{lines[0][0]}: does not begin with 'kys-classes,1,NAME,COUNT'")
+    if len(head) != 4 or head[0] != "kys-classes" or head[1] != "1" or not head[3].isdecimal():
+        fail(f"{path}:{lines[0][0]}: does not begin with 'kys-classes,1,NAME,COUNT'")
     if lines[1][1] != COLUMNS:
-        raise ValueError(f"{path}:{lines[1][0]}: the second line must be '{COLUMNS}'")
+        fail(f"{path}:{lines[1][0]}: the second line must be '{COLUMNS}'")
     classes = []
     for number, line in lines[2:]:
         fields = line.split(",", 4)
         if len(fields) != 5 or fields[1] not in ("0", "1"):
-            raise ValueError(f"{path}:{number}: not a class line ({COLUMNS})")
-        classes.append(LabelClass(int(fields[0]), fields[1] == "1", *fields[2:]))
+            fail(f"{path}:{number}: not a class line ({COLUMNS})")
+        with reading(f"{path}:{number}"):
+            classes.append(LabelClass(int(fields[0]), fields[1] == "1", *fields[2:]))
     if len(classes) != int(head[3]):
-        raise ValueError(f"{path}: has {len(classes)} classes, the first line says {head[3]}")
+        fail(f"{path}: has {len(classes)} classes, the first line says {head[3]}")
     return head[2], classes
 
 
 def read_table(path, name, count):
-    """Returns the table, a list of rows. Raises ValueError naming the file."""
-    lines = [
-        line
-        for line in Path(path).read_text(encoding="utf-8").splitlines()
-        if line.strip() and not line.startswith("#")
-    ]
-    if not lines or lines[0] != f"kys-table,1,{name},{count}":
-        raise ValueError(f"{path}: does not begin with 'kys-table,1,{name},{count}'")
-    table = [[float(value) for value in line.split(",")] for line in lines[1:]]
+    """Returns the table, a list of rows. InputError naming file and line."""
+    lines = content_lines(path)
+    if not lines or lines[0][1] != f"kys-table,1,{name},{count}":
+        fail(f"{path}: does not begin with 'kys-table,1,{name},{count}'")
+    table = []
+    for number, line in lines[1:]:
+        with reading(f"{path}:{number}"):
+            table.append([float(value) for value in line.split(",")])
+        if not all(math.isfinite(value) and value >= 0 for value in table[-1]):
+            fail(f"{path}:{number}: a distance is negative or not finite")
     if len(table) != count or any(len(row) != count for row in table):
-        raise ValueError(f"{path}: is not {count} x {count}")
+        fail(f"{path}: is not {count} x {count}")
     return table
 
 

@@ -12,10 +12,10 @@ its distances from: then it is flagged as a surrogate.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from fasttext_files import VectorFileError, load_vectors
+from fasttext_files import load_vectors
+import inputs  # fasttext_files knows where it is
 from label_files import read_classes, read_table, summary, write_classes, write_table
 
 
@@ -52,7 +52,8 @@ def make_table(bits, old):
     return [[distance(i, j) for j in range(len(bits))] for i in range(len(bits))]
 
 
-def run(arguments):
+def main():
+    arguments = parse_arguments()
     name, classes = read_classes(arguments.classes)
     old = read_table(arguments.keep, name, len(classes)) if arguments.keep else None
     words = {word for c in classes for word in c.text.split()}
@@ -60,7 +61,7 @@ def run(arguments):
     bits = [class_bits(c, vectors) for c in classes]
     missing = [c.name for c, b in zip(classes, bits) if b is None]
     if missing and old is None:
-        raise ValueError(
+        inputs.fail(
             f"{arguments.vectors}: no vector for a word of: {', '.join(missing)} "
             "(give --keep TABLE to keep their distances)"
         )
@@ -76,17 +77,5 @@ def run(arguments):
         print(line)
 
 
-def main():
-    try:
-        run(parse_arguments())
-    except (ValueError, VectorFileError) as error:
-        print(f"make_table.py: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"make_table.py: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    inputs.run(main)

@@ -8,41 +8,46 @@ WORLD is a folder of simulate_sequence, EXACT prior files made of its own ground
 ground_truth.csv of the world and segments.csv of the two folders. The true motion of a segment in
 the image is the residual that exact flow gives. Pixels are those of the worlds' width. Needs NumPy.
 """
-import csv
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
+import inputs  # noqa: E402
 
 LEAST_AREA = 48  # px^2, as in perception.cpp
 
 
-def read(path):
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+TRUTH = {"frame": int, "camera": str, "segment_id": str, "object": str, "isthing": str, "moving": str}
+SEGMENTS = {"frame": int, "camera": str, "input_id": str, **dict.fromkeys(
+    ("area_px", "mean_depth_m", "residual_px", "magnitude_test", "radial_test", "rho"), float)}
 
 
 def rows_of(world, exact, estimated):
     """One dict per thing segment that both folders have, the last frame left out."""
-    truth = {(int(r["frame"]), r["camera"], r["segment_id"]): r
-             for r in read(os.path.join(world, "ground_truth.csv"))}
+    truth = {(r["frame"], r["camera"], r["segment_id"]): r
+             for r in inputs.read_table(os.path.join(world, "ground_truth.csv"), TRUTH)}
     tables = []
     for folder in (exact, estimated):
-        tables.append({(int(r["frame"]), r["camera"], r["input_id"]): r
-                       for r in read(os.path.join(folder, "segments.csv"))})
-    last = max(key[0] for key in truth)
+        tables.append({(r["frame"], r["camera"], r["input_id"]): r
+                       for r in inputs.read_table(os.path.join(folder, "segments.csv"), SEGMENTS)})
+    last = max((key[0] for key in truth), default=0)
     for key, e in tables[1].items():
         t, x = truth.get(key), tables[0].get(key)
         if t is None or x is None or t["isthing"] != "1" or key[0] == last:
             continue
-        if int(x["area_px"]) < LEAST_AREA:
+        if x["area_px"] < LEAST_AREA:
             continue
         yield {"key": (world, key[1], t["object"], key[0]), "moving": t["moving"] == "1",
-               "area": float(x["area_px"]), "exact": x, "estimated": e}
+               "area": x["area_px"], "exact": x, "estimated": e}
 
 
 def width_of(world):
     folder = os.path.join(world, "image_0")
+    if not os.listdir(folder):
+        inputs.fail(f"{folder}: has no images")
     with open(os.path.join(folder, sorted(os.listdir(folder))[0]), "rb") as file:
         return int.from_bytes(file.read(24)[16:20], "big")
 
@@ -79,9 +84,9 @@ def spread(x):
 
 def fit(rows, name):
     side = "exact" if name == "exact" else "estimated"
-    get = lambda column: np.array([float(r[side][column]) for r in rows])
+    get = lambda column: np.array([r[side][column] for r in rows])
     area = np.log(np.array([r["area"] for r in rows]) / 1000)
-    motion = np.maximum(np.array([float(r["exact"]["residual_px"]) for r in rows]), 1e-2)
+    motion = np.maximum(np.array([r["exact"]["residual_px"] for r in rows]), 1e-2)
     moving = np.array([r["moving"] for r in rows])
     flags = ((get("magnitude_test") + get("radial_test")) > 0).astype(float)
     rho = np.maximum(get("rho"), 1e-3)
@@ -106,10 +111,9 @@ def fit(rows, name):
     if false.sum() > 5:
         median, level["false_rho_sd"] = spread(np.log(rho[false]))
         level["false_rho"] = np.exp(median)
-    scale = [np.log(float(r["estimated"]["area_px"]) * float(r["estimated"]["mean_depth_m"]) ** 2) -
-             np.log(float(r["exact"]["area_px"]) * float(r["exact"]["mean_depth_m"]) ** 2)
-             for r in rows if float(r["estimated"]["mean_depth_m"]) > 0
-             and float(r["exact"]["mean_depth_m"]) > 0]
+    scale = [np.log(r["estimated"]["area_px"] * r["estimated"]["mean_depth_m"] ** 2) -
+             np.log(r["exact"]["area_px"] * r["exact"]["mean_depth_m"] ** 2)
+             for r in rows if r["estimated"]["mean_depth_m"] > 0 and r["exact"]["mean_depth_m"] > 0]
     if name != "exact":
         level["scale_sd"] = spread(np.array(scale))[1]
     counts = (int(flags[moving].sum()), int(moving.sum()), int(flags[~moving].sum()),
@@ -124,9 +128,10 @@ def main():
         return 2
     widths = {width_of(s[0]) for s in sources}
     if len(widths) != 1:
-        print("fit_perception.py: worlds of different widths", file=sys.stderr)
-        return 2
+        inputs.fail("worlds of different widths")
     rows = [row for source in sources for row in rows_of(*source)]
+    if len({row["moving"] for row in rows}) < 2:
+        inputs.fail("needs segments that move and segments that do not")
     worlds = ", ".join(os.path.basename(os.path.normpath(s[0])) for s in sources)
     print(f"// Written by fit_perception.py from {len(rows)} segments of {worlds}.")
     for name in ("exact", "estimated"):
@@ -141,4 +146,4 @@ def main():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    inputs.run(main)

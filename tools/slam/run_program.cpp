@@ -16,6 +16,7 @@
 #include <kys_slam/util/process_figures.h>
 #include <kys_slam/util/progress.h>
 #include <kys_slam/util/read_bytes.h>
+#include <kys_slam/util/save_map.h>
 #include <kys_slam/util/stopwatch.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -100,14 +101,12 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
 }
 
+/// The default mode depends on the priors; a mode that is named anywhere takes its place.
 Settings effective_settings(Settings settings, const Arguments& a, bool with_priors) {
+  if (with_priors) settings.set("kys.mode", "verified");
   if (!a.config.empty()) settings.load(a.config);
   for (const std::string& assignment : a.settings) settings.assign(assignment);
-  if (!a.mode.empty()) {
-    settings.set("kys.mode", a.mode);
-  } else if (with_priors && settings.get("kys.mode") == "stock") {
-    settings.set("kys.mode", "verified");
-  }
+  if (!a.mode.empty()) settings.set("kys.mode", a.mode);
   settings.check();
   const std::string mode = settings.get("kys.mode");
   if (!with_priors && kys::needs_priors(kys::parse_mode(mode))) {
@@ -232,22 +231,6 @@ void check_not_of_another_run(const std::filesystem::path& output, const RunInfo
                   output.string(), sequence, mode));
 }
 
-/// To `file`, or when that has become impossible beside the other results.
-void save_map(const System& system, const std::filesystem::path& file,
-              const std::filesystem::path& output) {
-  try {
-    system.save_map(file);
-  } catch (const InputError& error) {
-    const std::filesystem::path instead = output / "saved.map";
-    try {
-      system.save_map(instead);
-    } catch (const InputError&) {
-      throw error;
-    }
-    throw InputError(fmt::format("{}; the map is in {}", error.what(), instead.string()));
-  }
-}
-
 /// Where priors come from, and how many frames had none.
 struct Priors {
   std::unique_ptr<PriorProvider> provider;  ///< null: there are none
@@ -351,7 +334,9 @@ int run(const RunProgram& program, const Arguments& a) {
   RunOutcome outcome;
   failures.guard([&] { outcome = summarise_run(system, info); });
   failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
-  if (!a.save_map.empty()) failures.guard([&] { save_map(system, a.save_map, output); });
+  if (!a.save_map.empty()) {
+    failures.guard([&] { save_map_or_beside(system, a.save_map, output); });
+  }
   if (!a.quiet) {
     failures.guard([&] {
       print_text(describe_run(system, info, outcome) +
