@@ -7,6 +7,10 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 frames=${1:-100}
+case $frames in
+  -h | --help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+  *[!0-9]* | '') echo "tools/demo.sh: FRAMES is a whole number; see --help" >&2; exit 2 ;;
+esac
 
 tools/setup.sh --plots
 cmake --preset release

@@ -78,18 +78,6 @@ std::vector<Rigid3> all_poses(const std::vector<FrameEstimate>& trajectory) {
   return poses;
 }
 
-/// A field of a CSV file that stays one field on one line.
-std::string csv_field(const std::string& value) {
-  std::string text = printable(value);
-  if (text.find_first_of(",\"") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) {
-    if (c == '"') quoted += '"';
-    quoted += c;
-  }
-  return quoted + "\"";
-}
-
 std::string frames_csv(const System& system, const std::vector<FrameEstimate>& estimates) {
   constexpr std::array<const char*, kys::kTierCount> kTiers{
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
