@@ -32,7 +32,9 @@ class LandmarkPatches {
                                                            const FrameFeatures& features) const;
 
   /// For a new keyframe: the features, with those marked as aligned that define the position of
-  /// their landmark, because the landmark is new or has no patch.
+  /// their landmark, because the landmark is new or has no patch. Features without a landmark are
+  /// marked too: the back end makes landmarks of some. Left unmarked they would have a quarter of
+  /// the weight; on rendered worlds this gives 1.1 (0.9-1.3) times the ATE.
   [[nodiscard]] std::shared_ptr<const FrameFeatures> with_origins(
       std::span<const LandmarkId> landmarks, const FrameFeatures& features) const;
 
