@@ -16,7 +16,8 @@ struct LocalMap {
 
 /// Collects the local map of a frame (ORB-SLAM, Sec. V-D): keyframes that observe the frame's
 /// landmarks, and for each its best covisible neighbour, child and parent that are not included
-/// yet; none of these is added to `max_keyframes` or more. Empty when no keyframe observes the frame's landmarks.
+/// yet; none of these is added to `max_keyframes` or more. Empty when no keyframe observes the
+/// frame's landmarks.
 class LocalMapGatherer {
  public:
   explicit LocalMapGatherer(std::size_t max_keyframes = 80) : max_keyframes_(max_keyframes) {}

@@ -754,10 +754,9 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
   KeyFrameSituation s;
   s.frames_since_keyframe = static_cast<int>(frame.index - last_keyframe_frame_);
   // In a loaded map that nothing was added to there is no last keyframe yet.
-  s.keyframes_in_map =
-      last_keyframe_.valid()
-          ? 1 + static_cast<int>(last_keyframe_.value) - static_cast<int>(first_keyframe_.value)
-          : static_cast<int>(replica_.keyframes().size());
+  s.keyframes_in_map = last_keyframe_.valid() ? 1 + static_cast<int>(last_keyframe_.value) -
+                                                    static_cast<int>(first_keyframe_.value)
+                                              : static_cast<int>(replica_.keyframes().size());
   s.inliers = inliers;
   s.waiting = waiting;
   if (inliers < options_.keyframes.scarce) s.addable = count_addable(frame);

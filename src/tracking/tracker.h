@@ -242,11 +242,11 @@ class Tracker {
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kTracker};
-  bool frozen_ = false;  // no keyframes, no landmarks
+  bool frozen_ = false;                          // no keyframes, no landmarks
   IdTable<LandmarkId, VisibilityCount> counts_;  // since the last keyframe
   std::vector<LandmarkId> counted_;              // its ids
-  std::optional<InstanceTracker> instances_;  // when the model uses belief
-  std::deque<FramePose> judged_;              // of the frames it keeps, latest first
+  std::optional<InstanceTracker> instances_;     // when the model uses belief
+  std::deque<FramePose> judged_;                 // of the frames it keeps, latest first
 };
 
 }  // namespace kys_slam

@@ -255,8 +255,8 @@ TEST_F(TrackerTest, ARelocalisedFrameHasNoVelocity) {
   track_world(2, 0.8);
   EXPECT_EQ(track(3, see(world(77), 3, weaving_pose(0)).features).status, TrackingStatus::kLost);
   const auto seen = see(world_, 3, weaving_pose(1.2)).features;
-  const TrackResult again = tracker_.resume(
-      {3, 0.3, seen}, known_place(tracker_, {0}, *seen, truth(1.2).inverse()), 0);
+  const TrackResult again =
+      tracker_.resume({3, 0.3, seen}, known_place(tracker_, {0}, *seen, truth(1.2).inverse()), 0);
   ASSERT_EQ(again.status, TrackingStatus::kTracked) << again.reason;
   EXPECT_EQ(track_world(4, 1.6).reason, "reference keyframe");
   EXPECT_EQ(track_world(5, 2.0).reason, "motion model");
@@ -294,8 +294,7 @@ TEST_F(TrackerTest, ALoadedMapHasItsKeyframes) {
                      tracker_.replica().landmarks().id_end(), false);
   later.apply(map);
   const auto first = see(world_, 0, weaving_pose(start)).features;
-  const TrackResult found =
-      later.resume({0, 0, first}, known_place(later, last, *first, T_c_w), 0);
+  const TrackResult found = later.resume({0, 0, first}, known_place(later, last, *first, T_c_w), 0);
   ASSERT_EQ(found.status, TrackingStatus::kTracked) << found.reason;
   // Frames until the next keyframe, as the first session counts them and as the second does.
   const auto next_keyframe = [&](Tracker& tracker, int from) {
@@ -457,8 +456,8 @@ TEST_F(TrackerWithPriors, FeaturesToRelocaliseHaveBeliefs) {
     Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model,
                     kys::InitialBelief({}, space));
     tracker.track({0, 0, flagged}, 0);
-    const bool gated = !model.admits(tracker.with_beliefs(flagged)->prior(0),
-                                     kys::Context::kTemporal);
+    const bool gated =
+        !model.admits(tracker.with_beliefs(flagged)->prior(0), kys::Context::kTemporal);
     EXPECT_EQ(gated, mode == kys::Mode::kKys);
     EXPECT_EQ(tracker.with_belief(flagged->prior(0)), tracker.with_beliefs(flagged)->prior(0));
   }
