@@ -14,6 +14,23 @@ def run(*arguments):
                           errors="replace", env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"})
 
 
+def check_labels(script, folder, truth):
+    """Every text of the comparison is readable: no formula is left as it is written."""
+    sys.path.insert(0, os.path.dirname(script))
+    import compare_runs
+    figures = []
+    compare_runs.save = lambda figure, path: figures.append(figure)
+    before, sys.argv = sys.argv, ["compare_runs.py", folder, "--ground-truth", truth, "--output", "x.png"]
+    try:
+        assert compare_runs.main() == 0
+    finally:
+        sys.argv = before
+    figures[0].canvas.draw()
+    texts = [label.get_text() for axes in figures[0].axes
+             for label in axes.get_yticklabels() + axes.get_xticklabels()]
+    assert any(texts) and not any("$" in text for text in texts), texts
+
+
 def main():
     if any(importlib.util.find_spec(name) is None for name in ("matplotlib", "numpy")):
         print("no matplotlib")
@@ -79,6 +96,7 @@ def main():
         assert result.returncode == 0, result.stderr
         with open(together, "rb") as file:
             assert file.read().startswith(b"\x89PNG")
+        check_labels(script, folder, truth)
         for bad in (["/none", "--output", together], [folder, "--output", together],
                     [folder, "--ground-truth", truth, "--output", "/none/x.png"]):
             result = run(compare, *bad)

@@ -15,6 +15,7 @@ from plot_trajectory import (InputError, align, label_of, pair_up, plt, read_pos
                              readable, save)
 
 import numpy as np
+from matplotlib.ticker import FormatStrFormatter
 
 
 def read_run(argument, truth_path):
@@ -48,6 +49,7 @@ def main():
             lower.semilogy(times, np.maximum(error, 1e-4), color=line.get_color(), linewidth=1.3,
                            label=f"ATE {rmse:.3f} m")
         upper.set_ylabel("distance from the start [m]")
+        lower.yaxis.set_major_formatter(FormatStrFormatter("%g"))  # not 10^k, a formula
         lower.set_ylabel("position error [m]")
         lower.set_xlabel("time [s]")
         for axes in (upper, lower):
