@@ -50,6 +50,11 @@ RunOutcome summarise_run(const System& system, const RunInfo& info);
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome);
 
+/// Saves the map to `file`, or to saved.map in `folder` when `file` cannot be written.
+/// \throws InputError when `file` could not be written; the message says where the map is instead.
+void save_map_or_beside(const System& system, const std::filesystem::path& file,
+                        const std::filesystem::path& folder);
+
 /// The table printed at the end of a run: frames, accuracy, time per stage, memory.
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome);
 

@@ -2,7 +2,6 @@
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
 #include <kys_slam/util/atomic_file.h>
-#include <kys_slam/util/save_map.h>
 #include <nanobind/stl/filesystem.h>
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>

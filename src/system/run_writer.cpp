@@ -357,6 +357,21 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   files.check();
 }
 
+void save_map_or_beside(const System& system, const std::filesystem::path& file,
+                        const std::filesystem::path& folder) {
+  try {
+    system.save_map(file);
+  } catch (const InputError& error) {
+    const std::filesystem::path instead = folder / "saved.map";
+    try {
+      system.save_map(instead);
+    } catch (const InputError&) {
+      throw error;
+    }
+    throw InputError(std::string(error.what()) + "; the map is in " + instead.string());
+  }
+}
+
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome) {
   std::string text;
   const auto row = [&](const char* name, const std::string& value) {

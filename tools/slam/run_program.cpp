@@ -16,7 +16,6 @@
 #include <kys_slam/util/process_figures.h>
 #include <kys_slam/util/progress.h>
 #include <kys_slam/util/read_bytes.h>
-#include <kys_slam/util/save_map.h>
 #include <kys_slam/util/stopwatch.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
