@@ -96,11 +96,7 @@ Header read_header(LineReader& reader, std::string_view kind) {
   if (header.name.empty() || header.count == 0) {
     reader.fail("needs the name of the label space and its number of classes");
   }
-  // Prior files, feature files and maps hold names like that.
-  constexpr std::size_t kLongestName = 32;
-  if (header.name.size() > kLongestName ||
-      std::any_of(header.name.begin(), header.name.end(),
-                  [](char c) { return c <= ' ' || c > '~'; })) {
+  if (!is_label_space_name(header.name)) {
     reader.fail("the name of the label space needs 1 to 32 characters from ! to ~");
   }
   return header;
@@ -205,6 +201,11 @@ std::string read_text(const std::filesystem::path& file) {
 }
 
 }  // namespace
+
+bool is_label_space_name(std::string_view name, std::size_t longest) {
+  return !name.empty() && name.size() <= longest &&
+         std::all_of(name.begin(), name.end(), [](char c) { return c > ' ' && c <= '~'; });
+}
 
 const std::vector<std::string>& builtin_label_spaces() {
   static const std::vector<std::string> kNames = [] {

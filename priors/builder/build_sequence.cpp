@@ -378,14 +378,15 @@ class SequenceBuilder {
 
   /// Identities of the next frame's segments.
   void identify(std::size_t t, Prepared& frame, const SegmentLinks& links) {
+    std::size_t c = 0;  // the camera whose segments are too many
     try {
       if (overlap_) return identify(frame, links);
-      for (std::size_t c = 0; c < readers_.size(); ++c) {
+      for (; c < readers_.size(); ++c) {
         CameraPerception& in = frame.perception[c];
         in.instances = identify(c, in.panoptic, frame.shapes[c]);
       }
     } catch (const InputError& error) {
-      throw InputError(readers_[0].path_of(sequence_.names[t]).string() + ": " + error.what());
+      throw InputError(readers_[c].path_of(sequence_.names[t]).string() + ": " + error.what());
     }
   }
 

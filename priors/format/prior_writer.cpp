@@ -1,3 +1,4 @@
+#include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/prior_writer.h>
@@ -236,9 +237,7 @@ std::vector<std::uint8_t> encode_priors(const FramePriors& priors, const std::st
   if (width < 1 || height < 1 || width > pf::kMaxSide || height > pf::kMaxSide) {
     fail(name, "image size is not within 1..16384");
   }
-  if (priors.label_space.empty() || priors.label_space.size() > pf::kLabelSpaceLength ||
-      std::any_of(priors.label_space.begin(), priors.label_space.end(),
-                  [](char c) { return c <= ' ' || c > '~'; })) {
+  if (!kys::is_label_space_name(priors.label_space, pf::kLabelSpaceLength)) {
     fail(name, "label space name needs 1 to 32 characters from ! to ~");
   }
   for (const CameraPriors& c : priors.cameras) {

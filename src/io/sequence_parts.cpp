@@ -55,7 +55,7 @@ int compare_names(std::string_view a, std::string_view b) {
       last = '0';
       continue;
     }
-    if (a.front() != b.front()) return std::string_view(a).substr(0, 1).compare(b.substr(0, 1));
+    if (a.front() != b.front()) return a.compare(b);
     fraction = (a.front() == '.' && is_digit(last)) || (fraction && is_digit(a.front()));
     last = a.front();
     a.remove_prefix(1);

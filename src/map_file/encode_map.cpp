@@ -1,4 +1,5 @@
-#include <algorithm>
+#include <kys/label_space.h>
+
 #include <cmath>
 #include <stdexcept>
 
@@ -131,8 +132,8 @@ std::size_t estimate_size(const MapContents& contents) {
 }
 
 void check_label_space(const MapContents& contents, std::string_view label_space) {
-  if (label_space.size() > 255 || std::any_of(label_space.begin(), label_space.end(),
-                                              [](char c) { return c <= ' ' || c > '~'; })) {
+  constexpr std::size_t kLongest = 255;  // its length is a byte
+  if (!label_space.empty() && !kys::is_label_space_name(label_space, kLongest)) {
     throw std::invalid_argument("save_map: a label space's name has to be printable and short");
   }
   if (label_space.empty() && contents.has_priors()) {

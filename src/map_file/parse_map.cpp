@@ -1,4 +1,5 @@
 #include <kys/error.h>
+#include <kys/label_space.h>
 #include <kys/prior.h>
 #include <kys_slam/error.h>
 
@@ -108,11 +109,12 @@ std::string read_shared(ByteReader in, MapContents& contents) {
   }
   contents.keyframe_id_end = in.u32();
   contents.landmark_id_end = in.u32();
-  const auto name = in.raw(in.u8());
-  require(std::all_of(name.begin(), name.end(), [](std::uint8_t c) { return c > ' ' && c <= '~'; }),
+  const auto bytes = in.raw(in.u8());
+  const std::string name(bytes.begin(), bytes.end());
+  require(name.empty() || kys::is_label_space_name(name, name.size()),
           "has a label space that is not printable");
   require(in.left() == 0, "has bytes too many");
-  return {name.begin(), name.end()};
+  return name;
 }
 
 std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapContents& contents) {

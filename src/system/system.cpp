@@ -429,12 +429,11 @@ void System::Impl::observe(const FrameReport& report, const FrameFeatures& featu
     seen_landmarks[i] = static_cast<std::int64_t>(landmarks[i].value);
     const LandmarkView* landmark = tracker.replica().landmarks().find(landmarks[i]);
     if (landmark == nullptr) continue;
-    const kys::Prior prior = features.priors().empty() ? kys::Prior() : features.priors()[i];
-    seen_tiers[i] =
-        model
-            .evaluate(features.descriptors()[i], tracker.with_belief(prior), landmark->descriptor,
-                      tracker.with_belief(landmark->prior), kys::Context::kTemporal)
-            .tier;
+    const kys::Prior prior = tracker.with_belief(features.prior(i));
+    seen_tiers[i] = model
+                        .evaluate(features.descriptor(i), prior, landmark->descriptor,
+                                  tracker.with_belief(landmark->prior), kys::Context::kTemporal)
+                        .tier;
   }
 }
 

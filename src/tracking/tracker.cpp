@@ -541,8 +541,7 @@ bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_
   for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
     const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
     if (landmark == nullptr || known++ % every != 0) continue;
-    priors[i] = kys::landmark_prior(reference.features->prior(i), landmark->prior);
-    if (instances_) priors[i] = instances_->with_belief(priors[i]);
+    priors[i] = with_belief(kys::landmark_prior(reference.features->prior(i), landmark->prior));
     queries.push_back(
         {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
     landmarks.push_back(reference.landmarks[i]);

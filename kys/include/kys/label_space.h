@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -53,6 +54,10 @@ class LabelSpace {
   std::vector<float> table_;
   std::unordered_map<std::int32_t, std::uint16_t> index_of_id_;
 };
+
+/// Whether a label space may have this name: prior files, feature files and maps hold it. 1 to
+/// `longest` characters from ! to ~.
+bool is_label_space_name(std::string_view name, std::size_t longest = 32);
 
 /// Names of the label spaces that are part of the library: "ade20k_150", "coco_panoptic_133",
 /// "vkitti2".
