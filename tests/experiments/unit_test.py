@@ -287,6 +287,18 @@ class Plans(unittest.TestCase):
                          ["x 4 pipelined 0", "x 4 realtime 0", "x 4 realtime 1"])
         self.assertEqual(self.runs(self.EXPERIMENT, 5), ["x 5 pipelined 0"])
 
+    def test_no_input_is_simulated_that_no_run_needs(self):
+        asked = []
+        planner = self.Planner()
+        planner.configurations_of = lambda experiment: []
+        planner.has_trajectory = lambda experiment, name: True
+        planner.input_of = lambda name, seed, experiment: asked.append(seed) or (None, "", {})
+        planner.runs_of({**self.EXPERIMENT, "inputs": ["x"]})
+        self.assertEqual(asked, [4, 5])
+        asked.clear()
+        planner.runs_of({**self.EXPERIMENT, "inputs": ["x"], "schedules": ["realtime"]})
+        self.assertEqual(asked, [4])
+
     def test_schedules_are_chosen(self):
         self.assertEqual(self.Planner().experiment("table_1_kitti.yaml")["schedules"],
                          ["pipelined", "realtime"])

@@ -85,6 +85,22 @@ class Programs:
         return self._digests[name]
 
 
+def schedules_of(experiment, seed):
+    """Schedules of the runs with a seed, each with its number of repeats. Repeated are, as of a
+    recording, the runs of the first seed only."""
+    repeats = experiment.get("repeats", {})
+    return [(schedule, repeats.get(schedule, 1)) for schedule in experiment["schedules"]
+            if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
+
+
+def schedules_of(experiment, seed):
+    """Schedules of the runs with a seed, each with its number of repeats. Repeated are, as of a
+    recording, the runs of the first seed only."""
+    repeats = experiment.get("repeats", {})
+    return [(schedule, repeats.get(schedule, 1)) for schedule in experiment["schedules"]
+            if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
+
+
 class Planner:
     def __init__(self, options):
         self.options = options
@@ -311,6 +327,8 @@ class Planner:
             if not self.has_trajectory(experiment, name):
                 continue
             for seed in experiment["seeds"]:
+                if not schedules_of(experiment, seed):
+                    continue
                 source = (self.drive_of(name, seed, experiment, "exact")
                           if name.startswith("drive/") else self.input_of(name, seed, experiment))
                 if source is None:
@@ -332,10 +350,7 @@ class Planner:
                 self.leave_out(experiment["name"], variant, "a setting this program does not have")
                 continue
             for case in experiment.get("cases", ["exact"]):
-                for schedule in experiment["schedules"]:
-                    repeats = experiment.get("repeats", {}).get(schedule, 1)
-                    if repeats > 1 and seed != experiment["seeds"][0]:
-                        continue  # as of a recording: many runs of one input
+                for schedule, repeats in schedules_of(experiment, seed):
                     for repeat in range(repeats):
                         job = self.run_of(source, name, configuration, settings, case, schedule,
                                           repeat, seed, experiment)
