@@ -340,11 +340,10 @@ class SequenceBuilder {
     frame.disparity = disparities(t, pair);
     add_time(&BuildTimes::stereo, watch.lap_ms());
     complete(frame.disparity, frame.perception);
-    const double ms = watch.lap_ms();
-    const std::lock_guard lock(mutex_);
-    summary_.times.depth += ms;
+    add_time(&BuildTimes::depth, watch.lap_ms());
     frame.by_disparity = links_by_disparity(frame.perception[0].panoptic,
                                             frame.perception[1].panoptic, frame.disparity[0]);
+    add_time(&BuildTimes::association, watch.lap_ms());
   }
 
   /// What a frame's keypoints say about the segments of the frame before.

@@ -18,6 +18,7 @@ constexpr int kFewPixels = 30;      // by disparity, below which they do not cou
 constexpr double kOneObject = 0.5;  // share of a left thing's pixels on one right thing, and back
 constexpr int kFewVotes = 2;        // keypoints, below which they do not count
 constexpr double kSmoothing = 0.5;  // of the speed in the image
+constexpr auto kNone = static_cast<std::size_t>(-1);
 
 /// Share of a segment's keypoints that were found on each other segment.
 std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::uint16_t segment,
@@ -31,6 +32,43 @@ std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::ui
   }
   for (auto& [other, share] : result) share /= total;
   return result;
+}
+
+/// Assigns tracks to things with the largest sum of gains; those below kLeastGain do not count.
+/// \return by thing: its track, or kNone
+std::vector<std::size_t> assign(const std::vector<std::map<std::size_t, double>>& gain,
+                                std::size_t tracks) {
+  // Most pairs have nothing in common: the others make a small problem.
+  std::vector<std::size_t> things, track_of;
+  std::vector<long> column_of(tracks, -1);
+  for (std::size_t i = 0; i < gain.size(); ++i) {
+    bool any = false;
+    for (const auto& [track, value] : gain[i]) {
+      if (value < kLeastGain) continue;
+      any = true;
+      if (column_of[track] >= 0) continue;
+      column_of[track] = static_cast<long>(track_of.size());
+      track_of.push_back(track);
+    }
+    if (any) things.push_back(i);
+  }
+  std::vector<std::size_t> chosen(gain.size(), kNone);
+  const auto n = static_cast<long>(std::max(things.size(), track_of.size()));
+  if (n == 0) return chosen;
+  dlib::matrix<std::int64_t> square(n, n);
+  square = 0;
+  for (std::size_t row = 0; row < things.size(); ++row) {
+    for (const auto& [track, value] : gain[things[row]]) {
+      if (value < kLeastGain) continue;
+      square(static_cast<long>(row), column_of[track]) = std::llround(1e6 * value);
+    }
+  }
+  const std::vector<long> column = dlib::max_cost_assignment(square);
+  for (std::size_t row = 0; row < things.size(); ++row) {
+    if (square(static_cast<long>(row), column[row]) == 0) continue;
+    chosen[things[row]] = track_of[static_cast<std::size_t>(column[row])];
+  }
+  return chosen;
 }
 
 }  // namespace
@@ -66,16 +104,22 @@ std::map<std::uint16_t, double> MaskAssociator::overlaps(const View& view, std::
     dv = seen->second.v;
   }
   const int right = static_cast<int>(std::lround(du)), down = static_cast<int>(std::lround(dv));
+  std::vector<int> common(map.segments.size() + 1, 0);  // px by segment
   double area = 0;
   for (const MaskRun& run : view.mask) {
     const int y = run.y + down;
-    if (y < 0 || y >= map.map.height()) continue;
+    if (y < 0 || y >= map.runs.rows()) continue;
     const int x0 = std::max(0, run.x0 + right), x1 = std::min(map.map.width(), run.x1 + right);
-    const std::uint16_t* row = map.map.row(y);
-    for (int x = x0; x < x1; ++x) {
-      if (row[x] != 0) result[row[x]] += 1;
-    }
     area += std::max(0, x1 - x0);
+    const auto row = map.runs.row(y);
+    auto at = std::partition_point(row.begin(), row.end(),
+                                   [&](const SegmentRun& r) { return r.x1 <= x0; });
+    for (; at != row.end() && at->x0 < x1; ++at) {
+      common[at->segment] += std::min<int>(at->x1, x1) - std::max<int>(at->x0, x0);
+    }
+  }
+  for (std::size_t k = 1; k < common.size(); ++k) {
+    if (common[k] > 0) result[static_cast<std::uint16_t>(k)] = common[k];
   }
   for (auto& [segment, overlap] : result) {
     overlap /= area + shapes[segment - 1u].area - overlap;
@@ -95,14 +139,12 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
     things.push_back(k);
   }
   check_assignment(things.size(), tracks_.size());
-  const auto n = static_cast<long>(std::max(things.size(), tracks_.size()));
-  dlib::matrix<std::int64_t> gain(n, n);
-  gain = 0;
+  std::vector<std::map<std::size_t, double>> gain(things.size());  // by thing and track
   const auto add = [&](std::uint16_t segment, std::size_t track, double value) {
     const auto row = row_of.find(segment);
     if (row == row_of.end()) return;
     if (group_of(map.segments[segment - 1u].label) != group_of(tracks_[track].label)) return;
-    gain(static_cast<long>(row->second), static_cast<long>(track)) += std::llround(1e6 * value);
+    gain[row->second][track] += value;
   };
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const View& view = tracks_[t].views[c];
@@ -126,18 +168,12 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
       }
     }
   }
-  for (long i = 0; i < n; ++i) {
-    for (long j = 0; j < n; ++j) {
-      if (gain(i, j) < std::llround(1e6 * kLeastGain)) gain(i, j) = 0;
-    }
-  }
-  std::vector<long> column;
-  if (n > 0) column = dlib::max_cost_assignment(gain);
+  const std::vector<std::size_t> chosen = assign(gain, tracks_.size());
   for (Track& track : tracks_) ++track.views[c].missed;
   for (std::size_t i = 0; i < things.size(); ++i) {
     const std::size_t k = things[i];
-    auto t = static_cast<std::size_t>(column[i]);
-    if (t >= tracks_.size() || gain(static_cast<long>(i), column[i]) == 0) {
+    std::size_t t = chosen[i];
+    if (t == kNone) {
       t = tracks_.size();
       tracks_.push_back({next_identity_++, map.segments[k].label, {}});
     }

@@ -106,6 +106,7 @@ void BuilderOptions::check() const {
 
 BuilderOptions paper_options() {
   BuilderOptions options;
+  options.association.method = AssociationMethod::kCentroid;
   options.association.class_agnostic = true;
   options.flow_check.enabled = false;
   options.ego_motion.model = EgoMotionModel::kAsPrinted;

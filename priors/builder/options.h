@@ -22,7 +22,7 @@ enum class References {
 /// Method that gives thing segments identities over time.
 enum class AssociationMethod {
   kCentroid,  ///< nearest centroids, each camera separately (paper)
-  kOverlap,   ///< overlap of masks and common keypoints, both cameras together
+  kOverlap,   ///< overlap of masks, common pixels and keypoints, both cameras together
 };
 
 /// How segments are judged.
@@ -34,8 +34,8 @@ enum class DetectionMethod {
 /// Every constant of Secs. 3.2-3.3, under the name it has in configs/priors_default.yaml.
 struct BuilderOptions {
   struct Association {
-    AssociationMethod method = AssociationMethod::kCentroid;
-    double max_distance = 100;    ///< px between centroids
+    AssociationMethod method = AssociationMethod::kOverlap;
+    double max_distance = 100;    ///< px between centroids; of kCentroid
     int max_missed_frames = 5;    ///< a track unmatched in more consecutive frames is dropped
     bool class_agnostic = false;  ///< let a car continue as a truck (paper, literally)
   } association;

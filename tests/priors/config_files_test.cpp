@@ -23,6 +23,7 @@ TEST(PriorConfigurations, ThePapersFileIsLiteral) {
   BuilderOptions o;
   load_options(std::filesystem::path(KYS_SOURCE_DIR) / "configs" / "priors_paper.yaml", o);
   EXPECT_EQ(o.ego_motion.model, EgoMotionModel::kAsPrinted);
+  EXPECT_EQ(o.association.method, AssociationMethod::kCentroid);
   EXPECT_TRUE(o.association.class_agnostic) << "the paper names no classes";
   EXPECT_FALSE(o.flow_check.enabled) << "nor a check of the flow";
   EXPECT_LT(o.detection.reference_floor, 1e-6) << "nor floors";
