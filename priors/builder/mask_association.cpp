@@ -79,13 +79,25 @@ SegmentLinks::Votes links_by_disparity(const PanopticMap& left, const PanopticMa
   for (int y = 0; y < left.map.height(); ++y) {
     for (const SegmentRun& run : left.runs.row(y)) {
       if (run.segment == 0 || !left.segments[run.segment - 1u].thing) continue;
+      std::uint16_t met = 0;  // the right thing that the last pixels fell on
+      int count = 0;
+      const auto add = [&] {
+        if (count > 0) votes[{run.segment, met}] += count;
+        count = 0;
+      };
       for (int x = run.x0; x < run.x1; ++x) {
         const float d = disparity.at(x, y);
         const auto to = static_cast<float>(x) - d + 0.5F;
         if (!(d > 0 && to >= 0)) continue;
         const std::uint16_t segment = right.map.at(static_cast<int>(to), y);
-        if (segment != 0 && right.segments[segment - 1u].thing) ++votes[{run.segment, segment}];
+        if (segment == 0) continue;
+        if (segment != met) {
+          add();
+          met = segment;
+        }
+        if (right.segments[segment - 1u].thing) ++count;
       }
+      add();
     }
   }
   return votes;
