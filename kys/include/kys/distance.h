@@ -21,7 +21,7 @@ struct Prior {
   std::uint16_t label = kVoidLabel;  ///< dense class index in the label space of the prior file
   std::uint8_t dynamic = 0;          ///< 1: the segment is flagged as moving (mode `mask`)
   std::uint8_t unjudged = 0;         ///< 1: the motion of the segment was not measured
-  std::int32_t instance = -1;        ///< identity; equal: the same object, in either camera; -1: none
+  std::int32_t instance = -1;        ///< identity; equal: one object, in either camera; -1: none
   float scale = 0;                   ///< a, area x (mean depth)^2, px^2 m^2 (Eq. 3)
   float motion = 0;                  ///< mu, 0..100, motion score (Eq. 8)
   float log_motion = 0;              ///< ln(1 + mu), taken once per keypoint
