@@ -379,7 +379,7 @@ class SequenceBuilder {
   void identify(std::size_t t, Prepared& frame, const SegmentLinks& links) {
     std::size_t c = 0;  // the camera whose segments are too many
     try {
-      if (overlap_) return identify(frame, links);
+      if (overlap_) return identify(frame, links, c);
       for (; c < readers_.size(); ++c) {
         CameraPerception& in = frame.perception[c];
         in.instances = identify(c, in.panoptic, frame.shapes[c]);
@@ -390,10 +390,10 @@ class SequenceBuilder {
   }
 
   /// Identities of the next frame's segments, both cameras together.
-  void identify(Prepared& frame, const SegmentLinks& links) {
+  void identify(Prepared& frame, const SegmentLinks& links, std::size_t& camera) {
     std::vector<const PanopticMap*> maps;
     for (const CameraPerception& in : frame.perception) maps.push_back(&in.panoptic);
-    const std::vector<std::vector<std::int32_t>> identities = overlap_->next_frame(maps, links);
+    const auto identities = overlap_->next_frame(maps, links, camera);
     for (std::size_t c = 0; c < maps.size(); ++c) {
       frame.perception[c].instances = instances_of(c, *maps[c], identities[c]);
     }

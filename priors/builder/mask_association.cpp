@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "priors/builder/association.h"
 
@@ -36,21 +37,19 @@ std::map<std::uint16_t, double> shares(const SegmentLinks::Votes& votes, std::ui
 
 /// Assigns tracks to things with the largest sum of gains; those below kLeastGain do not count.
 /// \return by thing: its track, or kNone
-std::vector<std::size_t> assign(const std::vector<std::map<std::size_t, double>>& gain,
+std::vector<std::size_t> assign(std::vector<std::map<std::size_t, double>> gain,
                                 std::size_t tracks) {
   // Most pairs have nothing in common: the others make a small problem.
   std::vector<std::size_t> things, track_of;
   std::vector<long> column_of(tracks, -1);
   for (std::size_t i = 0; i < gain.size(); ++i) {
-    bool any = false;
+    std::erase_if(gain[i], [](const auto& of_track) { return of_track.second < kLeastGain; });
+    if (!gain[i].empty()) things.push_back(i);
     for (const auto& [track, value] : gain[i]) {
-      if (value < kLeastGain) continue;
-      any = true;
       if (column_of[track] >= 0) continue;
       column_of[track] = static_cast<long>(track_of.size());
       track_of.push_back(track);
     }
-    if (any) things.push_back(i);
   }
   std::vector<std::size_t> chosen(gain.size(), kNone);
   const auto n = static_cast<long>(std::max(things.size(), track_of.size()));
@@ -59,7 +58,6 @@ std::vector<std::size_t> assign(const std::vector<std::map<std::size_t, double>>
   square = 0;
   for (std::size_t row = 0; row < things.size(); ++row) {
     for (const auto& [track, value] : gain[things[row]]) {
-      if (value < kLeastGain) continue;
       square(static_cast<long>(row), column_of[track]) = std::llround(1e6 * value);
     }
   }
@@ -90,12 +88,10 @@ SegmentLinks::Votes links_by_disparity(const PanopticMap& left, const PanopticMa
         const auto to = static_cast<float>(x) - d + 0.5F;
         if (!(d > 0 && to >= 0)) continue;
         const std::uint16_t segment = right.map.at(static_cast<int>(to), y);
-        if (segment == 0) continue;
-        if (segment != met) {
-          add();
-          met = segment;
-        }
-        if (right.segments[segment - 1u].thing) ++count;
+        if (segment == 0 || !right.segments[segment - 1u].thing) continue;
+        if (segment != met) add();
+        met = segment;
+        ++count;
       }
       add();
     }
@@ -131,10 +127,8 @@ std::map<std::uint16_t, double> MaskAssociator::overlaps(const View& view, std::
     }
   }
   for (std::size_t k = 1; k < common.size(); ++k) {
-    if (common[k] > 0) result[static_cast<std::uint16_t>(k)] = common[k];
-  }
-  for (auto& [segment, overlap] : result) {
-    overlap /= area + shapes[segment - 1u].area - overlap;
+    if (common[k] == 0) continue;
+    result[static_cast<std::uint16_t>(k)] = common[k] / (area + shapes[k - 1].area - common[k]);
   }
   return result;
 }
@@ -180,7 +174,7 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
       }
     }
   }
-  const std::vector<std::size_t> chosen = assign(gain, tracks_.size());
+  const std::vector<std::size_t> chosen = assign(std::move(gain), tracks_.size());
   for (Track& track : tracks_) ++track.views[c].missed;
   for (std::size_t i = 0; i < things.size(); ++i) {
     const std::size_t k = things[i];
@@ -260,10 +254,10 @@ void MaskAssociator::join_views(const PanopticMap& left, const PanopticMap& righ
 }
 
 std::vector<std::vector<std::int32_t>> MaskAssociator::next_frame(
-    std::span<const PanopticMap* const> cameras, const SegmentLinks& links) {
+    std::span<const PanopticMap* const> cameras, const SegmentLinks& links, std::size_t& c) {
   std::vector<std::vector<std::int32_t>> identities;
   for (const PanopticMap* map : cameras) identities.emplace_back(map->segments.size(), -1);
-  for (std::size_t c = 0; c < cameras.size(); ++c) {
+  for (c = 0; c < cameras.size(); ++c) {
     associate(c, *cameras[c], links, identities, identities[c]);
   }
   if (cameras.size() == 2) join_views(*cameras[0], *cameras[1], links, identities);

@@ -44,10 +44,16 @@ class MaskAssociator {
       : options_(options), pooled_(std::move(pooled)) {}
 
   /// The next frame. \param cameras left, and right if there is one
+  /// \param c the camera whose things are looked at: after an error, the one at fault
   /// \return identities 0, 1, 2, ... by camera and segment; -1 of stuff
   /// \throws InputError as check_assignment() does
   std::vector<std::vector<std::int32_t>> next_frame(std::span<const PanopticMap* const> cameras,
-                                                    const SegmentLinks& links);
+                                                    const SegmentLinks& links, std::size_t& c);
+  std::vector<std::vector<std::int32_t>> next_frame(std::span<const PanopticMap* const> cameras,
+                                                    const SegmentLinks& links) {
+    std::size_t c = 0;
+    return next_frame(cameras, links, c);
+  }
 
   [[nodiscard]] std::int32_t identities_given() const { return next_identity_; }
 

@@ -37,7 +37,7 @@ struct BuilderOptions {
     AssociationMethod method = AssociationMethod::kOverlap;
     double max_distance = 100;    ///< px between centroids; of kCentroid
     int max_missed_frames = 5;    ///< a track unmatched in more consecutive frames is dropped
-    bool class_agnostic = false;  ///< let a car continue as a truck (paper, literally)
+    bool class_agnostic = false;  ///< kCentroid: a car may continue as a truck (paper)
   } association;
 
   struct Depth {

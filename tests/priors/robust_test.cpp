@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 
 #include <array>
@@ -229,6 +230,20 @@ TEST(MaskAssociation, OneObjectHasOneIdentityInBothCameras) {
       associator.next_frame(std::vector<const PanopticMap*>{&left, &right}, links);
   EXPECT_EQ(identities[0], (std::vector<std::int32_t>{0, 1}));
   EXPECT_EQ(identities[1], (std::vector<std::int32_t>{1, 0}));
+}
+
+TEST(MaskAssociation, TooManyThingsAreThoseOfTheirCamera) {
+  const PanopticMap few = boxes({{20, 20, 50, 40}});
+  PanopticMap many = few;
+  many.segments.resize(2049, many.segments[0]);
+  for (const std::size_t at_fault : {0u, 1u}) {
+    MaskAssociator associator({}, {});
+    std::size_t camera = 7;
+    const std::vector<const PanopticMap*> maps{at_fault == 0 ? &many : &few,
+                                               at_fault == 0 ? &few : &many};
+    EXPECT_THROW(associator.next_frame(maps, {}, camera), InputError);
+    EXPECT_EQ(camera, at_fault);
+  }
 }
 
 TEST(MaskAssociation, DisparityLinksWhatIsTheSameThingInBothViews) {

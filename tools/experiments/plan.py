@@ -93,14 +93,6 @@ def schedules_of(experiment, seed):
             if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
 
 
-def schedules_of(experiment, seed):
-    """Schedules of the runs with a seed, each with its number of repeats. Repeated are, as of a
-    recording, the runs of the first seed only."""
-    repeats = experiment.get("repeats", {})
-    return [(schedule, repeats.get(schedule, 1)) for schedule in experiment["schedules"]
-            if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
-
-
 class Planner:
     def __init__(self, options):
         self.options = options
