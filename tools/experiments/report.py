@@ -440,9 +440,11 @@ def trajectory_pictures(experiment, results, rows, path, limit=3):
                 if r["status"] in ("done", "lost") and r["schedule"] == rows[0]["schedule"]]
         mine = [r for r in mine if r["seed"] == mine[0]["seed"]]
         if mine:
+            of = ", ".join(x for x in (mine[0]["variant"], mine[0]["case"]) if x)
             made.append(figures.trajectories(
                 [(r["configuration"], results.folder(r)) for r in mine[:8]],
-                f"{name}: {mine[0].get('what', 'given data')}", path(f"path-{name.replace('/', '')}")))
+                f"{name}: {mine[0].get('what', 'given data')} ({of})",
+                path(f"path-{name.replace('/', '')}")))
     return made
 
 
