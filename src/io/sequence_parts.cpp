@@ -28,42 +28,6 @@ std::string frame_number(const fs::path& image) {
   return stem.substr(begin);
 }
 
-bool is_digit(char c) {
-  return c >= '0' && c <= '9';
-}
-
-/// The digits at the front, without zeros before them; takes them off.
-std::string_view take_number(std::string_view& text) {
-  std::size_t end = 0;
-  while (end < text.size() && is_digit(text[end])) ++end;
-  std::string_view digits = text.substr(0, end);
-  text.remove_prefix(end);
-  while (!digits.empty() && digits.front() == '0') digits.remove_prefix(1);
-  return digits;
-}
-
-/// Order of names by text, and of the whole numbers in them by value, so that 2 comes before 10:
-/// below 0, 0, above 0. Digits after a decimal point are text.
-int compare_names(std::string_view a, std::string_view b) {
-  bool fraction = false;
-  char last = 0;
-  while (!a.empty() && !b.empty()) {
-    if (is_digit(a.front()) && is_digit(b.front()) && !fraction) {
-      const std::string_view x = take_number(a), y = take_number(b);
-      if (x.size() != y.size()) return x.size() < y.size() ? -1 : 1;
-      if (const int order = x.compare(y); order != 0) return order;
-      last = '0';
-      continue;
-    }
-    if (a.front() != b.front()) return a.compare(b);
-    fraction = (a.front() == '.' && is_digit(last)) || (fraction && is_digit(a.front()));
-    last = a.front();
-    a.remove_prefix(1);
-    b.remove_prefix(1);
-  }
-  return a.empty() && b.empty() ? 0 : a.empty() ? -1 : 1;
-}
-
 }  // namespace
 
 fs::path sequence_folder(const fs::path& folder) {

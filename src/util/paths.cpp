@@ -22,6 +22,20 @@ fs::file_type type_of(const fs::path& path) {
   return type;
 }
 
+bool is_digit(char c) {
+  return c >= '0' && c <= '9';
+}
+
+/// The digits at the front, without zeros before them; takes them off.
+std::string_view take_number(std::string_view& text) {
+  std::size_t end = 0;
+  while (end < text.size() && is_digit(text[end])) ++end;
+  std::string_view digits = text.substr(0, end);
+  text.remove_prefix(end);
+  while (!digits.empty() && digits.front() == '0') digits.remove_prefix(1);
+  return digits;
+}
+
 }  // namespace
 
 bool path_exists(const fs::path& path) {
@@ -66,6 +80,26 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
 bool is_same_path(const fs::path& a, const fs::path& b) {
   std::error_code error;
   return fs::equivalent(a, b, error) && !error;
+}
+
+int compare_names(std::string_view a, std::string_view b) {
+  bool fraction = false;
+  char last = 0;
+  while (!a.empty() && !b.empty()) {
+    if (is_digit(a.front()) && is_digit(b.front()) && !fraction) {
+      const std::string_view x = take_number(a), y = take_number(b);
+      if (x.size() != y.size()) return x.size() < y.size() ? -1 : 1;
+      if (const int order = x.compare(y); order != 0) return order;
+      last = '0';
+      continue;
+    }
+    if (a.front() != b.front()) return a.compare(b);
+    fraction = (a.front() == '.' && is_digit(last)) || (fraction && is_digit(a.front()));
+    last = a.front();
+    a.remove_prefix(1);
+    b.remove_prefix(1);
+  }
+  return a.empty() && b.empty() ? 0 : a.empty() ? -1 : 1;
 }
 
 }  // namespace kys_slam

@@ -4,6 +4,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/read_bytes.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -212,6 +213,20 @@ TEST_F(DecisionErrorsTest, LateGivesTheFileOfTheFrameBefore) {
     EXPECT_EQ(out.cameras[0].segment_map.at(10 + i - 1, 12), kMover);
     EXPECT_EQ(now.cameras[0].segment_map.at(10 + i - 1, 12), kBuilding);
     EXPECT_EQ(out.cameras[0].segments, before.cameras[0].segments);
+  }
+}
+
+TEST_F(DecisionErrorsTest, TheFrameBeforeTenIsNine) {
+  write_folder(12);
+  const auto short_name = [](int i) { return std::to_string(i) + ".kysp"; };
+  for (int i = 0; i < 12; ++i) {
+    fs::rename(root_ / "in" / name_of(i), root_ / "in" / short_name(i));
+  }
+  disturb(DecisionError::kLate);
+  for (int i = 1; i < 12; ++i) {
+    EXPECT_EQ(read_bytes(root_ / "out" / short_name(i)),
+              read_bytes(root_ / "in" / short_name(i - 1)))
+        << i;
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kys_slam {
@@ -18,6 +19,11 @@ bool is_file(const std::filesystem::path& path);
 std::vector<std::string> names_in_folder(const std::filesystem::path& folder);
 /// The entries of a folder, sorted by name, without names that begin with '.'.
 std::vector<std::filesystem::path> list_folder(const std::filesystem::path& folder);
+
+/// Order of names by text, and of the whole numbers in them by value, so that 2 comes before 10:
+/// below 0, 0, above 0. Digits after a decimal point are text. Images and prior files are frames in
+/// this order.
+int compare_names(std::string_view a, std::string_view b);
 
 /// Whether both exist and are the same file or folder.
 bool is_same_path(const std::filesystem::path& a, const std::filesystem::path& b);
