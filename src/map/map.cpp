@@ -299,6 +299,7 @@ void Map::add_landmark(Landmark landmark) {
   const LandmarkId id = landmark.id;
   landmark.observations.clear();
   landmarks_.put(id, std::move(landmark));
+  index_instance(id);
   touch(id);
 }
 
@@ -397,8 +398,10 @@ void Map::refresh_landmark(LandmarkId id) {
   const Observation& best = landmark.observations[representative(descriptors)];
   const Observation& recent = landmark.observations.back();
   landmark.descriptor = keyframe(best.keyframe).features->descriptor(best.feature);
+  const std::int32_t instance_before = landmark.prior.instance;
   landmark.prior = kys::landmark_prior(keyframe(best.keyframe).features->prior(best.feature),
                                        keyframe(recent.keyframe).features->prior(recent.feature));
+  if (landmark.prior.instance != instance_before) index_instance(id);
   if (const auto known = beliefs_.find(landmark.prior.instance); known != beliefs_.end()) {
     landmark.prior = kys::with_belief(landmark.prior, known->second.p_static);
   }
@@ -406,28 +409,39 @@ void Map::refresh_landmark(LandmarkId id) {
   refresh_geometry(id);
 }
 
+void Map::keep_beliefs() {
+  if (keeps_beliefs_) return;
+  keeps_beliefs_ = true;
+  for (const LandmarkId id : landmarks_.ids()) index_instance(id);
+}
+
 int Map::set_beliefs(std::span<const InstanceBelief> beliefs, double patience) {
   std::map<std::int32_t, InstanceBelief> changed;
   for (const InstanceBelief& belief : beliefs) {
     changed[belief.instance] = beliefs_[belief.instance] = belief;
   }
-  if (changed.empty()) return 0;
-  const std::int32_t first = changed.begin()->first;
   std::vector<LandmarkId> gone;
-  for (const LandmarkId id : landmarks_.ids()) {
-    Landmark& landmark = landmarks_.at(id);
-    if (landmark.prior.instance < first) continue;
-    const auto known = changed.find(landmark.prior.instance);
-    if (known == changed.end()) continue;
-    if (known->second.moving_for > patience) {
-      gone.push_back(id);
+  for (const auto& [instance, belief] : changed) {
+    const auto found = on_instance_.find(instance);
+    if (found == on_instance_.end()) continue;
+    std::vector<LandmarkId>& ids = found->second;
+    sort_unique(ids);
+    std::erase_if(ids, [&, on = instance](LandmarkId id) {
+      return !has(id) || landmark(id).prior.instance != on;
+    });
+    if (belief.moving_for > patience) {
+      gone.insert(gone.end(), ids.begin(), ids.end());
       continue;
     }
-    const kys::Prior prior = kys::with_belief(landmark.prior, known->second.p_static);
-    if (prior == landmark.prior) continue;
-    landmark.prior = prior;
-    touch(id);
+    for (const LandmarkId id : ids) {
+      Landmark& landmark = landmarks_.at(id);
+      const kys::Prior prior = kys::with_belief(landmark.prior, belief.p_static);
+      if (prior == landmark.prior) continue;
+      landmark.prior = prior;
+      touch(id);
+    }
   }
+  std::sort(gone.begin(), gone.end());
   for (const LandmarkId id : gone) erase_landmark(id);
   return static_cast<int>(gone.size());
 }

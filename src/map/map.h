@@ -122,9 +122,11 @@ class Map {
 
   /// From this call on, the motion of a landmark's prior is the belief that it is static
   /// (kys::with_belief), and `weight` uses it.
-  void keep_beliefs() { keeps_beliefs_ = true; }
-  /// Applies new beliefs to the landmarks on these instances. Erases landmarks on instances that
-  /// have moved for longer than `patience` (s). Returns the number erased.
+  void keep_beliefs();
+  [[nodiscard]] bool keeps_beliefs() const { return keeps_beliefs_; }
+  /// After keep_beliefs(): applies new beliefs to the landmarks on these instances. Erases
+  /// landmarks on instances that have moved for longer than `patience` (s). Returns the number
+  /// erased.
   int set_beliefs(std::span<const InstanceBelief> beliefs, double patience);
   /// Factor on the information of a landmark's observations, 0..1.
   [[nodiscard]] float weight(const Landmark& landmark) const {
@@ -164,6 +166,10 @@ class Map {
   }
   void touch(LandmarkId id) { dirty_landmarks_.push_back(id); }
   void touch_geometry(LandmarkId id) { moved_landmarks_.push_back(id); }
+  void index_instance(LandmarkId id) {
+    const std::int32_t instance = landmarks_.at(id).prior.instance;
+    if (keeps_beliefs_ && instance >= 0) on_instance_[instance].push_back(id);
+  }
 
   StereoCamera camera_;
   ScaleLevels scales_;
@@ -171,6 +177,8 @@ class Map {
   float disparity_offset_ = 0;  // px
   bool keeps_beliefs_ = false;
   std::map<std::int32_t, InstanceBelief> beliefs_;  // of the instances of this session
+  // With beliefs only: every landmark by its instance, and some that had this instance before.
+  std::map<std::int32_t, std::vector<LandmarkId>> on_instance_;
   IdTable<KeyFrameId, KeyFrame> keyframes_;
   IdTable<LandmarkId, Landmark> landmarks_;
   IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks

@@ -73,8 +73,8 @@ bool MapContents::has_priors() const {
 }
 
 MapContents Map::contents() const {
-  MapContents contents{camera_, scales_, disparity_offset_, {},
-                       {},      {},      keyframe_id_end(), landmark_id_end()};
+  MapContents contents{camera_,           scales_,           disparity_offset_, {}, {}, {},
+                       keyframe_id_end(), landmark_id_end(), keeps_beliefs_};
   contents.keyframes.reserve(keyframes_.size());
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
     contents.keyframes.push_back({.id = id,
@@ -112,6 +112,7 @@ Map::Map(MapContents contents)
   restore_culled(contents.culled);
   restore_landmarks(std::move(contents.landmarks));
   restore_covisibility();
+  if (contents.beliefs) keep_beliefs();
   check_consistency();
 }
 

@@ -24,6 +24,7 @@ struct MapContents {
   std::vector<Landmark> landmarks;     ///< by id
   std::uint32_t keyframe_id_end = 0;   ///< one past the largest id ever used
   std::uint32_t landmark_id_end = 0;
+  bool beliefs = false;  ///< the motion of all priors is belief (kys::with_belief), not mu
 
   /// Whether any feature or landmark has a prior.
   [[nodiscard]] bool has_priors() const;

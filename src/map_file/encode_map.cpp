@@ -156,7 +156,7 @@ std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_spac
   file.u32(static_cast<std::uint32_t>(contents.keyframes.size()));
   file.u32(static_cast<std::uint32_t>(contents.culled.size()));
   file.u32(static_cast<std::uint32_t>(contents.landmarks.size()));
-  file.u32(0);
+  file.u32(contents.beliefs ? mf::kHasBeliefs : 0);
 
   ByteWriter shared;
   write_shared(shared, contents, label_space);

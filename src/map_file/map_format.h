@@ -26,13 +26,14 @@ inline constexpr std::size_t kAtFileSize = 16;
 inline constexpr std::size_t kAtKeyframes = 24;
 inline constexpr std::size_t kAtCulled = 28;
 inline constexpr std::size_t kAtLandmarks = 32;
-inline constexpr std::size_t kAtReserved = 36;
+inline constexpr std::size_t kAtFlags = 36;
 
 inline constexpr std::uint32_t kBatch = 4096;    ///< culled keyframes or landmarks per chunk
 inline constexpr std::uint32_t kMaxLevels = 64;  ///< of the pyramid
 inline constexpr int kMaxSide = 16384;           ///< px
 inline constexpr float kMaxPixel = 65536;        ///< px, of any coordinate
 inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
+inline constexpr std::uint32_t kHasBeliefs = 1;  ///< flag of the header
 inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
 inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
 /// Limit of ids beyond the number of objects in the file, because tables are allocated by the

@@ -26,6 +26,7 @@ struct Header {
   std::uint32_t keyframes;
   std::uint32_t culled;
   std::uint32_t landmarks;
+  std::uint32_t flags;
 };
 
 Header check_header(std::span<const std::uint8_t> bytes) {
@@ -48,8 +49,8 @@ Header check_header(std::span<const std::uint8_t> bytes) {
   }
   require(sum == mf::checksum(bytes.subspan(mf::kAtChecked)),
           "is corrupt (checksum does not match)");
-  const Header header{reader.u32(), reader.u32(), reader.u32()};
-  require(reader.u32() == 0, "has a reserved field that is not zero");
+  const Header header{reader.u32(), reader.u32(), reader.u32(), reader.u32()};
+  require((header.flags & ~mf::kHasBeliefs) == 0, "has unknown flags");
   return header;
 }
 
@@ -232,6 +233,7 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
   const Header header = check_header(bytes);
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
+  contents.beliefs = (header.flags & mf::kHasBeliefs) != 0;
   const std::string stored_space = read_shared(ByteReader(mf::take_chunk(file)), contents);
   while (contents.keyframes.size() < header.keyframes) {
     contents.keyframes.push_back(read_keyframe(ByteReader(mf::take_chunk(file)), contents));

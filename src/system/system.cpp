@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "camera/plausible.h"
+#include "map/motion_of_mode.h"
 #include "map_file/map_file.h"
 #include "system/back_end.h"
 #include "system/object_log.h"
@@ -249,6 +250,9 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   if (map.scales().scale != s.scales.scale) {
     throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
                      "orb.scale_factor)");
+  }
+  if (const bool beliefs = s.model.uses_belief(); map.keeps_beliefs() != beliefs) {
+    map = Map(with_motion_of_mode(map.contents(), beliefs, make_belief_start(s.options, s.model)));
   }
   s.first_keyframe = {map.keyframe_id_end()};
   if (s.priors) {

@@ -495,7 +495,7 @@ void read_prior_file(Bytes input) {
 void read_map(Bytes input) {
   namespace mf = map_format;
   std::vector<std::uint8_t> bytes(input.begin(), input.end());
-  if (bytes.size() >= mf::kHeaderSize && (bytes[mf::kAtReserved] & 1) == 0) {
+  if (bytes.size() >= mf::kHeaderSize && (bytes[mf::kAtFlags] & 2) == 0) {
     std::copy(mf::kMagic.begin(), mf::kMagic.end(), bytes.begin());
     put(bytes, mf::kAtFileSize, static_cast<std::uint32_t>(bytes.size()));
     put(bytes, mf::kAtFileSize + 4, 0);

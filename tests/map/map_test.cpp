@@ -1,6 +1,7 @@
 #include "map/map.h"
 
 #include <gtest/gtest.h>
+#include <kys/prior.h>
 
 #include "support/map_builder.h"
 
@@ -300,6 +301,59 @@ TEST(Map, ConsistencyCheckNoticesNumbersThatAreNotFinite) {
   map.check_consistency();
   map.set_position(lm(0), {0, std::nan(""), 0});
   EXPECT_THROW(map.check_consistency(), std::logic_error);
+}
+
+/// Three keyframes; features 0-9 are of instance 5, the others of 7, but feature 9 of keyframes 1
+/// and 2 is of 7 as well.
+Map chain_on_instances() {
+  Map map = chain(3);
+  Map with_priors = empty_map();
+  for (std::uint32_t k = 0; k < 3; ++k) {
+    KeyFrame keyframe = map.keyframe(kf(k));
+    std::vector<kys::Prior> priors;
+    for (std::size_t i = 0; i < keyframe.features->size(); ++i) {
+      priors.push_back(kys::make_prior(2, i < 9 || (i == 9 && k == 0) ? 5 : 7, 10, 1, false));
+    }
+    keyframe.features =
+        std::make_shared<const FrameFeatures>(keyframe.features->with_priors(std::move(priors)));
+    with_priors.add_keyframe(std::move(keyframe));
+  }
+  return with_priors;
+}
+
+TEST(Map, BeliefsReachTheLandmarksOfTheirInstanceOnly) {
+  for (const bool from_the_start : {true, false}) {
+    Map map = chain_on_instances();
+    if (from_the_start) map.keep_beliefs();
+    for (std::uint32_t i = 0; i < 20; ++i) see(map, i, i, {0, 1});
+    map.keep_beliefs();
+    (void)map.take_changes();
+    EXPECT_EQ(map.set_beliefs(std::vector<InstanceBelief>{{5, 0.25f, 0}, {6, 0.5f, 0}}, 1), 0);
+    for (std::uint32_t i = 0; i < 20; ++i) {
+      EXPECT_EQ(map.weight(map.landmark(lm(i))), i < 10 ? 0.25f : 0.99f) << i;
+    }
+    EXPECT_EQ(map.take_changes().landmarks.size(), 10u);
+    EXPECT_EQ(map.set_beliefs(std::vector<InstanceBelief>{{5, 0.25f, 0}}, 1), 0);
+    EXPECT_TRUE(map.take_changes().landmarks.empty()) << "nothing is new";
+  }
+}
+
+TEST(Map, ALandmarkThatChangesItsInstanceFollowsTheBeliefOfTheNewOne) {
+  Map map = chain_on_instances();
+  map.keep_beliefs();
+  for (std::uint32_t i = 8; i < 12; ++i) see(map, i, i, {0, 1});
+  map.set_beliefs(std::vector<InstanceBelief>{{5, 0.25f, 0}, {7, 0.75f, 0}}, 1);
+  EXPECT_EQ(map.weight(map.landmark(lm(9))), 0.25f);
+  ASSERT_TRUE(map.add_observation(lm(9), kf(2), 9));
+  map.remove_observation(lm(9), kf(0));
+  map.refresh_landmark(lm(9));
+  EXPECT_EQ(map.weight(map.landmark(lm(9))), 0.75f);
+  EXPECT_EQ(map.set_beliefs(std::vector<InstanceBelief>{{5, 0.0f, 2}}, 1), 1);
+  EXPECT_FALSE(map.has(lm(8))) << "it is on what has moved for long";
+  EXPECT_TRUE(map.has(lm(9)));
+  map.erase_landmark(lm(11));
+  EXPECT_EQ(map.set_beliefs(std::vector<InstanceBelief>{{7, 0.0f, 2}}, 1), 2) << "9 and 10";
+  EXPECT_EQ(map.landmarks().size(), 0u);
 }
 
 }  // namespace

@@ -1,11 +1,13 @@
 #include "map_file/map_file.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/error.h>
 
 #include <chrono>
 
 #include "io/temporary_folder.h"
 #include "map/replica.h"
+#include "map_file/map_format.h"
 #include "map_file/sample_map.h"
 
 namespace kys_slam {
@@ -120,6 +122,27 @@ TEST(MapFile, SavedAgainIsTheSameBytes) {
   const auto bytes = encode_map(map, kSampleLabelSpace);
   EXPECT_EQ(encode_map(map, kSampleLabelSpace), bytes);
   EXPECT_EQ(encode_map(parse_map(bytes, "a", kSampleLabelSpace), kSampleLabelSpace), bytes);
+}
+
+TEST(MapFile, SaysWhetherItsMotionIsBelief) {
+  Map map = sample_map();
+  const auto without = encode_map(map, kSampleLabelSpace);
+  EXPECT_FALSE(parse_map(without, "a", kSampleLabelSpace).keeps_beliefs());
+  map.keep_beliefs();
+  auto with = encode_map(map, kSampleLabelSpace);
+  const Map loaded = parse_map(with, "b", kSampleLabelSpace);
+  EXPECT_TRUE(loaded.keeps_beliefs());
+  EXPECT_EQ(encode_map(loaded, kSampleLabelSpace), with);
+  with[map_format::kAtFlags] |= 2;
+  byte_stream::ByteWriter sum;
+  sum.u32(map_format::checksum(std::span(with).subspan(map_format::kAtChecked)));
+  std::copy(sum.bytes().begin(), sum.bytes().end(), with.begin() + map_format::kAtChecksum);
+  try {
+    (void)parse_map(with, "c", kSampleLabelSpace);
+    ADD_FAILURE() << "of a later program";
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(), "c: has unknown flags");
+  }
 }
 
 TEST(MapFile, EmptyMap) {

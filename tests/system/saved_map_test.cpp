@@ -4,6 +4,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
 
+#include <cmath>
 #include <map>
 #include <set>
 
@@ -184,9 +185,10 @@ class ParkedCar : public PriorProvider {
 
 class MapWithBeliefs : public ::testing::Test {
  protected:
-  static System verified(const FeatureWorld& world) {
+  static System verified(const FeatureWorld& world) { return of_mode(world, "verified"); }
+  static System of_mode(const FeatureWorld& world, const std::string& mode) {
     Settings settings;
-    settings.set("kys.mode", "verified");
+    settings.set("kys.mode", mode);
     return {world.camera(), settings, Schedule::kSequential, std::make_unique<ParkedCar>()};
   }
   static std::map<std::uint32_t, MapSnapshot::Landmark> on_cars(const System& system) {
@@ -238,6 +240,58 @@ TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) 
   EXPECT_FALSE(seen.empty());
   EXPECT_FALSE(seen.contains(ParkedCar::kInstance)) << "the car of today is not that of yesterday";
   for (const FrameEstimate& estimate : second.trajectory()) EXPECT_TRUE(estimate.connected);
+}
+
+TEST_F(MapWithBeliefs, WhatIsUndecidedIsNotGatedInAModeWithoutBeliefs) {
+  const FeatureWorld world = road();
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "car.map";
+  System first = verified(world);
+  for (int i = 0; i < 2; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
+  first.finish();
+  first.save_map(file);
+  const auto saved = on_cars(first);
+  ASSERT_GT(saved.size(), 50u);
+  for (const auto& [id, landmark] : saved) {
+    EXPECT_GT(landmark.belief, 0.5f);
+    EXPECT_LT(landmark.belief, 0.8f) << "100 (1 - p) read as mu would be above the gate of 20";
+  }
+
+  System second = of_mode(world, "kys");
+  second.load_map(file);
+  const auto loaded = on_cars(second);
+  ASSERT_EQ(loaded.size(), saved.size());
+  for (const auto& [id, landmark] : loaded) {
+    EXPECT_EQ(landmark.belief, 1.0f);
+    EXPECT_EQ(map_of(second).landmark(LandmarkId{id}).prior.motion, 0.0f) << id;
+  }
+  for (const KeyFrameId id : map_of(second).keyframes().ids()) {
+    for (const kys::Prior& prior : map_of(second).keyframe(id).features->priors()) {
+      EXPECT_EQ(prior.motion, 0.0f);
+    }
+  }
+}
+
+TEST_F(MapWithBeliefs, MuOfASavedMapBecomesTheBeliefOfItsClass) {
+  const FeatureWorld world = road();
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "car.map";
+  System first = of_mode(world, "kys");
+  for (int i = 0; i < 5; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
+  first.finish();
+  first.save_map(file);
+
+  System second = verified(world);
+  second.load_map(file);
+  const auto loaded = on_cars(second);
+  ASSERT_GT(loaded.size(), 50u);
+  for (const auto& [id, landmark] : loaded) {
+    EXPECT_NEAR(landmark.belief, 1 / (1 + std::exp(-1.0)), 1e-6) << "a car, not flagged: 0.5 + 0.5";
+  }
+  for (const MapSnapshot::Landmark& landmark : second.snapshot().landmarks) {
+    if (landmark.label == ParkedCar::kCar) continue;
+    EXPECT_EQ(landmark.belief, 1.0f);
+  }
 }
 
 }  // namespace
