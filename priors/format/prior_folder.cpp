@@ -92,9 +92,7 @@ std::vector<fs::path> list_prior_files(const fs::path& input) {
     if (path.extension() == ".kysp") files.push_back(path);
   }
   if (files.empty()) throw InputError(input.string() + ": has no prior files (*.kysp)");
-  std::stable_sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
-    return compare_names(a.stem().native(), b.stem().native()) < 0;
-  });
+  sort_frames(files);
   return files;
 }
 

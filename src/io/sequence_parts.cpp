@@ -48,9 +48,7 @@ std::vector<fs::path> list_images(const fs::path& folder) {
     if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") images.push_back(path);
   }
   if (images.empty()) throw InputError(folder.string() + ": no PNG or JPEG images");
-  std::stable_sort(images.begin(), images.end(), [](const fs::path& a, const fs::path& b) {
-    return compare_names(a.stem().native(), b.stem().native()) < 0;
-  });
+  sort_frames(images);
   for (std::size_t i = 1; i < images.size(); ++i) {
     if (compare_names(images[i - 1].stem().native(), images[i].stem().native()) == 0) {
       throw InputError(images[i].string() + ": the same frame as " +

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <kys/belief.h>
 #include <kys/option_list.h>
 
 #include <algorithm>
@@ -14,6 +15,11 @@ struct BeliefUpdateOptions {
 };
 /// For check_options().
 void describe(kys::OptionList& list, BeliefUpdateOptions& options);
+
+/// Whether a prior is of an instance that can move.
+inline bool has_belief(const kys::Prior& prior, const kys::InitialBelief& start) {
+  return start.mobility(prior.label) != kys::Mobility::kFixed && prior.instance >= 0;
+}
 
 inline double probability(double log_odds) {
   return 1.0 / (1.0 + std::exp(-log_odds));

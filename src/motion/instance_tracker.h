@@ -107,9 +107,7 @@ class InstanceTracker {
   /// Weight of an observation from this belief, 0..1.
   [[nodiscard]] float weight(const kys::Prior& prior) const;
   /// Whether the prior is of an instance with a belief.
-  [[nodiscard]] bool follows(const kys::Prior& prior) const {
-    return start_.mobility(prior.label) != kys::Mobility::kFixed && prior.instance >= 0;
-  }
+  [[nodiscard]] bool follows(const kys::Prior& prior) const { return has_belief(prior, start_); }
   /// Beliefs that changed since the last call, by instance.
   [[nodiscard]] std::vector<InstanceBelief> take_changed_beliefs();
 

@@ -18,8 +18,8 @@
 #include <utility>
 
 #include "camera/plausible.h"
-#include "map/motion_of_mode.h"
 #include "map_file/map_file.h"
+#include "motion/motion_of_mode.h"
 #include "system/back_end.h"
 #include "system/object_log.h"
 #include "system/private_access.h"

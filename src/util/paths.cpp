@@ -102,4 +102,10 @@ int compare_names(std::string_view a, std::string_view b) {
   return a.empty() && b.empty() ? 0 : a.empty() ? -1 : 1;
 }
 
+void sort_frames(std::vector<fs::path>& files) {
+  std::stable_sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return compare_names(a.stem().native(), b.stem().native()) < 0;
+  });
+}
+
 }  // namespace kys_slam

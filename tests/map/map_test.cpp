@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 #include <kys/prior.h>
 
+#include <functional>
+
 #include "support/map_builder.h"
 
 namespace kys_slam {
@@ -24,11 +26,20 @@ Map empty_map() {
 }
 
 /// Keyframes 0..n-1 with 60 stereo features each, one metre apart along z.
-Map chain(std::uint32_t n) {
+/// \param instance_of by keyframe and feature; none: without priors
+Map chain(std::uint32_t n, const std::function<int(std::uint32_t, std::size_t)>& instance_of = {}) {
   Map map = empty_map();
   for (std::uint32_t k = 0; k < n; ++k) {
+    auto features = random_features(map.camera(), 60, k + 1, 1.0);
+    if (instance_of) {
+      std::vector<kys::Prior> priors;
+      for (std::size_t i = 0; i < features->size(); ++i) {
+        priors.push_back(kys::make_prior(2, instance_of(k, i), 10, 1, false));
+      }
+      features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
+    }
     map.add_keyframe(make_keyframe(
-        k, random_features(map.camera(), 60, k + 1, 1.0),
+        k, std::move(features),
         Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -static_cast<double>(k)))));
   }
   return map;
@@ -306,19 +317,8 @@ TEST(Map, ConsistencyCheckNoticesNumbersThatAreNotFinite) {
 /// Three keyframes; features 0-9 are of instance 5, the others of 7, but feature 9 of keyframes 1
 /// and 2 is of 7 as well.
 Map chain_on_instances() {
-  Map map = chain(3);
-  Map with_priors = empty_map();
-  for (std::uint32_t k = 0; k < 3; ++k) {
-    KeyFrame keyframe = map.keyframe(kf(k));
-    std::vector<kys::Prior> priors;
-    for (std::size_t i = 0; i < keyframe.features->size(); ++i) {
-      priors.push_back(kys::make_prior(2, i < 9 || (i == 9 && k == 0) ? 5 : 7, 10, 1, false));
-    }
-    keyframe.features =
-        std::make_shared<const FrameFeatures>(keyframe.features->with_priors(std::move(priors)));
-    with_priors.add_keyframe(std::move(keyframe));
-  }
-  return with_priors;
+  return chain(3,
+               [](std::uint32_t k, std::size_t i) { return i < 9 || (i == 9 && k == 0) ? 5 : 7; });
 }
 
 TEST(Map, BeliefsReachTheLandmarksOfTheirInstanceOnly) {

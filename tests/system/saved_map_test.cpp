@@ -185,12 +185,18 @@ class ParkedCar : public PriorProvider {
 
 class MapWithBeliefs : public ::testing::Test {
  protected:
-  static System verified(const FeatureWorld& world) { return of_mode(world, "verified"); }
-  static System of_mode(const FeatureWorld& world, const std::string& mode) {
+  [[nodiscard]] System of_mode(const std::string& mode) const {
     Settings settings;
     settings.set("kys.mode", mode);
-    return {world.camera(), settings, Schedule::kSequential, std::make_unique<ParkedCar>()};
+    return {world_.camera(), settings, Schedule::kSequential, std::make_unique<ParkedCar>()};
   }
+  /// Feeds this many frames and saves the map to file().
+  void run(System& system, int frames) const {
+    for (int i = 0; i < frames; ++i) system.feed(world_.look(i, weaving_pose(0.8 * i)));
+    system.finish();
+    system.save_map(file());
+  }
+  [[nodiscard]] std::filesystem::path file() const { return folder_.path() / "car.map"; }
   static std::map<std::uint32_t, MapSnapshot::Landmark> on_cars(const System& system) {
     std::map<std::uint32_t, MapSnapshot::Landmark> result;
     for (const MapSnapshot::Landmark& landmark : system.snapshot().landmarks) {
@@ -198,16 +204,16 @@ class MapWithBeliefs : public ::testing::Test {
     }
     return result;
   }
+
+  const FeatureWorld world_ = road();
+
+ private:
+  const TemporaryFolder folder_;
 };
 
 TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) {
-  const FeatureWorld world = road();
-  const TemporaryFolder folder;
-  const std::filesystem::path file = folder.path() / "car.map";
-  System first = verified(world);
-  for (int i = 0; i < 30; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
-  first.finish();
-  first.save_map(file);
+  System first = of_mode("verified");
+  run(first, 30);
   const auto saved = on_cars(first);
   ASSERT_GT(saved.size(), 100u);
   int believed = 0;
@@ -217,8 +223,8 @@ TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) 
   }
   EXPECT_GT(2 * believed, static_cast<int>(saved.size())) << "no prior file says that much";
 
-  System second = verified(world);
-  second.load_map(file);
+  System second = of_mode("verified");
+  second.load_map(file());
   const auto loaded = on_cars(second);
   ASSERT_EQ(loaded.size(), saved.size());
   for (const auto& [id, landmark] : saved) {
@@ -231,7 +237,7 @@ TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) 
     for (const ObservedInstance& instance : frame.instances) seen.insert(instance.instance);
   });
   for (int i = 0; i < 20; ++i) {
-    StereoFrame frame = world.look(5000 + i, weaving_pose(20 + 0.8 * i));
+    StereoFrame frame = world_.look(5000 + i, weaving_pose(20 + 0.8 * i));
     frame.index = i;
     frame.timestamp = 0.1 * i;
     second.feed(frame);
@@ -243,13 +249,8 @@ TEST_F(MapWithBeliefs, ALoadedMapBelievesWhatTheSavedOneDidAndItsCarsAreOthers) 
 }
 
 TEST_F(MapWithBeliefs, WhatIsUndecidedIsNotGatedInAModeWithoutBeliefs) {
-  const FeatureWorld world = road();
-  const TemporaryFolder folder;
-  const std::filesystem::path file = folder.path() / "car.map";
-  System first = verified(world);
-  for (int i = 0; i < 2; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
-  first.finish();
-  first.save_map(file);
+  System first = of_mode("verified");
+  run(first, 2);
   const auto saved = on_cars(first);
   ASSERT_GT(saved.size(), 50u);
   for (const auto& [id, landmark] : saved) {
@@ -257,8 +258,8 @@ TEST_F(MapWithBeliefs, WhatIsUndecidedIsNotGatedInAModeWithoutBeliefs) {
     EXPECT_LT(landmark.belief, 0.8f) << "100 (1 - p) read as mu would be above the gate of 20";
   }
 
-  System second = of_mode(world, "kys");
-  second.load_map(file);
+  System second = of_mode("kys");
+  second.load_map(file());
   const auto loaded = on_cars(second);
   ASSERT_EQ(loaded.size(), saved.size());
   for (const auto& [id, landmark] : loaded) {
@@ -273,16 +274,11 @@ TEST_F(MapWithBeliefs, WhatIsUndecidedIsNotGatedInAModeWithoutBeliefs) {
 }
 
 TEST_F(MapWithBeliefs, MuOfASavedMapBecomesTheBeliefOfItsClass) {
-  const FeatureWorld world = road();
-  const TemporaryFolder folder;
-  const std::filesystem::path file = folder.path() / "car.map";
-  System first = of_mode(world, "kys");
-  for (int i = 0; i < 5; ++i) first.feed(world.look(i, weaving_pose(0.8 * i)));
-  first.finish();
-  first.save_map(file);
+  System first = of_mode("kys");
+  run(first, 5);
 
-  System second = verified(world);
-  second.load_map(file);
+  System second = of_mode("verified");
+  second.load_map(file());
   const auto loaded = on_cars(second);
   ASSERT_GT(loaded.size(), 50u);
   for (const auto& [id, landmark] : loaded) {

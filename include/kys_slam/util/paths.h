@@ -21,9 +21,10 @@ std::vector<std::string> names_in_folder(const std::filesystem::path& folder);
 std::vector<std::filesystem::path> list_folder(const std::filesystem::path& folder);
 
 /// Order of names by text, and of the whole numbers in them by value, so that 2 comes before 10:
-/// below 0, 0, above 0. Digits after a decimal point are text. Images and prior files are frames in
-/// this order.
+/// below 0, 0, above 0. Digits after a decimal point are text.
 int compare_names(std::string_view a, std::string_view b);
+/// Sorts files of frames by compare_names() of their stems.
+void sort_frames(std::vector<std::filesystem::path>& files);
 
 /// Whether both exist and are the same file or folder.
 bool is_same_path(const std::filesystem::path& a, const std::filesystem::path& b);

@@ -56,7 +56,7 @@ class PriorFolder : public PriorProvider {
   std::size_t missing_ = 0;
 };
 
-/// The prior files of a folder in the order of frames (compare_names), or `input` itself when it is
+/// The prior files of a folder in the order of frames (sort_frames), or `input` itself when it is
 /// a file. \throws InputError when there are none.
 std::vector<std::filesystem::path> list_prior_files(const std::filesystem::path& input);
 

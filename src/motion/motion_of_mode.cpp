@@ -1,19 +1,20 @@
-#include "map/motion_of_mode.h"
+#include "motion/motion_of_mode.h"
 
 #include <kys/prior.h>
 
-#include <cmath>
 #include <memory>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "motion/belief.h"
+
 namespace kys_slam {
 namespace {
 
 kys::Prior initial_belief(const kys::Prior& prior, const kys::InitialBelief& start) {
-  if (prior.instance < 0 || start.mobility(prior.label) == kys::Mobility::kFixed) return prior;
-  return kys::with_belief(prior, 1.0 / (1.0 + std::exp(-start.log_odds(prior))));
+  if (!has_belief(prior, start)) return prior;
+  return kys::with_belief(prior, probability(start.log_odds(prior)));
 }
 
 kys::Prior decided(const kys::Prior& prior) {
