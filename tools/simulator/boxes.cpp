@@ -1,6 +1,7 @@
 #include "boxes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -9,34 +10,55 @@ namespace {
 
 using Eigen::Vector3d;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kNear = 0.1;  // m, corners nearer than that are taken to fill the view
+constexpr double kNear = 1e-3;      // m, depth: what is nearer is not seen
+constexpr double kPassed = 0.1;     // m: a box that ends before this depth is beside the camera
+constexpr double kRounding = 1e-4;  // m, more than the float depth of a raster is off
 
-// Whether the box can be in the image, and where.
+// Whether the box can be in the image, where, and from which depth on.
 bool find_outline(const StereoCamera& k, const Rigid3& T_c_o, SeenBox& box) {
+  std::array<Vector3d, 8> corners;
+  double farthest = -kInfinity;
+  for (unsigned c = 0; c < 8; ++c) {
+    const Vector3d sign(c & 1U ? 1 : -1, c & 2U ? 1 : -1, c & 4U ? 1 : -1);
+    corners[c] = T_c_o * Vector3d(sign.cwiseProduct(box.half));
+    farthest = std::max(farthest, corners[c].z());
+  }
+  if (farthest < kPassed) return false;
   box.u0 = box.v0 = kInfinity;
   box.u1 = box.v1 = -kInfinity;
-  int behind = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const Vector3d sign(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
-    const Vector3d p = T_c_o * Vector3d(sign.cwiseProduct(box.half));
-    if (p.z() < kNear) {
-      ++behind;
-      continue;
-    }
+  box.nearest = kInfinity;
+  const auto cover = [&](const Vector3d& p) {
     const double u = k.fx * p.x() / p.z() + k.cx;
     const double v = k.fy * p.y() / p.z() + k.cy;
     box.u0 = std::min(box.u0, u);
     box.u1 = std::max(box.u1, u);
     box.v0 = std::min(box.v0, v);
     box.v1 = std::max(box.v1, v);
+    box.nearest = std::min(box.nearest, p.z() - kRounding);
+  };
+  for (unsigned c = 0; c < 8; ++c) {
+    if (corners[c].z() >= kNear) cover(corners[c]);
+    // The edges from this corner that pass the plane of the nearest depth.
+    for (unsigned axis = 1; axis < 8; axis *= 2) {
+      const Vector3d& a = corners[c];
+      const Vector3d& b = corners[c | axis];
+      if ((a.z() < kNear) == (b.z() < kNear)) continue;
+      cover(a + (kNear - a.z()) / (b.z() - a.z()) * (b - a));
+    }
   }
-  if (behind == 8) return false;
-  if (behind > 0) {
-    box.u0 = box.v0 = 0;
-    box.u1 = k.width;
-    box.v1 = k.height;
+  const bool reaches_past = box.nearest < kPassed;
+  // The last blocks of a raster end behind the border of the image.
+  const double border = reaches_past ? BoxRaster::kBlock : 0;
+  if (box.u1 < 0 || box.v1 < 0 || box.u0 >= k.width + border || box.v0 >= k.height + border) {
+    return false;
   }
-  return box.u1 >= 0 && box.v1 >= 0 && box.u0 < k.width && box.v0 < k.height;
+  if (reaches_past) {
+    box.u0 = std::max(box.u0, 0.0);
+    box.v0 = std::max(box.v0, 0.0);
+    box.u1 = std::min<double>(box.u1, k.width);
+    box.v1 = std::min<double>(box.v1, k.height);
+  }
+  return true;
 }
 
 }  // namespace
@@ -79,19 +101,26 @@ BoxRaster::BoxRaster(const StereoCamera& camera, std::span<const SeenBox> boxes)
   const auto count = static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_);
   object_.assign(count, -1);
   depth_.assign(count, std::numeric_limits<float>::infinity());
-  for (const SeenBox& box : boxes) {
-    const auto block = [](double px, int end) {
-      return std::clamp(static_cast<int>(std::floor(px / kBlock)), 0, end - 1);
-    };
+  // The nearest box first: what it covers is not asked of those behind it.
+  std::vector<const SeenBox*> order;
+  for (const SeenBox& box : boxes) order.push_back(&box);
+  std::ranges::stable_sort(order, {}, &SeenBox::nearest);
+  const auto block = [](double px, int end) {
+    return std::clamp(static_cast<int>(std::floor(px / kBlock)), 0, end - 1);
+  };
+  for (const SeenBox* b : order) {
+    const SeenBox& box = *b;
     const int x1 = block(box.u1, columns_);
     const int y1 = block(box.v1, rows_);
     for (int y = block(box.v0, rows_); y <= y1; ++y) {
       for (int x = block(box.u0, columns_); x <= x1; ++x) {
+        const auto at = static_cast<std::size_t>(y * columns_ + x);
+        if (box.nearest > depth_[at]) continue;
         const Eigen::Vector3d ray(((x + 0.5) * kBlock - camera.cx) / camera.fx,
                                   ((y + 0.5) * kBlock - camera.cy) / camera.fy, 1);
         const auto depth = static_cast<float>(depth_of_hit(box, ray));
-        const auto at = static_cast<std::size_t>(y * columns_ + x);
-        if (depth >= depth_[at]) continue;
+        // At the same depth the lower object, in whatever order they come.
+        if (depth > depth_[at] || (depth == depth_[at] && box.object > object_[at])) continue;
         depth_[at] = depth;
         object_[at] = box.object;
       }

@@ -27,6 +27,7 @@ constexpr double kMaxCone = 0.79;    // 45 degrees
 constexpr double kShortSpan = 0.25;  // octaves that a landmark is found at, mean: half of them
 constexpr double kLongSpan = 1.2;    // the others
 constexpr double kMissed = 0.15;     // share of the features of one image missing in the other
+constexpr double kBeside = 0.1;      // m, depth
 constexpr double kFarthest = 1e6;    // m from the origin, of a pose
 // What objects have more of than the static world, chosen so that a rendered street and the same
 // street of features agree on the shares of keypoints and of matches that movers hold.
@@ -242,6 +243,7 @@ struct FeatureWorld::Impl {
   }
   [[nodiscard]] std::vector<Presence> present(std::size_t frame) const;
   void visible_on(const Presence& presence, std::size_t frame, std::vector<Sight>& out) const;
+  [[nodiscard]] bool may_show(const Presence& presence, const FrameScene& scene) const;
   void hide(const FrameScene& scene, std::vector<Sight>& sights) const;
   void add_to(const SeenBox& box, int octave, Rng& rng);
   void populate_objects(std::size_t frame, std::vector<Sight>& sights);
@@ -269,17 +271,18 @@ struct FeatureWorld::Impl {
 
 bool FeatureWorld::Impl::sees(const Landmark& l, const Rigid3& T_w_c, const Rigid3& T_c_w,
                               Sight& sight) const {
+  // What costs least comes first: most landmarks are too far, or seen from aside.
   const Eigen::Vector3d view = T_w_c.t() - l.p_w;
   const double distance = view.norm();
   if (distance >= l.max_distance || distance < 0.2) return false;
-  const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
-  if (level >= kFeatureLevels || level >= l.max_level) return false;
   const double cosine = view.dot(l.normal.cast<double>()) / distance;
   if (cosine < l.min_cosine) return false;
   const Eigen::Vector3d p_c = T_c_w * l.p_w;
   if (p_c.z() < 0.2) return false;
   sight.pixel = path.camera.project_stereo(p_c);
   if (!inside(sight.pixel.x(), sight.pixel.y())) return false;
+  const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
+  if (level >= kFeatureLevels || level >= l.max_level) return false;
   sight.p_c = p_c;
   sight.level = static_cast<float>(level);
   sight.aside = static_cast<float>(std::acos(std::min(1.0, cosine)) / std::acos(l.min_cosine));
@@ -437,6 +440,13 @@ void FeatureWorld::Impl::visible_on(const Presence& presence, std::size_t frame,
   }
 }
 
+// Whether the left camera can see a landmark on an object. The limbs of people leave their box.
+bool FeatureWorld::Impl::may_show(const Presence& presence, const FrameScene& scene) const {
+  const FeatureObject& object = objects[static_cast<std::size_t>(presence.object)];
+  return object.kind == FeatureObject::Kind::kArticulated ||
+         std::ranges::binary_search(scene.left, presence.object, {}, &SeenBox::object);
+}
+
 // Marks what stands behind or inside a box, one camera at a time.
 void FeatureWorld::Impl::hide(const FrameScene& scene, std::vector<Sight>& sights) const {
   constexpr double kSlack = 0.01;  // m
@@ -449,6 +459,7 @@ void FeatureWorld::Impl::hide(const FrameScene& scene, std::vector<Sight>& sight
       if (camera == 1) p.x() -= path.camera.baseline;
       for (const SeenBox& box : camera == 0 ? scene.left : scene.right) {
         if (s.hidden[camera]) break;
+        if (box.nearest >= p.z() - kSlack) continue;
         if (box.object == own || u < box.u0 || u > box.u1 || v < box.v0 || v > box.v1) continue;
         s.hidden[camera] = depth_of_hit(box, p / p.z()) < p.z() - kSlack;
       }
@@ -456,12 +467,16 @@ void FeatureWorld::Impl::hide(const FrameScene& scene, std::vector<Sight>& sight
   }
 }
 
-// A new landmark on a box where the left camera sees it.
+// A new landmark on a box where the left camera sees it. A box that ends beside the camera gets its
+// landmarks anywhere in the image: near parts that soon leave the image are not filled.
 void FeatureWorld::Impl::add_to(const SeenBox& box, int octave, Rng& rng) {
   const StereoCamera& k = path.camera;
+  const bool beside = box.nearest < kBeside;
+  const double u0 = beside ? 0 : box.u0, u1 = beside ? k.width : box.u1;
+  const double v0 = beside ? 0 : box.v0, v1 = beside ? k.height : box.v1;
   for (int attempt = 0; attempt < 8; ++attempt) {
-    const double u = rng.uniform(std::max(box.u0, kMargin), std::min(box.u1, k.width - kMargin));
-    const double v = rng.uniform(std::max(box.v0, kMargin), std::min(box.v1, k.height - kMargin));
+    const double u = rng.uniform(std::max(u0, kMargin), std::min(u1, k.width - kMargin));
+    const double v = rng.uniform(std::max(v0, kMargin), std::min(v1, k.height - kMargin));
     if (!inside(u, v)) continue;
     const Eigen::Vector3d ray((u - k.cx) / k.fx, (v - k.cy) / k.fy, 1);
     const double depth = depth_of_hit(box, ray);
@@ -790,7 +805,9 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
   std::optional<FrameScene> scene;
   if (w.has_traffic()) {
     scene = w.scene(index);
-    for (const Presence& p : w.present(index)) w.visible_on(p, index, sights);
+    for (const Presence& p : w.present(index)) {
+      if (w.may_show(p, *scene)) w.visible_on(p, index, sights);
+    }
     w.hide(*scene, sights);
     out.mover_share = scene->mover_share;
   }
