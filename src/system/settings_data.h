@@ -13,7 +13,7 @@
 #include "mapping/local_mapper.h"
 #include "matching/stereo_matcher.h"
 #include "system/object_log.h"
-#include "tracking/tracker.h"
+#include "tracking/tracker_options.h"
 
 namespace kys_slam {
 

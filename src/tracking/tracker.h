@@ -1,10 +1,10 @@
 #pragma once
 
 #include <kys/distance_model.h>
-#include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
 #include <memory>
@@ -21,37 +21,12 @@
 #include "matching/landmark_search.h"
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
-#include "tracking/keyframe_policy.h"
 #include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
+#include "tracking/tracker_options.h"
+#include "tracking/visibility_counts.h"
 
 namespace kys_slam {
-
-struct TrackerOptions {
-  int min_start_points = 100;   ///< stereo points needed to start a map
-  double close_baselines = 40;  ///< points nearer than this many baselines are close
-  float motion_radius = 7;      ///< px at octave 0, search around the predicted pixel
-  /// with fewer, the radius is doubled, then the prediction is dropped
-  int min_motion_matches = 10;
-  int min_reference_matches = 15;
-  int min_pose_inliers = 10;      ///< after the first pose of a frame
-  int min_local_inliers = 30;     ///< after the local map; with fewer, lost
-  int min_held_inliers = 15;      ///< the same for a pose predicted by constant velocity
-  float local_radius = 1;         ///< factor on the search radius of local landmarks
-  float local_ratio = 0.8f;       ///< best / second best
-  float max_distance = 100;       ///< bits
-  float reference_distance = 50;  ///< bits, matching without prediction
-  float reference_ratio = 0.7f;
-  double acceleration = 3;  ///< m/s^2, standard deviation about constant velocity, a prior of poses
-                            ///< with few matches; 0: off
-  double turn_acceleration = 3;  ///< rad/s^2, the same for rotation
-  bool align = true;  ///< align keypoints with the patches of their landmarks, if there are images
-  ConsensusOptions consensus;  ///< pose by image area, not by number of matches
-  KeyFramePolicyOptions keyframes;
-  InstanceTrackerOptions instances;  ///< used when the model uses belief
-};
-/// For check_options().
-void describe(kys::OptionList& list, TrackerOptions& options);
 
 /// A frame from the front end.
 struct TrackerInput {
@@ -160,6 +135,10 @@ class Tracker {
     FramePose pose;
     const ImagePyramid* left = nullptr;    // while the frame is tracked
     std::span<const kys::Prior> segments;  // while the frame is tracked
+
+    [[nodiscard]] int landmark_count() const {
+      return static_cast<int>(std::ranges::count_if(landmarks, &LandmarkId::valid));
+    }
   };
 
   Frame make_frame(const TrackerInput& input);
@@ -208,8 +187,6 @@ class Tracker {
   [[nodiscard]] bool is_believed_static(const kys::Prior& prior) const {
     return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
-  void count_visible(LandmarkId id);
-  [[nodiscard]] std::vector<VisibilityCount> take_counts();
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
   [[nodiscard]] bool is_jump(const Frame& frame) const;
@@ -242,11 +219,10 @@ class Tracker {
   std::int64_t last_keyframe_frame_ = 0;
   std::uint32_t next_keyframe_ = 0;
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kTracker};
-  bool frozen_ = false;                          // no keyframes, no landmarks
-  IdTable<LandmarkId, VisibilityCount> counts_;  // since the last keyframe
-  std::vector<LandmarkId> counted_;              // its ids
-  std::optional<InstanceTracker> instances_;     // when the model uses belief
-  std::deque<FramePose> judged_;                 // of the frames it keeps, latest first
+  bool frozen_ = false;                       // no keyframes, no landmarks
+  VisibilityCounts counts_;                   // since the last keyframe
+  std::optional<InstanceTracker> instances_;  // when the model uses belief
+  std::deque<FramePose> judged_;              // of the frames it keeps, latest first
 };
 
 }  // namespace kys_slam

@@ -16,6 +16,7 @@
 #include "support/option_walk.h"
 #include "system/back_end.h"
 #include "system/settings_data.h"
+#include "tracking/tracker.h"
 
 namespace kys_slam {
 namespace {

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <kys/option_list.h>
+
+#include "motion/instance_tracker.h"
+#include "optimization/pose_consensus.h"
+#include "tracking/keyframe_policy.h"
+
+namespace kys_slam {
+
+struct TrackerOptions {
+  int min_start_points = 100;   ///< stereo points needed to start a map
+  double close_baselines = 40;  ///< points nearer than this many baselines are close
+  float motion_radius = 7;      ///< px at octave 0, search around the predicted pixel
+  /// with fewer, the radius is doubled, then the prediction is dropped
+  int min_motion_matches = 10;
+  int min_reference_matches = 15;
+  int min_pose_inliers = 10;      ///< after the first pose of a frame
+  int min_local_inliers = 30;     ///< after the local map; with fewer, lost
+  int min_held_inliers = 15;      ///< the same for a pose predicted by constant velocity
+  float local_radius = 1;         ///< factor on the search radius of local landmarks
+  float local_ratio = 0.8f;       ///< best / second best
+  float max_distance = 100;       ///< bits
+  float reference_distance = 50;  ///< bits, matching without prediction
+  float reference_ratio = 0.7f;
+  double acceleration = 3;  ///< m/s^2, standard deviation about constant velocity, a prior of poses
+                            ///< with few matches; 0: off
+  double turn_acceleration = 3;  ///< rad/s^2, the same for rotation
+  bool align = true;  ///< align keypoints with the patches of their landmarks, if there are images
+  ConsensusOptions consensus;  ///< pose by image area, not by number of matches
+  KeyFramePolicyOptions keyframes;
+  InstanceTrackerOptions instances;  ///< used when the model uses belief
+};
+/// For check_options().
+void describe(kys::OptionList& list, TrackerOptions& options);
+
+}  // namespace kys_slam

@@ -1,0 +1,434 @@
+#include "tracking/tracker.h"
+
+// The pose of a frame: predicted, then refined with the local map.
+
+#include <kys/prior.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "matching/descriptor_matcher.h"
+#include "matching/predicted_view.h"
+
+namespace kys_slam {
+namespace {
+
+// A predicted pose is doubted when the share that it fits of the matches that led to it has fallen
+// below the part kFallen of the last frame's, and one that no camera can have come to when it is
+// below kDoubtfulShare.
+constexpr double kDoubtfulShare = 0.4;
+constexpr double kFallen = 0.5;
+
+// m/s^2, of the camera; no vehicle brakes with 10.
+constexpr double kImpossible = 15;
+
+// It gives way to one that fits this share of the keyframe's matches: with what moves in front of
+// the camera a pose fits many, but not all.
+constexpr double kExplained = 0.8;
+
+// Where the share alone raises doubt, the keyframe is asked by every n-th of its landmarks first.
+constexpr std::size_t kSampled = 4;
+
+// Something moves along with the camera when at least this share of the other matches fits a camera
+// that has gone less than kStays of the way.
+constexpr double kMovesAlong = 0.5;
+constexpr double kStays = 0.5;
+
+// The expected pose joins the observations where they leave the camera's place this much of the
+// uncertainty that it has without them.
+constexpr double kStarved = 0.5;
+
+// s; the motion model goes on so long where frames are lost.
+constexpr double kLongestGuess = 0.5;
+
+// s; a velocity as old as that still helps where a sub-map starts.
+constexpr double kOldestVelocity = 2;
+
+// nats; what is believed of a thing was judged by earlier poses, which may have been wrong.
+constexpr double kMaxVote = 3;
+
+/// Gives matched features their landmarks; returns how many.
+int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId>& wanted,
+           std::vector<LandmarkId>& landmarks) {
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q].feature < 0) continue;
+    landmarks[static_cast<std::size_t>(matches[q].feature)] = wanted[q];
+    ++count;
+  }
+  return count;
+}
+
+/// Between two camera centres, m.
+double distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
+  return (T_a_w.inverse_t() - T_b_w.inverse_t()).norm();
+}
+
+}  // namespace
+
+bool Tracker::predict(Frame& frame, TrackResult& result) {
+  if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
+    return predict_by_reference(frame, result);
+  }
+  result.jumped = impossible_;
+  if (impossible_ && replace_jump(frame, result)) return true;
+  if (doubtful_) replace_misfit(frame, result);
+  if (impossible_) result.reason += "; impossible motion";
+  return true;
+}
+
+/// A camera that turns back at once is far from where it was expected: what is found there fits by
+/// chance. Without a prediction nearly all of the keyframe fits, or what does is far away as well.
+void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
+  Frame unexpected = frame;
+  TrackResult alternative;
+  const auto fits = [&](std::size_t every) {
+    alternative.reason = "doubtful motion model";
+    const bool found = predict_by_reference(unexpected, alternative, every);
+    return found ? unexpected.landmark_count() / static_cast<double>(alternative.matches) : 0.0;
+  };
+  bool asked = impossible_;
+  if (!asked) {
+    const double sampled = fits(kSampled);
+    asked = sampled >= kExplained || (sampled >= kDoubtfulShare && is_jump(unexpected));
+  }
+  const double share = asked ? fits(1) : 0;
+  if (share >= kExplained && unexpected.landmark_count() > frame.landmark_count()) {
+    replace(frame, result, std::move(unexpected), alternative);
+  } else if (!impossible_ && share >= kDoubtfulShare && is_jump(unexpected)) {
+    replace_jump(frame, result, kDoubtfulShare);
+  }
+  result.statistics += alternative.statistics;
+}
+
+/// No camera can have come to the pose found: it may be that of a thing that moves along with the
+/// camera, which a search near the prediction favours. The whole local map, searched without a
+/// prediction, decides where it fits at least this share of its matches.
+bool Tracker::replace_jump(Frame& frame, TrackResult& result, double least_share) {
+  Frame unexpected = frame;
+  TrackResult alternative;
+  alternative.reason = "impossible motion";
+  const bool found = predict_by_map(unexpected, alternative);
+  result.statistics += alternative.statistics;
+  const int fits = unexpected.landmark_count();
+  if (!found || fits < options_.min_local_inliers || fits < least_share * alternative.matches) {
+    return false;
+  }
+  replace(frame, result, std::move(unexpected), alternative);
+  result.jumped = true;
+  return true;
+}
+
+/// What was predicted otherwise takes the place of the prediction.
+void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found) {
+  share_ = other.landmark_count() / static_cast<double>(found.matches);
+  frame = std::move(other);
+  result.reason = found.reason;
+  result.overruled = found.overruled;
+}
+
+/// Constant velocity since the last frame with a pose, for as long as that means something.
+std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
+  if (!velocity_ || !last_) return std::nullopt;
+  const double interval = timestamp - last_->timestamp;
+  if (interval > std::max(kLongestGuess, 1.5 * velocity_->interval)) return std::nullopt;
+  const double times = interval / velocity_->interval;
+  const double age = last_->timestamp - velocity_->timestamp;
+  if (age > kOldestVelocity) return std::nullopt;
+  const double reach = interval * (interval + age);
+  // Time stamps jitter more than vehicles do: only missing frames make a longer step.
+  if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, reach};
+  if (options_.acceleration <= 0) return std::nullopt;
+  const Rigid3& step = velocity_->T_c_last;
+  const Rigid3 longer(so3_exp(times * so3_log(step.rotation)), times * step.translation);
+  return ExpectedPose{longer * last_->T_c_w, reach};
+}
+
+/// Constant velocity, and the last frame's landmarks searched where it puts them.
+bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
+  const ExpectedPose expected = *expected_pose(frame.timestamp);
+  const auto since = static_cast<float>(frame.index - last_->index);
+  const float radius = options_.motion_radius * std::min(since, 3.0f);
+  frame.T_c_w = expected.T_c_w;
+  int matches = match_last_frame(frame, radius, result);
+  if (matches < options_.min_motion_matches) {
+    matches = match_last_frame(frame, 2 * radius, result);
+  }
+  if (matches < options_.min_motion_matches) {
+    result.reason = "motion model: " + std::to_string(matches) + " matches";
+    return false;
+  }
+  const std::vector<LandmarkId> matched = frame.landmarks;
+  const int inliers = refine_pose(frame, result);
+  const double before = std::exchange(share_, inliers / static_cast<double>(matches));
+  impossible_ = is_jump(frame);
+  doubtful_ = impossible_ ? share_ < kDoubtfulShare
+                          : share_ < kFallen * before && !others_move_along(frame, matched);
+  result.reason = "motion model";
+  if (inliers >= options_.min_pose_inliers) return true;
+  result.reason += ": " + std::to_string(inliers) + " inliers";
+  return false;
+}
+
+/// Whether most of the `matched` landmarks (per feature) that the frame has lost are on something
+/// that moves along with the camera: a camera that hardly moves fits them.
+bool Tracker::others_move_along(const Frame& frame, const std::vector<LandmarkId>& matched) const {
+  std::vector<PoseObservation> others;
+  for (std::size_t i = 0; i < matched.size(); ++i) {
+    if (!matched[i].valid() || frame.landmarks[i].valid()) continue;
+    others.push_back(observation(frame, i, replica_.landmarks().at(matched[i])));
+  }
+  const PoseResult pose = optimize_pose(camera_, last_->T_c_w, others);
+  return pose.inliers >= kMovesAlong * static_cast<double>(others.size()) &&
+         distance(pose.T_c_w, last_->T_c_w) < kStays * distance(frame.T_c_w, last_->T_c_w);
+}
+
+int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
+  const Rigid3 T_c_last = frame.T_c_w * last_->T_c_w.inverse();
+  const double forward = -(T_c_last.rotation.conjugate() * T_c_last.translation).z();
+  const bool moving = std::abs(forward) > camera_.baseline;
+
+  std::deque<kys::Prior> priors;
+  std::vector<SearchQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  for (std::size_t i = 0; i < last_->landmarks.size(); ++i) {
+    const LandmarkId id = last_->landmarks[i];
+    if (!id.valid()) continue;
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    const Eigen::Vector3d p_c = frame.T_c_w * landmark.p_w;
+    if (p_c.z() <= 0) continue;
+    const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
+    if (!camera_.in_image(pixel.x(), pixel.y())) continue;
+    const Keypoint& seen = last_->features->keypoint(i);
+    SearchQuery query;
+    query.u = static_cast<float>(pixel.x());
+    query.v = static_cast<float>(pixel.y());
+    query.u_right = static_cast<float>(pixel.z());
+    query.radius = radius * scales_.scale[seen.octave];
+    // Things grow when one drives towards them.
+    query.min_octave = moving && forward < 0 ? 0 : seen.octave - (moving ? 0 : 1);
+    query.max_octave =
+        moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
+    query.angle = seen.angle;
+    query.descriptor = &landmark.descriptor;
+    query.prior = prior_of(landmark, priors);
+    queries.push_back(query);
+    landmarks.push_back(id);
+  }
+  SearchOptions options;
+  options.max_distance = options_.max_distance;
+  options.check_rotation = true;
+  const std::vector<SearchMatch> matches =
+      search_features(*frame.features, scales_, queries, options, *model_, result.statistics);
+  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
+  return assign(matches, landmarks, frame.landmarks);
+}
+
+/// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
+/// from the last pose. With `every` n, every n-th of the landmarks, whatever pose they lead to: so
+/// few would rather fit by chance where the camera is expected.
+bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_t every) {
+  const KeyFrameView& reference = replica_.keyframes().at(reference_);
+  std::vector<DescriptorQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  // What the keyframe's feature lies on, as its descriptor; how it moves, as last seen.
+  std::vector<kys::Prior> priors(reference.landmarks.size());
+  std::size_t known = 0;
+  for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
+    const LandmarkView* landmark = replica_.landmarks().find(reference.landmarks[i]);
+    if (landmark == nullptr || known++ % every != 0) continue;
+    priors[i] = with_belief(kys::landmark_prior(reference.features->prior(i), landmark->prior));
+    queries.push_back(
+        {&reference.features->descriptor(i), &priors[i], reference.features->keypoint(i).angle});
+    landmarks.push_back(reference.landmarks[i]);
+  }
+  return predict_by_descriptor(frame, {queries, landmarks, "reference keyframe", true, every == 1},
+                               result);
+}
+
+/// The same with all landmarks of the map around the last frame.
+bool Tracker::predict_by_map(Frame& frame, TrackResult& result) {
+  const LocalMap local = local_map_gatherer_.gather(replica_, last_->landmarks);
+  std::vector<DescriptorQuery> queries;
+  std::deque<kys::Prior> priors;
+  for (const LandmarkId id : local.landmarks) {
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    queries.push_back({&landmark.descriptor, prior_of(landmark, priors)});
+  }
+  return predict_by_descriptor(frame, {queries, local.landmarks, "local map"}, result);
+}
+
+bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, TrackResult& result) {
+  std::fill(frame.landmarks.begin(), frame.landmarks.end(), LandmarkId{});
+  const DescriptorMatchOptions options{options_.reference_distance, options_.reference_ratio,
+                                       asked.angles};
+  const std::vector<std::int32_t> matches =
+      match_descriptors(asked.queries, *frame.features, options, *model_, result.statistics);
+  int count = 0;
+  for (std::size_t q = 0; q < matches.size(); ++q) {
+    if (matches[q] < 0) continue;
+    frame.landmarks[static_cast<std::size_t>(matches[q])] = asked.landmarks[q];
+    ++count;
+  }
+  const std::string before = (result.reason.empty() ? "" : result.reason + "; ") + asked.name;
+  if (count < options_.min_reference_matches) {
+    result.reason = before + ": " + std::to_string(count) + " matches";
+    return false;
+  }
+  result.matches = count;
+  frame.T_c_w = last_->T_c_w;
+  result.overruled = false;
+  const int inliers = refine_pose(frame, result, asked.expects);
+  result.reason = before;
+  if (inliers >= options_.min_pose_inliers) return true;
+  result.reason += ": " + std::to_string(inliers) + " inliers";
+  return false;
+}
+
+PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
+                                     const LandmarkView& landmark) const {
+  const StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
+  return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma};
+}
+
+/// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers. Unless it `expects`
+/// the camera to go on as it did, all poses are alike to it.
+int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const {
+  result.held = false;
+  std::vector<PoseObservation> observations;
+  std::vector<Vote> votes;
+  std::vector<std::size_t> features;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (!frame.landmarks[i].valid()) continue;
+    const LandmarkView& landmark = replica_.landmarks().at(frame.landmarks[i]);
+    observations.push_back(observation(frame, i, landmark));
+    observations.back().share = std::min(belief(landmark.prior), belief(frame.features->prior(i)));
+    if (options_.consensus.by_class)
+      votes.push_back(vote(frame.features->prior(i), landmark.prior));
+    features.push_back(i);
+  }
+  const std::optional<ExpectedPose> expected =
+      expects ? expected_pose(frame.timestamp) : std::nullopt;
+  const Start start = result.overruled ? Start::kConsensus : Start::kGuess;
+  const auto estimate = [&](const Rigid3& T_c_w, const PoseOptions& pose) {
+    return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, start,
+                         pose);
+  };
+  ConsensusResult consensus = estimate(frame.T_c_w, {});
+  if (expected && options_.acceleration > 0) {
+    const double reach = expected->reach;
+    const PosePrior prior{expected->T_c_w, options_.acceleration * reach,
+                          options_.turn_acceleration * reach};
+    // A camera that turns back at once is not where it was expected: predict() tells.
+    const double away = distance(consensus.pose.T_c_w, expected->T_c_w);
+    const bool doubtful =
+        consensus.pose.inliers < kDoubtfulShare * static_cast<double>(observations.size()) &&
+        away > options_.consensus.max_acceleration * reach;
+    if (!doubtful && position_sigma(consensus.pose) > kStarved * prior.sigma_position) {
+      PoseOptions held;
+      held.prior = prior;
+      consensus = estimate(expected->T_c_w, held);
+      result.held = true;
+    }
+  }
+  frame.T_c_w = consensus.pose.T_c_w;
+  result.overruled |= consensus.overruled;
+  for (std::size_t k = 0; k < features.size(); ++k) {
+    if (consensus.pose.outlier[k] != 0) frame.landmarks[features[k]] = {};
+  }
+  return consensus.pose.inliers;
+}
+
+/// Whether the camera can have come to the frame's pose from its last motion.
+bool Tracker::is_expected(const Frame& frame) const {
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  if (!expected || options_.acceleration <= 0) return false;
+  const double away = distance(frame.T_c_w, expected->T_c_w);
+  return away <= options_.consensus.max_acceleration * expected->reach;
+}
+
+/// Whether no camera can have come to the frame's pose from its last motion.
+bool Tracker::is_jump(const Frame& frame) const {
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  if (!expected) return false;
+  const double away = distance(frame.T_c_w, expected->T_c_w);
+  return away > kImpossible * expected->reach;
+}
+
+/// What a match says about the pose by being on a thing that can move. The frame knows better than
+/// the landmark, which speaks where the frame has no prior.
+Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
+  const kys::Prior& prior = keypoint.label != kys::kVoidLabel ? keypoint : landmark;
+  if (start_.mobility(prior.label) == kys::Mobility::kFixed || prior.instance < 0) return {};
+  const double odds = instances_ ? instances_->log_odds(prior.instance) : start_.log_odds(prior);
+  return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
+}
+
+/// A landmark's prior with belief as it is now; kept for as long as `kept` lives.
+const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
+                                    std::deque<kys::Prior>& kept) const {
+  if (!instances_) return &landmark.prior;
+  return &kept.emplace_back(instances_->with_belief(landmark.prior));
+}
+
+bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
+  const LocalMap local = local_map_gatherer_.gather(replica_, frame.landmarks);
+  if (local.reference.valid()) reference_ = local.reference;
+  const std::vector<LandmarkId> predicted = frame.landmarks;
+  match_local_landmarks(frame, local, result);
+  result.matches = frame.landmark_count();
+  if (frame.left != nullptr) {
+    frame.features =
+        patches_.align(replica_, frame.T_c_w, frame.landmarks, *frame.left, *frame.features);
+  }
+  const std::vector<LandmarkId> matched = frame.landmarks;
+  result.inliers = refine_pose(frame, result);
+  for (const LandmarkId id : predicted) {
+    if (id.valid()) counts_.add_visible(id);
+  }
+  for (std::size_t i = 0; i < matched.size(); ++i) {
+    if (frame.landmarks[i].valid()) counts_.add_found(frame.landmarks[i]);
+  }
+  const bool sure = is_expected(frame) && result.inliers >= kDoubtfulShare * result.matches;
+  const int wanted = sure ? options_.min_held_inliers : options_.min_local_inliers;
+  if (result.inliers >= wanted) return true;
+  result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
+  return false;
+}
+
+/// Landmarks of the local map that should be in view and are not matched yet.
+void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result) {
+  std::vector<std::uint8_t> taken(frame.landmarks.size(), 0);
+  std::vector<LandmarkId> held;
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    if (!frame.landmarks[i].valid()) continue;
+    taken[i] = 1;
+    held.push_back(frame.landmarks[i]);
+  }
+  std::sort(held.begin(), held.end());
+  const Eigen::Vector3d centre = frame.T_c_w.inverse_t();
+  std::deque<kys::Prior> priors;
+  std::vector<SearchQuery> queries;
+  std::vector<LandmarkId> landmarks;
+  for (const LandmarkId id : local.landmarks) {
+    const LandmarkView& landmark = replica_.landmarks().at(id);
+    const auto view = predict_view(camera_, scales_, frame.T_c_w, centre, landmark);
+    if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
+    // The straighter the view, the better the prediction.
+    const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
+    queries.push_back(
+        query_for(*view, radius, scales_, landmark.descriptor, *prior_of(landmark, priors)));
+    landmarks.push_back(id);
+    counts_.add_visible(id);
+  }
+  SearchOptions options;
+  options.max_distance = options_.max_distance;
+  options.ratio = options_.local_ratio;
+  options.taken = taken;
+  const std::vector<SearchMatch> matches =
+      search_features(*frame.features, scales_, queries, options, *model_, result.statistics);
+  assign(matches, landmarks, frame.landmarks);
+}
+
+}  // namespace kys_slam
