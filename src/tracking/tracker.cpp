@@ -135,6 +135,11 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   const KeyFrameId first = first_keyframe_;
   bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
+  if (tracked && submap(reference_) == submap(before)) {
+    velocity_ = velocity;
+    tracked = is_possible(frame, result);
+    velocity_.reset();
+  }
   if (tracked) {
     if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
     tracked = finish_tracked(std::move(frame), waiting, result);

@@ -69,7 +69,7 @@ double distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
   if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
-    return predict_by_reference(frame, result);
+    return predict_by_reference(frame, result) && is_possible(frame, result);
   }
   result.jumped = impossible_;
   if (impossible_ && replace_jump(frame, result)) return true;
@@ -346,6 +346,16 @@ bool Tracker::is_expected(const Frame& frame) const {
   if (!expected || options_.acceleration <= 0) return false;
   const double away = distance(frame.T_c_w, expected->T_c_w);
   return away <= options_.consensus.max_acceleration * expected->reach;
+}
+
+/// Whether a pose found without the prediction can be that of the camera. Where something that
+/// moves fills the image its landmarks alone may be found, as many as one likes; better no pose for
+/// as long as the motion model spans.
+bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
+  if (options_.acceleration <= 0 || !is_jump(frame)) return true;
+  result.jumped = true;
+  result.reason += "; impossible motion";
+  return false;
 }
 
 /// Whether no camera can have come to the frame's pose from its last motion.

@@ -70,6 +70,23 @@ class TrackerTest : public ::testing::Test {
     return std::make_shared<const FrameFeatures>(camera, std::move(all), std::move(u_right),
                                                  std::vector<kys::Prior>{});
   }
+  /// The truck alone, `aside` m to the right of its place: it fills the image.
+  static std::shared_ptr<const FrameFeatures> truck_alone(float aside) {
+    const StereoCamera camera = testing::kitti_camera();
+    const auto truck = testing::random_features(camera, 2000, 5, 1.0);
+    FeatureSet seen;
+    std::vector<float> u_right;
+    for (std::size_t i = 0; i < truck->size(); ++i) {
+      Keypoint k = truck->keypoint(i);
+      if (!(k.x > 450 && k.x < 750 && k.y > 60 && k.y < 300)) continue;
+      k.x += static_cast<float>(camera.fx) * aside / 8;
+      seen.keypoints.push_back(k);
+      seen.descriptors.push_back(truck->descriptor(i));
+      u_right.push_back(k.x - static_cast<float>(camera.bf() / 8));
+    }
+    return std::make_shared<const FrameFeatures>(camera, std::move(seen), std::move(u_right),
+                                                 std::vector<kys::Prior>{});
+  }
   /// What is seen of the world, but in the middle of the image, which shows another part of it, as
   /// a camera at `middle_metres` sees it. The middle is 300 px wide and `height` px high.
   std::shared_ptr<const FrameFeatures> with_middle(std::int64_t index, double metres,
@@ -196,6 +213,41 @@ TEST_F(TrackerTest, ASampleOfTheKeyframeDoesNotPreferThePoseItJudges) {
     TrackResult result;
     ASSERT_NO_FATAL_FAILURE(turn_back(i, 0.3, 280, result));
   }
+}
+
+/// A truck in the map drives off before a camera that sees nothing else: it is no camera that went
+/// three metres aside in a tenth of a second.
+TEST_F(TrackerTest, WhatFillsTheImageAndMovesIsNotFollowed) {
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_NE(track(i, behind_truck(i, 0.02 * i)).status, TrackingStatus::kLost);
+  }
+  const auto truck = truck_alone(3);
+  const TrackResult lost = track(4, truck);
+  EXPECT_EQ(lost.status, TrackingStatus::kLost) << lost.T_c_w.t().transpose();
+  EXPECT_NE(lost.reason.find("reference keyframe; impossible motion"), std::string::npos)
+      << lost.reason;
+  EXPECT_TRUE(lost.jumped);
+
+  const Rigid3 T_aside_w(Eigen::Quaterniond::Identity(), {3, 0, 0});
+  const KnownPlace place = known_place(tracker_, {0}, *truck, T_aside_w);
+  const TrackResult unfound = tracker_.resume({4, 0.4, truck}, place, 0);
+  EXPECT_EQ(unfound.status, TrackingStatus::kLost);
+  EXPECT_NE(unfound.reason.find("impossible motion"), std::string::npos) << unfound.reason;
+
+  const TrackResult again = track_world(5, 0.1);
+  ASSERT_EQ(again.status, TrackingStatus::kTracked) << again.reason;
+  EXPECT_EQ(again.reason, "motion model");
+  EXPECT_LT((again.T_c_w.inverse().t() - truth(0.1).t()).norm(), 0.02);
+}
+
+/// The same without a motion model: nothing is known of the camera, so the pose counts.
+TEST_F(TrackerTest, AJumpAfterHalfASecondWithoutAPoseIsOne) {
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_NE(track(i, behind_truck(i, 0.02 * i)).status, TrackingStatus::kLost);
+  }
+  const TrackResult result = track(10, truck_alone(3));
+  EXPECT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_NEAR(result.T_c_w.t().x(), 3, 0.1);
 }
 
 TEST_F(TrackerTest, AnotherPlaceIsLostWithAReasonAndFoundAgain) {
