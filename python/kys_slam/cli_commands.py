@@ -1,7 +1,6 @@
 """The commands of kys-slam that track no recording. Each returns an exit status."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -81,8 +80,8 @@ def view(args) -> int:
     except ImportError:
         raise InputError("viewing needs Rerun: pip install rerun-sdk" + (
             "; Foxglove opens .mcap files too" if path.suffix == ".mcap" else "")) from None
-    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    web = [] if display or sys.platform != "linux" else ["--serve-web"]
+    from kys_slam.record_rerun import has_display
+    web = [] if has_display() else ["--serve-web"]
     return subprocess.call([sys.executable, "-m", "rerun", str(path), *web])
 
 

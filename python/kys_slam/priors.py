@@ -16,7 +16,7 @@ from typing import List, Optional, Tuple, Union
 import numpy as np
 
 from . import _core
-from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING
+from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING, dynamic_by_number
 
 
 @dataclass
@@ -121,7 +121,7 @@ def _one_camera(space: "_core.LabelSpace", classes: np.ndarray, instances: Optio
         number[k] = len(rows)
     segments = np.array(rows, SEGMENT)
     segment_map = number[inverse.ravel()].reshape(classes.shape)
-    is_moving = np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
+    is_moving = dynamic_by_number(segments)
     motion = np.where(is_moving[segment_map], np.float32(100), np.float32(0))
     return PriorCamera(segments, segment_map, motion if is_moving.any() else None)
 
