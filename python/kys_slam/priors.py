@@ -11,11 +11,12 @@ import os
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from . import _core
+from .files import PathLike, read_bytes
 from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING, dynamic_by_number
 
 
@@ -71,16 +72,12 @@ def decode_prior(data: bytes, name: str = "prior file") -> PriorFrame:
                       d["has_motion"], d["shares_instances"])
 
 
-def read_prior(path: Union[str, os.PathLike]) -> PriorFrame:
+def read_prior(path: PathLike) -> PriorFrame:
     """Reads a prior file."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise _core.InputError(f"{path}: {error.strerror}") from None
-    return decode_prior(data, str(path))
+    return decode_prior(read_bytes(path), str(path))
 
 
-def write_prior(path: Union[str, os.PathLike], frame: PriorFrame) -> None:
+def write_prior(path: PathLike, frame: PriorFrame) -> None:
     """Writes a prior file; it takes its name when it is complete."""
     data = encode_prior(frame)
     path = Path(path)
