@@ -3,19 +3,18 @@
 import struct
 import zlib
 from dataclasses import dataclass, field
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from ._core import StereoCamera, _left_segments
-from .kysp import DYNAMIC, NOT_JUDGED, SEGMENT, THING
+from .kysp import DYNAMIC, NOT_JUDGED, SEGMENT, THING, VOID_LABEL
 from .system import MapSnapshot, Objects, Trajectory
 
 #: RGB of keypoints by their tier (kys_slam.TIERS): how they compare with their landmark
 TIER_COLOURS = np.array([[70, 220, 90], [240, 220, 60], [245, 140, 40], [120, 190, 255],
                          [230, 50, 50], [230, 50, 50], [130, 130, 130]], np.uint8)
 TRACKED, FINAL, GRAPH, LOOP = (240, 160, 40), (60, 140, 240), (110, 110, 110), (230, 50, 50)
-_VOID = 0xFFFF
 
 
 def class_colours(labels: np.ndarray) -> np.ndarray:
@@ -27,8 +26,21 @@ def class_colours(labels: np.ndarray) -> np.ndarray:
     channels = [64 + ((h >> np.uint32(s)) & 0x7F) + ((h >> np.uint32(s + 7)) & 0x3F)
                 for s in (0, 8, 16)]
     colours = np.stack(channels, axis=-1).astype(np.uint8)
-    colours[labels == _VOID] = 150
+    colours[labels == VOID_LABEL] = 150
     return colours
+
+
+def class_name(label: int, classes: List[str]) -> str:
+    """The name of a label; "thing": it has none."""
+    return classes[label] if label < len(classes) else "thing"
+
+
+def object_paths(objects: Objects, classes: List[str]) -> Iterator[Tuple[str, np.ndarray]]:
+    """Of each moving thing: a name without blanks, with its instance, and its positions, (N, 3) m."""
+    for instance in np.unique(objects.instances):
+        at = objects.instances == instance
+        name = class_name(int(objects.labels[at][0]), classes)
+        yield f"{name.replace(' ', '_')}_{instance}", objects.positions[at]
 
 
 def quaternion(r: np.ndarray) -> np.ndarray:
@@ -175,7 +187,7 @@ class Artist:
         points = colours = None
         if r["keyframe"]:
             points = np.column_stack([(uv - (c.cx, c.cy)) / (c.fx, c.fy) * z[:, None], z])
-            colours = class_colours(np.full(len(deep), _VOID, np.uint16) if seen.labels is None
+            colours = class_colours(np.full(len(deep), VOID_LABEL, np.uint16) if seen.labels is None
                                     else seen.labels[deep])
         numbers = {**r["counts"], **{f"ms_{stage}": ms for stage, ms in r["ms"].items()}}
         if prior is None:
@@ -206,15 +218,12 @@ class Artist:
         moving[(table["flags"] & THING) == 0] = np.nan
         return moving
 
-    def _name(self, label: int) -> str:
-        return self._classes[label] if label < len(self._classes) else "thing"
-
     def _boxes_of_segments(self, prior: Segments, moving: np.ndarray) -> List[Box]:
         boxes = []
         for segment, box, p in zip(prior.segments, prior.boxes, moving):
             if not segment["flags"] & THING or segment["area"] < 100:
                 continue
-            what = f"{self._name(segment['label'])} {segment['instance']}"
+            what = f"{class_name(segment['label'], self._classes)} {segment['instance']}"
             boxes.append(Box(
                 box[:2], box[2:],
                 f"{what}, not judged" if np.isnan(p) else f"{what}, moving {p:.2f}",
@@ -233,8 +242,8 @@ class Artist:
                 continue  # stuff, and things nothing is known of
             p = seen.p_moving.get(int(instance), motion / 100)
             xy = seen.keypoints[on_it]
-            boxes.append(Box(xy.min(0), xy.max(0),
-                             f"{self._name(seen.labels[on_it][0])} {instance}, moving {p:.2f}",
+            name = class_name(seen.labels[on_it][0], self._classes)
+            boxes.append(Box(xy.min(0), xy.max(0), f"{name} {instance}, moving {p:.2f}",
                              belief_colour(p)))
         return boxes
 

@@ -69,6 +69,11 @@ def calibration_hash(width, height, fx, fy, cx, cy, baseline):
     return value or 1
 
 
+def dynamic_by_number(segments):
+    """(K + 1,) bool: whether a segment is dynamic, by its number in the map; 0 is void."""
+    return np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
+
+
 def _varint(value):
     out = bytearray()
     while value >= 0x80:
@@ -129,7 +134,7 @@ def encode(frame):
         if camera.segment_map.max(initial=0) > len(segments):
             raise FormatError("the map has a segment that is not in the table")
         segments["area"] = np.bincount(camera.segment_map.ravel(), minlength=len(segments) + 1)[1:]
-        dynamic = np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
+        dynamic = dynamic_by_number(segments)
         runs, index = bytearray(), []
         for y in range(height):
             index.append(len(runs))
@@ -218,7 +223,7 @@ def _decode_camera(data, c, width, height, name):
     index = np.frombuffer(data, "<u4", height + 1, index_at).astype(np.int64)
     _check(index[0] == 0 and index[-1] == runs_size and (np.diff(index) >= 0).all(), name,
            "the row table is not increasing from 0 to the size of the runs")
-    dynamic = np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
+    dynamic = dynamic_by_number(segments)
     segment_map = np.zeros((height, width), np.uint16)
     motion = np.zeros((height, width), np.float32)
     for y in range(height):

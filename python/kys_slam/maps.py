@@ -1,12 +1,11 @@
 """Reads the map that a run leaves (map.ply)."""
 
-import os
-from pathlib import Path
-from typing import Dict, NamedTuple, Union
+from typing import Dict, NamedTuple
 
 import numpy as np
 
 from ._core import InputError
+from .files import PathLike, read_bytes
 
 _TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 
@@ -21,13 +20,9 @@ class LandmarkMap(NamedTuple):
     classes: Dict[int, str]  #: names of the classes that occur
 
 
-def read_map(path: Union[str, os.PathLike]) -> LandmarkMap:
+def read_map(path: PathLike) -> LandmarkMap:
     """Reads map.ply. Raises InputError for other files."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    head, end, body = data.partition(b"end_header\n")
+    head, end, body = read_bytes(path).partition(b"end_header\n")
     lines = [line.split() for line in head[:65536].decode("ascii", "replace").splitlines()]
     if not end or lines[:2] != [["ply"], ["format", "binary_little_endian", "1.0"]]:
         raise InputError(f"{path}: not a map.ply of this program")

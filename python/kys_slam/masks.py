@@ -13,20 +13,20 @@ With a list of classes, DIR/classes.txt, the pictures are priors: a line per val
 Classes are those of the label space; values that are not listed mean do not use, as above.
 """
 
-import os
 from pathlib import Path
-from typing import Dict, Optional, Tuple, Union
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 
 from ._core import InputError, LabelSpace, read_indexed
+from .files import PathLike
 from .priors import PriorFrame, priors_from_labels
 
 
 class MaskFolder:
     """The masks of a sequence, one or two files per frame."""
 
-    def __init__(self, folder: Union[str, os.PathLike],
+    def __init__(self, folder: PathLike,
                  label_space: str = "coco_panoptic_133") -> None:
         self.folder = Path(folder)
         self.classes: Dict[int, int] = {}  #: values that are priors: class id; empty: all are masks

@@ -23,6 +23,15 @@ class Path3D(NamedTuple):
     poses: np.ndarray  #: (N, 4, 4)
 
 
+class RunPaths(NamedTuple):
+    """The trajectories of a run as its files have them."""
+
+    folder: Path  #: or a TUM file
+    own: Path3D
+    reference: Optional[Path]  #: file of the truth
+    truth: Optional[Path3D]
+
+
 class PlottedRun(NamedTuple):
     """A run as it is drawn."""
 
@@ -56,20 +65,30 @@ def _evo():
     return metrics, sync, trajectory
 
 
-def load_run(path: Path, reference: Optional[Path], align: str = "se3") -> PlottedRun:
-    """reference: a TUM file; None: the run's own ground truth, if it has one.
-    align: se3, sim3 or none. Raises CannotAlign when the two have too few times in common; a run that
-    is lost in all frames has no figures."""
-    estimate, name = read_trajectory(path), label_of(path)
+def read_run(path: Path, reference: Optional[Path] = None) -> RunPaths:
+    """reference: a TUM file; None: the run's own ground truth, if it has one."""
+    own = read_trajectory(path)
     if reference is None and path.is_dir() and (path / "ground_truth.tum").exists():
         reference = path / "ground_truth.tum"
-    if reference is None:
-        return PlottedRun(name, estimate, None, np.empty(0), np.empty(0), {})
-    truth = Path3D(*read_tum(reference))
+    truth = None if reference is None else Path3D(*read_tum(reference))
+    return RunPaths(path, own, reference, truth)
+
+
+def without_figures(run: RunPaths, truth: Optional[Path3D] = None) -> PlottedRun:
+    """The run as it was tracked, without errors. truth: is drawn beside it."""
+    return PlottedRun(label_of(run.folder), run.own, truth, np.empty(0), np.empty(0), {})
+
+
+def align_run(run: RunPaths, align: str = "se3") -> PlottedRun:
+    """align: se3, sim3 or none. Raises CannotAlign when run and truth have too few times in common; a
+    run that is lost in all frames has no figures."""
+    path, estimate, reference, truth = run
+    if truth is None:
+        return without_figures(run)
     if len(truth.times) == 0:
         raise CannotAlign(f"{reference}: has no poses")
     if len(estimate.times) == 0:
-        return PlottedRun(name, estimate, truth, np.empty(0), np.empty(0), {})
+        return without_figures(run, truth)
     metrics, sync, trajectory = _evo()
     as_evo = [trajectory.PoseTrajectory3D(poses_se3=list(p.poses), timestamps=p.times)
               for p in (truth, estimate)]
@@ -89,8 +108,13 @@ def load_run(path: Path, reference: Optional[Path], align: str = "se3") -> Plott
         whole.transform(np.block([[r, t.reshape(3, 1)], [np.zeros((1, 3)), np.ones((1, 1))]]))
     error = metrics.APE(metrics.PoseRelation.translation_part)
     error.process_data((there, own))
-    return PlottedRun(name, Path3D(estimate.times, np.array(whole.poses_se3)), truth,
+    return PlottedRun(label_of(path), Path3D(estimate.times, np.array(whole.poses_se3)), truth,
                       own.timestamps, np.asarray(error.error), error.get_all_statistics())
+
+
+def load_run(path: Path, reference: Optional[Path], align: str = "se3") -> PlottedRun:
+    """A run that is read and aligned: read_run, align_run."""
+    return align_run(read_run(path, reference), align)
 
 
 def _plane(runs: List[PlottedRun]) -> tuple:

@@ -11,12 +11,13 @@ import os
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from . import _core
-from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING
+from .files import PathLike, read_bytes
+from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING, dynamic_by_number
 
 
 @dataclass
@@ -71,16 +72,12 @@ def decode_prior(data: bytes, name: str = "prior file") -> PriorFrame:
                       d["has_motion"], d["shares_instances"])
 
 
-def read_prior(path: Union[str, os.PathLike]) -> PriorFrame:
+def read_prior(path: PathLike) -> PriorFrame:
     """Reads a prior file."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise _core.InputError(f"{path}: {error.strerror}") from None
-    return decode_prior(data, str(path))
+    return decode_prior(read_bytes(path), str(path))
 
 
-def write_prior(path: Union[str, os.PathLike], frame: PriorFrame) -> None:
+def write_prior(path: PathLike, frame: PriorFrame) -> None:
     """Writes a prior file; it takes its name when it is complete."""
     data = encode_prior(frame)
     path = Path(path)
@@ -121,7 +118,7 @@ def _one_camera(space: "_core.LabelSpace", classes: np.ndarray, instances: Optio
         number[k] = len(rows)
     segments = np.array(rows, SEGMENT)
     segment_map = number[inverse.ravel()].reshape(classes.shape)
-    is_moving = np.concatenate([[False], (segments["flags"] & DYNAMIC) != 0])
+    is_moving = dynamic_by_number(segments)
     motion = np.where(is_moving[segment_map], np.float32(100), np.float32(0))
     return PriorCamera(segments, segment_map, motion if is_moving.any() else None)
 

@@ -17,10 +17,11 @@ import pickle
 import struct
 import subprocess
 import sys
-from typing import List, Union
+from typing import List
 
 from ._core import FrameReport, InputError, _ObservationPipe
 from .drawing import End, LoopSeen
+from .files import PathLike
 from .system import System
 
 VIEWER = "viewer"  #: the target of open_recorder that shows instead of writing
@@ -142,7 +143,7 @@ def _loops(reports: List[FrameReport]) -> List[LoopSeen]:
             for r in reports if r.loop in ("closed", "merged")]
 
 
-def open_recorder(target: Union[str, os.PathLike], slam: System, images: bool = True) -> Recorder:
+def open_recorder(target: PathLike, slam: System, images: bool = True) -> Recorder:
     """Records what `slam` is fed from now on to FILE.rrd or FILE.mcap, or shows it in Rerun's
     viewer (VIEWER).
 

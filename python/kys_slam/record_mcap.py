@@ -7,7 +7,9 @@ import numpy as np
 
 from ._core import InputError, StereoCamera, __version__
 from .drawing import (
-    FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion)
+    FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, object_paths,
+    quaternion)
+from .kysp import VOID_LABEL
 
 _WORLD, _CAMERA = "world", "camera"
 _NUMBER = {"type": "number"}
@@ -178,19 +180,15 @@ class McapSink(Sink):
         self._lines("loops", t, d.loop_edges.reshape(-1, 3), LOOP, False)
         s = d.snapshot
         label = s.landmark_labels[d.own].astype(np.int32)
-        label[label == 0xFFFF] = -1
+        label[label == VOID_LABEL] = -1
         self._cloud("/map", t, _WORLD, _table(
             d.points, d.colours, {"class": ("<i4", label),
                                   "instance": ("<i4", s.landmark_instances[d.own]),
                                   "belief": ("<f4", s.landmark_beliefs[d.own]),
                                   "observations": ("<i4", s.landmark_observations[d.own])}))
         if d.objects is not None:
-            for instance in np.unique(d.objects.instances):
-                at = d.objects.instances == instance
-                label = int(d.objects.labels[at][0])
-                name = classes[label] if label < len(classes) else "thing"
-                self._lines(f"objects/{name.replace(' ', '_')}_{instance}", t,
-                            d.objects.positions[at], LOOP, True)
+            for name, path in object_paths(d.objects, classes):
+                self._lines(f"objects/{name}", t, path, LOOP, True)
         for loop in d.loops:
             self._write_json("/loops", _LOOP, loop.timestamp, {
                 "frame": loop.frame, "other": loop.other, "kind": loop.kind, "gap_m": loop.gap_m})

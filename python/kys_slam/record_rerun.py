@@ -9,7 +9,8 @@ import numpy as np
 
 from ._core import InputError, StereoCamera
 from .drawing import (
-    FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, quaternion)
+    FINAL, GRAPH, LOOP, TIER_COLOURS, TRACKED, EndDrawing, FrameDrawing, Sink, object_paths,
+    quaternion)
 
 _CAMERA, _IMAGE = "world/camera", "world/camera/image"
 _SEGMENTS, _THINGS = _IMAGE + "/segments", _IMAGE + "/things"
@@ -32,6 +33,12 @@ def _blueprint(rr):
         collapse_panels=True)
 
 
+def has_display() -> bool:
+    """Whether the viewer can open a window."""
+    return bool(sys.platform != "linux" or os.environ.get("DISPLAY") or
+                os.environ.get("WAYLAND_DISPLAY"))
+
+
 class RerunSink(Sink):
     """Writes FILE.rrd; without a file it shows the run in Rerun's viewer: a window where there is
     a display, else a page in a browser."""
@@ -47,8 +54,7 @@ class RerunSink(Sink):
             if not os.access(Path(file).resolve().parent, os.W_OK):
                 raise InputError(f"cannot write {file}")
             self.recording.save(file, default_blueprint=_blueprint(rerun))
-        elif sys.platform != "linux" or os.environ.get("DISPLAY") or \
-                os.environ.get("WAYLAND_DISPLAY"):
+        elif has_display():
             self.recording.spawn(default_blueprint=_blueprint(rerun))
         else:
             address = self.recording.serve_grpc(default_blueprint=_blueprint(rerun))
@@ -199,12 +205,8 @@ class RerunSink(Sink):
         log("world/final/keyframes", rr.LineStrips3D(d.graph, colors=GRAPH))
         log("world/final/loops", rr.LineStrips3D(d.loop_edges, colors=LOOP, radii=0.03))
         if d.objects is not None:
-            for instance in np.unique(d.objects.instances):
-                at = d.objects.instances == instance
-                label = int(d.objects.labels[at][0])
-                name = classes[label] if label < len(classes) else "thing"
-                log(f"world/final/objects/{name.replace(' ', '_')}_{instance}",
-                    rr.LineStrips3D([d.objects.positions[at]], colors=LOOP))
+            for name, path in object_paths(d.objects, classes):
+                log(f"world/final/objects/{name}", rr.LineStrips3D([path], colors=LOOP))
         for loop in d.loops:
             self._log_event(loop.frame, loop.timestamp,
                             f"loop {loop.kind}: frame {loop.frame} with {loop.other}, "

@@ -8,18 +8,17 @@ Needs opencv-python-headless for videos, rosbags for bags.
 """
 
 import contextlib
-import os
 import sys
 from collections import deque
 from pathlib import Path
-from typing import Deque, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Deque, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, decode_gray,
                     rig_from_camera_info, to_gray)
+from .files import PathLike
 
-PathLike = Union[str, os.PathLike]
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"}
 BAG_SUFFIXES = {".bag", ".mcap", ".db3"}
 

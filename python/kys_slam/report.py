@@ -6,13 +6,14 @@ import html
 import io
 import json
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 import numpy as np
 
-from ._core import InputError, evaluate, read_tum
+from ._core import InputError, evaluate
 from .labels import label_of
-from .plot import CannotAlign, PlottedRun, draw_paths, load_run, pyplot, read_trajectory
+from .plot import (CannotAlign, PlottedRun, RunPaths, align_run, draw_paths, pyplot, read_run,
+                   without_figures)
 
 _STYLE = """body { font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse } td, th { border-bottom: 1px solid #ccc; padding: .2em .8em;
@@ -34,12 +35,20 @@ def _read_summary(file: Path) -> dict:
     return summary
 
 
-def _load(folder: Path) -> PlottedRun:
+def _align(paths: RunPaths) -> PlottedRun:
     """Aligned with its ground truth, if it has one and can be aligned."""
     try:
-        return load_run(folder, None)
+        return align_run(paths)
     except CannotAlign:
-        return PlottedRun(label_of(folder), read_trajectory(folder), None, np.empty(0), np.empty(0), {})
+        return without_figures(paths)
+
+
+def _figures(paths: RunPaths) -> Optional[dict]:
+    """Errors; None without ground truth or with too few poses."""
+    if paths.truth is None or len(paths.own.times) <= 2:
+        return None
+    figures = evaluate(*paths.truth, *paths.own)
+    return figures if figures["pairs"] > 2 else None
 
 
 class _Run:
@@ -57,12 +66,8 @@ class _Run:
                              f"({Path(error.filename).name}: {error.strerror})") from None
         except (ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
             raise InputError(f"{folder}: its summary.json or frames.csv is damaged: {error}") from None
-        self.plotted = _load(folder)
-        self.figures = None
-        truth, own = folder / "ground_truth.tum", read_trajectory(folder)
-        if truth.exists() and len(own.times) > 2:
-            figures = evaluate(*read_tum(truth), *own)
-            self.figures = figures if figures["pairs"] > 2 else None
+        paths = read_run(folder)
+        self.plotted, self.figures = _align(paths), _figures(paths)
 
 
 def _cell(value, form: str = "") -> str:

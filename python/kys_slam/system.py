@@ -1,14 +1,12 @@
 """The SLAM system."""
 
-import os
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from . import _core
+from .files import PathLike
 from .priors import PriorFrame, encode_prior
-
-PathLike = Union[str, os.PathLike]
 
 
 class Trajectory(NamedTuple):

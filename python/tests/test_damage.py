@@ -17,6 +17,7 @@ import pytest
 import kys_slam
 from bags import write_bag
 from kys_slam import cli, live
+from kys_slam.cli_errors import DEFECT
 from test_recordings import OWN, write_video
 
 
@@ -129,7 +130,7 @@ def test_defect_while_tracking_saves_the_frames(folders, monkeypatch, capsys):
         return feed(self, frame, *more)
 
     monkeypatch.setattr(kys_slam.System, "feed_frame", broken)
-    assert cli.main([str(a) for a in run_of(folders)]) == cli.DEFECT
+    assert cli.main([str(a) for a in run_of(folders)]) == DEFECT
     error = capsys.readouterr().err
     assert "defect" in error and error.count("\n") == 1
     assert frames_of(folders / "run") == 7

@@ -9,10 +9,9 @@ logarithmic. Ground truth is FIRST_RUN/ground_truth.tum, or the KITTI or TUM fil
 """
 import argparse
 import os
-import sys
 
-from plot_trajectory import (InputError, align, label_of, pair_up, plt, read_positions,
-                             readable, save)
+from plot_trajectory import (align, label_of, pair_up, plt, read_positions, readable, run_tool,
+                             save)
 
 import numpy as np
 from matplotlib.ticker import FormatStrFormatter
@@ -39,30 +38,26 @@ def main():
     arguments = parser.parse_args()
     truth = arguments.ground_truth or os.path.join(arguments.runs[0].partition("=")[0],
                                                    "ground_truth.tum")
-    try:
-        runs = [read_run(run, truth) for run in arguments.runs]
-        figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(7, 5))
-        upper.plot(runs[0][1], runs[0][3], color="0.5", linewidth=3, label="ground truth")
-        for label, times, away, _, error in runs:
-            line, = upper.plot(times, away, linewidth=1.3, label=label)
-            rmse = np.sqrt(np.mean(error ** 2))
-            lower.semilogy(times, np.maximum(error, 1e-4), color=line.get_color(), linewidth=1.3,
-                           label=f"ATE {rmse:.3f} m")
-        upper.set_ylabel("distance from the start [m]")
-        lower.yaxis.set_major_formatter(FormatStrFormatter("%g"))  # not 10^k, a formula
-        lower.set_ylabel("position error [m]")
-        lower.set_xlabel("time [s]")
-        for axes in (upper, lower):
-            axes.grid(alpha=0.3)
-            axes.legend(fontsize=8)
-        figure.tight_layout()
-        save(figure, arguments.output)
-    except InputError as error:
-        print(f"compare_runs.py: {error}", file=sys.stderr)
-        return 2
+    runs = [read_run(run, truth) for run in arguments.runs]
+    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(7, 5))
+    upper.plot(runs[0][1], runs[0][3], color="0.5", linewidth=3, label="ground truth")
+    for label, times, away, _, error in runs:
+        line, = upper.plot(times, away, linewidth=1.3, label=label)
+        rmse = np.sqrt(np.mean(error ** 2))
+        lower.semilogy(times, np.maximum(error, 1e-4), color=line.get_color(), linewidth=1.3,
+                       label=f"ATE {rmse:.3f} m")
+    upper.set_ylabel("distance from the start [m]")
+    lower.yaxis.set_major_formatter(FormatStrFormatter("%g"))  # not 10^k, a formula
+    lower.set_ylabel("position error [m]")
+    lower.set_xlabel("time [s]")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.tight_layout()
+    save(figure, arguments.output)
     print(readable(arguments.output))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_tool(main)

@@ -26,16 +26,14 @@ except ImportError as error:
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend comes first)
 
-sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
-                             "kys_slam"))
+_TOOLS = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+sys.path.insert(0, os.path.join(_TOOLS, "common"))
+sys.path.append(os.path.join(_TOOLS, "..", "python", "kys_slam"))
+from inputs import InputError, run as run_tool  # noqa: E402
 from labels import label_of, readable  # noqa: E402
 
 MAX_TIME_DIFFERENCE = 0.01  # s
 plt.rcParams["text.parse_math"] = False  # a dollar in a name begins no formula
-
-
-class InputError(Exception):
-    """Bad input; the message is one line that names the file."""
 
 
 def read_positions(path):
@@ -205,17 +203,13 @@ def main():
     beside = os.path.join(arguments.run, "ground_truth.tum")
     if truth is None and os.path.exists(beside):
         truth = beside
-    try:
-        times, positions = read_positions(os.path.join(arguments.run, "trajectory.tum"))
-        if times is None:
-            raise InputError(f"{arguments.run}/trajectory.tum: no time stamps")
-        save(draw(arguments.run, times, positions, truth, arguments.plane), output)
-    except InputError as error:
-        print(f"plot_trajectory.py: {error}", file=sys.stderr)
-        return 2
+    times, positions = read_positions(os.path.join(arguments.run, "trajectory.tum"))
+    if times is None:
+        raise InputError(f"{arguments.run}/trajectory.tum: no time stamps")
+    save(draw(arguments.run, times, positions, truth, arguments.plane), output)
     print(readable(output))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_tool(main)

@@ -1,0 +1,171 @@
+"""Commands and options of kys-slam, and the checks of their values."""
+
+import argparse
+import math
+from typing import Tuple
+
+import kys_slam
+from kys_slam.cli_errors import BAD_INPUT
+from kys_slam.live import POLICIES
+
+_DESCRIPTION = """Stereo visual SLAM on any stereo recording.
+
+  kys-slam run SEQUENCE                                  KITTI, Virtual KITTI 2, EuRoC, TUM-VI
+  kys-slam run left.mp4 right.mp4 --calibration camchain.yaml
+  kys-slam run left/ right/ --calibration camchain.yaml --rate 20
+  kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
+  kys-slam run recording.bag --view                      what it sees, while it runs
+  kys-slam evaluate RUN
+  kys-slam plot RUN [RUN ...]
+  kys-slam report RUN [RUN ...]                          one page to read or send
+"""
+
+
+# Values of options: what is outside their range is refused with the option's name.
+
+def _whole(low: int):
+    def whole_number(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) < 2**31:
+            raise argparse.ArgumentTypeError(f"'{text}' is no whole number from {low} to {2**31 - 1}")
+        return int(text)
+    return whole_number
+
+
+def _number(low: float, high: float, exclusive: bool = True):
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low < value if exclusive else low <= value) or value > high:
+            raise argparse.ArgumentTypeError(
+                f"'{text}' is no number {'above' if exclusive else 'from'} {low:g} to {high:g}")
+        return value
+    return number
+
+
+def _size(text: str) -> Tuple[int, int]:
+    sides = text.lower().split("x")
+    if len(sides) != 2 or not all(s.isdecimal() and 0 < int(s) <= 16384 for s in sides):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size: WxH, each 1 to 16384 px")
+    return int(sides[0]), int(sides[1])
+
+
+def _add_run(commands) -> None:
+    p = commands.add_parser(
+        "run", help="track a recording",
+        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
+        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
+        "by side, a ROS bag, or a feature file. What it is, is seen from what it holds.")
+    p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
+    camera = p.add_argument_group("camera")
+    camera.add_argument("--calibration", nargs="+", metavar="FILE",
+                        help="Kalibr camchain, OpenCV stereo calibration, our YAML, or the "
+                        "camera_info files of the left and the right camera")
+    camera.add_argument("--calibration-unit", type=_number(0, 1e6), metavar="M",
+                        help="metres per unit of the calibration's lengths (mm: 0.001)")
+    camera.add_argument("--rate", type=_number(0, 1e5), metavar="HZ",
+                        help="frames per second, where the recording does not say")
+    camera.add_argument("--times", default="", metavar="FILE", help="time stamps, s, one per image")
+    camera.add_argument("--topics", nargs=2, metavar=("LEFT", "RIGHT"), help="image topics of a bag")
+    camera.add_argument("--tolerance", type=_number(0, 3600, exclusive=False), metavar="S",
+                        help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
+                        "for bags)")
+    camera.add_argument("--pair", default="", choices=("grey", "colour"),
+                        help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
+                        "exist), or image_2 and image_3")
+    camera.add_argument("--no-check", action="store_true",
+                        help="do not check whether the pair is swapped or not rectified")
+    slam = p.add_argument_group("tracking")
+    slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
+    slam.add_argument("--strict-priors", action="store_true", help="a missing prior file is an error")
+    slam.add_argument("--masks", metavar="DIR",
+                      help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
+                      "DIR/classes.txt they are priors (python/README.md)")
+    slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
+                      " (default: verified with --priors, stock without)")
+    slam.add_argument("--kind", choices=("driving", "indoor"),
+                      help="defaults of the settings (default: by the recording)")
+    slam.add_argument("--config", metavar="FILE", help="YAML file of settings")
+    slam.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings",
+                      help="one setting, may be repeated; kys-slam settings lists them")
+    slam.add_argument("--schedule", default="pipelined",
+                      choices=("pipelined", "sequential", "realtime"))
+    slam.add_argument("--late", default="wait", choices=POLICIES, metavar="POLICY",
+                      help="with --schedule realtime: policy for frames that arrive faster than "
+                      "they are tracked: wait (default), drop-oldest, drop-newest")
+    slam.add_argument("--queue", type=_whole(1), default=2, metavar="N",
+                      help="with --late: frames that may wait (default: 2)")
+    slam.add_argument("--speed", type=_number(0, 1e6), default=1, metavar="X",
+                      help="with --schedule realtime: play X times as fast as recorded")
+    slam.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
+    slam.add_argument("--frames", type=_whole(1), metavar="N", help="number of frames")
+    slam.add_argument("--load-map", metavar="FILE", help="continue with this map")
+    slam.add_argument("--save-map", metavar="FILE", help="write the map at the end")
+    slam.add_argument("--localize-only", action="store_true", help="do not change the map")
+    out = p.add_argument_group("output")
+    out.add_argument("--output", metavar="DIR", help="default: runs/NAME-MODE")
+    out.add_argument("--overwrite", action="store_true", help="allow an output folder with another run")
+    out.add_argument("--view", action="store_true",
+                     help="show the observations while it runs (needs rerun-sdk)")
+    out.add_argument("--record", action="append", default=[], metavar="FILE",
+                     help="record the observations to FILE.rrd (Rerun) or FILE.mcap (Foxglove); may "
+                     "be repeated")
+    out.add_argument("--quiet", action="store_true", help="no progress, no table")
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str):
+        self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}; see --help\n")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser; `command` of what it returns is the name of the command."""
+    parser = _Parser("kys-slam", description=_DESCRIPTION,
+                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--version", action="version", version=f"KYS-SLAM {kys_slam.__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    _add_run(commands)
+
+    p = commands.add_parser("evaluate", help="errors of a run, or of a trajectory, in figures")
+    p.add_argument("estimate", metavar="RUN|FILE", help="folder of a run, or a TUM file")
+    p.add_argument("--reference", metavar="FILE",
+                   help="TUM file of the same camera (default: the run's ground_truth.tum)")
+    p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
+    p.add_argument("--json", action="store_true")
+
+    p = commands.add_parser("plot", help="paths and errors of one or several runs over ground truth")
+    p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or TUM files")
+    p.add_argument("--reference", metavar="FILE",
+                   help="TUM file of the same camera (default: each run's ground_truth.tum)")
+    p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
+    p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
+
+    p = commands.add_parser("report", help="one HTML page of one or several runs")
+    p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs")
+    p.add_argument("--output", default="report.html", metavar="FILE", help="default: report.html")
+
+    p = commands.add_parser("view", help="shows a recording (--record) in Rerun's viewer")
+    p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
+
+    p = commands.add_parser("calibrate", help="show a calibration after rectification; convert it")
+    p.add_argument("files", nargs="+", metavar="FILE")
+    p.add_argument("--calibration-unit", type=_number(0, 1e6), default=1, metavar="M")
+    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it")
+    p.add_argument("--output", metavar="FILE", help="write it as our YAML, lengths in m")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
+
+    p = commands.add_parser("priors", help="content of prior files")
+    p.add_argument("files", nargs="+", metavar="FILE|DIR")
+
+    p = commands.add_parser("settings", help="every setting with its default")
+    p.add_argument("--kind", choices=("driving", "indoor"), default="driving")
+
+    p = commands.add_parser("completion", help="a script that completes commands in a shell",
+                            description="bash: kys-slam completion bash > "
+                            "~/.local/share/bash-completion/completions/kys-slam")
+    p.add_argument("shell", choices=("bash", "zsh", "tcsh"))
+
+    p = commands.add_parser("demo", help="test the installation on a small simulated corridor")
+    p.add_argument("--frames", type=_whole(1), default=40)
+    return parser

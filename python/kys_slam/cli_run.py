@@ -1,0 +1,133 @@
+"""The command `kys-slam run`: tracks a recording and saves what came of it."""
+
+import contextlib
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Iterator
+
+import kys_slam
+from kys_slam import InputError
+from kys_slam.cli_errors import TRACKING_FAILED, Failures
+from kys_slam.cli_feed import Feed
+from kys_slam.cli_input import make_settings, open_recording
+from kys_slam.cli_output import must_be_new, open_recorders, output_folder
+from kys_slam.live import Playback
+
+
+def run(args) -> int:
+    """Returns an exit status."""
+    with _signals_interrupt():
+        return _run_recording(args)
+
+
+def _run_recording(args) -> int:
+    began = time.monotonic()
+    _check_options(args)
+    recording = open_recording(args)
+    settings = make_settings(args, recording.layout)
+    if isinstance(recording, kys_slam.Sequence):
+        recording.check_features(settings)
+    mode = settings.get("kys.mode")
+    masks = None
+    if args.masks:
+        from kys_slam.masks import MaskFolder
+        masks = MaskFolder(args.masks, settings.get("control.label_space"))
+    output = output_folder(args, recording.name, mode)
+    slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
+                           strict_priors=args.strict_priors)
+    if args.load_map:
+        slam.load_map(args.load_map, args.localize_only)
+    recorders = open_recorders(args, slam)
+    feed = Feed(args, slam, masks, len(recording))
+    failures, interrupted = Failures(), False
+    start_up_s = time.monotonic() - began
+    wall, cpu = time.monotonic(), time.process_time()
+    frames = recording
+    if args.schedule == "realtime":
+        frames = Playback(recording, args.late, args.queue, args.speed)
+    try:
+        with failures.guard():
+            feed.all(frames)
+    except KeyboardInterrupt:
+        interrupted = True
+        slam.interrupt()
+    feed.progress.end()
+    if failures.status and feed.done == 0:  # nothing to save
+        for recorder in recorders:
+            recorder.discard()
+        failures.print()
+        return failures.status
+    with failures.guard():
+        slam.finish()
+    end_reason = "interrupted" if interrupted else "; ".join(failures.messages)
+    result = None
+    with failures.guard():
+        result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
+                                wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
+                                end_reason=end_reason, left_out=_left_out(recording, frames, masks),
+                                warnings=feed.watch.finish())
+    if args.save_map:
+        with failures.guard():
+            slam._save_map_or_beside(args.save_map, output)
+    for recorder in recorders:
+        with failures.guard():
+            recorder.close()
+            if recorder.skipped:
+                print(f"kys-slam: {recorder.skipped} frames were not shown, the viewer was behind",
+                      file=sys.stderr)
+    if result and not args.quiet:
+        print(result["table"], end="")
+        print(f"\nresults in {output}")
+    failures.print()
+    if failures.status:
+        return failures.status
+    if 2 * result["tracked"] < result["frames"] or not result["frames"]:
+        print(f"kys-slam: tracking failed: {result['tracked']} of {result['frames']} frames tracked",
+              file=sys.stderr)
+        return TRACKING_FAILED
+    return 0
+
+
+def _check_options(args) -> None:
+    """Raises InputError for options that contradict each other and for files that cannot be written."""
+    if args.localize_only and not args.load_map:
+        raise InputError("--localize-only needs --load-map")
+    if args.schedule != "realtime" and (args.late, args.queue, args.speed) != ("wait", 2, 1):
+        raise InputError("--late, --queue and --speed need --schedule realtime: elsewhere frames are "
+                         "read as fast as they are tracked")
+    targets = [Path(target).resolve() for target in args.record]
+    for i, target in enumerate(args.record):
+        must_be_new(target, "--record", args)
+        if targets[i] in targets[:i]:
+            raise InputError(f"{target}: is there twice; one --record per file")
+    if args.save_map:
+        kys_slam.check_writable(args.save_map)
+
+
+@contextlib.contextmanager
+def _signals_interrupt() -> Iterator[None]:
+    """SIGTERM and SIGHUP end a run as Ctrl-C does, unless the parent process ignores them (nohup)."""
+    def interrupt(number, frame):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come; the results are being saved
+        raise KeyboardInterrupt
+
+    before = {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
+    taken = [n for n, handler in before.items() if handler != signal.SIG_IGN]
+    try:
+        for number in taken:
+            signal.signal(number, interrupt)
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, before[number] or signal.SIG_DFL)
+
+
+def _left_out(recording, frames, masks) -> dict:
+    """Counts of what the recording holds and was not used, by what it is."""
+    counts = dict(getattr(recording, "counts", {}))
+    counts["images without a partner"] = getattr(recording, "dropped", 0)
+    counts["frames that came too fast"] = frames.dropped if isinstance(frames, Playback) else 0
+    counts["frames without a mask"] = masks.missing if masks else 0
+    return {what: int(count) for what, count in counts.items() if count}
