@@ -26,6 +26,11 @@ struct BuildSequence {
   std::vector<double> timestamps;     ///< s, of the frames; needed for keypoints
   std::array<std::string, 2> images;  ///< names of the folders of left and right images
   std::function<std::pair<GrayImage, GrayImage>(std::size_t)> read;
+
+  /// s, of a frame; without time stamps, frames are at 10 Hz.
+  [[nodiscard]] double time_of(std::size_t t) const {
+    return t < timestamps.size() ? timestamps[t] : 0.1 * static_cast<double>(t);
+  }
 };
 
 /// Sources of perception outputs. A source is a folder, "" (none), or the name of an estimator.

@@ -65,4 +65,11 @@ class BoxRaster {
   std::vector<float> depth_;
 };
 
+/// The boxes of a frame in the views of the two cameras.
+struct FrameScene {
+  std::vector<SeenBox> left, right;
+  BoxRaster left_raster, right_raster;
+  float mover_share = 0;  ///< share of the left image covered by objects that can move
+};
+
 }  // namespace kys_slam::simulator

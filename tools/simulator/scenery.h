@@ -4,7 +4,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "feature_world.h"
+#include "feature_path.h"
 
 namespace kys_slam::simulator {
 

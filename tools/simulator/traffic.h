@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "feature_world.h"
+#include "feature_path.h"
 
 namespace kys_slam::simulator {
 

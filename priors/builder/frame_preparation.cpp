@@ -1,0 +1,206 @@
+#include "priors/builder/frame_preparation.h"
+
+#include <kys/belief.h>
+#include <kys_slam/error.h>
+#include <kys_slam/prior_format.h>
+#include <kys_slam/util/stopwatch.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "priors/builder/for_each_index.h"
+#include "priors/builder/free_space.h"
+
+namespace kys_slam {
+namespace {
+
+/// Numbers of segments as they go into the file. Stuff has one per class, below those of things.
+std::vector<std::int32_t> instances_of(std::size_t c, const PanopticMap& panoptic,
+                                       const std::vector<std::int32_t>& identities) {
+  const std::int32_t base = c == 0 ? 0 : prior_format::kRightInstances;
+  std::vector<std::int32_t> instances;
+  for (std::size_t k = 0; k < panoptic.segments.size(); ++k) {
+    const InputSegment& s = panoptic.segments[k];
+    instances.push_back(base + (s.thing ? 65536 + identities[k] : s.label));
+  }
+  return instances;
+}
+
+}  // namespace
+
+/// What is read of a frame, without the frames before it.
+struct FramePreparation::Reading {
+  PreparedFrame frame;
+  std::vector<std::vector<SegmentShape>> shapes;  // by camera
+  std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
+  SegmentLinks::Votes by_disparity;
+  BuildTimes times;
+};
+
+FramePreparation::FramePreparation(const BuildSequence& sequence, const kys::LabelSpace& labels,
+                                   const BuildInputs& inputs, const BuilderOptions& options,
+                                   const std::vector<PanopticReader>& readers,
+                                   const SequenceFields& fields, int jobs)
+    : sequence_(sequence),
+      inputs_(inputs),
+      readers_(readers),
+      fields_(fields),
+      jobs_(jobs),
+      associators_(readers.size(), InstanceAssociator(options.association)) {
+  if (inputs.keypoints) {
+    keypoints_ = std::make_unique<KeypointMotion>(sequence.camera, options.keypoints);
+  }
+  if (options.association.method != AssociationMethod::kOverlap) return;
+  std::vector<bool> pooled;
+  for (const kys::LabelClass& c : labels.classes()) {
+    pooled.push_back(kys::mobility(c) == kys::Mobility::kMobile);
+  }
+  overlap_.emplace(options.association, std::move(pooled));
+}
+
+FramePreparation::~FramePreparation() = default;
+
+PreparedFrame FramePreparation::take() {
+  PreparedFrame frame = std::move(waiting_.front());
+  waiting_.pop_front();
+  return frame;
+}
+
+/// Disparities are needed before frames are measured.
+bool FramePreparation::needs_disparity() const {
+  return overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+}
+
+void FramePreparation::prepare(std::size_t end) {
+  const std::size_t begin = read_;
+  if (end <= begin) return;
+  std::vector<Reading> batch(end - begin);
+  for_each_index(end - begin, jobs_, [&](std::size_t i) { read(begin + i, batch[i]); });
+  for (Reading& reading : batch) {
+    SegmentLinks links;
+    links.by_disparity = std::move(reading.by_disparity);
+    Stopwatch watch;
+    if (keypoints_) judge_keypoints(read_, reading, links);
+    if (keypoints_ && needs_disparity()) judge_space(read_, reading.frame);
+    reading.times.keypoints += watch.lap_ms();
+    identify(read_, reading, links);
+    reading.times.association += watch.lap_ms();
+    times_ += reading.times;
+    reading.features.reset();
+    waiting_.push_back(std::move(reading.frame));
+    ++read_;
+  }
+}
+
+/// Reads a frame. Several threads read frames at a time.
+void FramePreparation::read(std::size_t t, Reading& out) const {
+  for (const PanopticReader& reader : readers_) {
+    CameraPerception& in = out.frame.perception.emplace_back();
+    in.panoptic = reader.read(sequence_.names[t], sequence_.camera.width, sequence_.camera.height);
+    const Stopwatch watch;
+    out.shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
+    out.times.association += watch.elapsed_ms();
+  }
+  const bool linked = needs_disparity();
+  ImagePair pair;
+  if (keypoints_ || (linked && inputs_.disparity == "sgbm")) pair = sequence_.read(t);
+  if (keypoints_) {
+    const Stopwatch watch;
+    out.features = keypoints_->extract(pair.first, pair.second);
+    out.times.keypoints += watch.elapsed_ms();
+  }
+  if (linked) read_disparity(t, pair, out);
+}
+
+void FramePreparation::read_disparity(std::size_t t, const ImagePair& pair, Reading& out) const {
+  PreparedFrame& frame = out.frame;
+  Stopwatch watch;
+  frame.disparity = fields_.disparities(t, pair);
+  out.times.stereo += watch.lap_ms();
+  fields_.complete(frame.disparity, frame.perception);
+  out.times.depth += watch.lap_ms();
+  out.by_disparity = links_by_disparity(frame.perception[0].panoptic, frame.perception[1].panoptic,
+                                        frame.disparity[0]);
+  out.times.association += watch.lap_ms();
+}
+
+/// What a frame's keypoints say about the segments of the frame before.
+void FramePreparation::judge_keypoints(std::size_t t, Reading& reading, SegmentLinks& links) {
+  PreparedFrame& frame = reading.frame;
+  std::vector<CameraSegments> cameras;
+  for (const CameraPerception& in : frame.perception) cameras.push_back({&in.panoptic});
+  KeypointMotion::Evidence evidence =
+      keypoints_->next_frame(sequence_.timestamps[t], reading.features, cameras, links);
+  for (const CameraPerception& in : frame.perception) {
+    frame.evidence.emplace_back(in.panoptic.segments.size());
+  }
+  if (!waiting_.empty()) waiting_.back().evidence = std::move(evidence);
+}
+
+/// Where the frame's things are now: what did earlier frames see there? The longest span counts for
+/// which enough pixels are known.
+void FramePreparation::judge_space(std::size_t t, PreparedFrame& frame) {
+  constexpr std::size_t kSpan = 4;  // frames
+  for (std::size_t c = 0; c < frame.perception.size(); ++c) {
+    const PanopticMap& panoptic = frame.perception[c].panoptic;
+    std::vector<bool> things{false};
+    for (const InputSegment& s : panoptic.segments) things.push_back(s.thing);
+    std::vector<FreeSpaceEvidence>& out = frame.space.emplace_back(panoptic.segments.size());
+    const std::size_t known = std::min(keypoints_->frames_back(), earlier_.size());
+    for (std::size_t back = 1; back <= std::min(kSpan, known); ++back) {
+      const std::vector<FreeSpaceEvidence> found =
+          compare_space(sequence_.camera, keypoints_->T_before_last(back), c == 1,
+                        frame.disparity[c], earlier_[back - 1][c], panoptic.runs, things);
+      for (std::size_t k = 0; k < out.size(); ++k) {
+        const FreeSpaceEvidence& e = found[k + 1];
+        if (e.occupied + e.free == 0) continue;
+        out[k] = e;
+        out[k].span = sequence_.time_of(t) - sequence_.time_of(t - back);
+      }
+    }
+  }
+  earlier_.push_front(frame.disparity);
+  if (earlier_.size() > kSpan) earlier_.pop_back();
+}
+
+/// Identities of the next frame's segments.
+void FramePreparation::identify(std::size_t t, Reading& reading, const SegmentLinks& links) {
+  FramePerception& perception = reading.frame.perception;
+  std::size_t c = 0;  // the camera whose segments are too many
+  try {
+    if (overlap_) return identify_by_overlap(perception, links, c);
+    for (; c < perception.size(); ++c) {
+      perception[c].instances = identify_by_centroid(c, perception[c].panoptic, reading.shapes[c]);
+    }
+  } catch (const InputError& error) {
+    throw InputError(readers_[c].path_of(sequence_.names[t]).string() + ": " + error.what());
+  }
+}
+
+/// Identities of the next frame's segments, both cameras together.
+void FramePreparation::identify_by_overlap(FramePerception& perception, const SegmentLinks& links,
+                                           std::size_t& camera) {
+  std::vector<const PanopticMap*> maps;
+  for (const CameraPerception& in : perception) maps.push_back(&in.panoptic);
+  const auto identities = overlap_->next_frame(maps, links, camera);
+  for (std::size_t c = 0; c < maps.size(); ++c) {
+    perception[c].instances = instances_of(c, *maps[c], identities[c]);
+  }
+}
+
+/// Identities of the segments of one camera's next frame.
+std::vector<std::int32_t> FramePreparation::identify_by_centroid(
+    std::size_t c, const PanopticMap& panoptic, const std::vector<SegmentShape>& shapes) {
+  std::vector<Detection> things;
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    const InputSegment& s = panoptic.segments[k];
+    if (s.thing) things.push_back({s.label, shapes[k].u, shapes[k].v});
+  }
+  const std::vector<std::int32_t> found = associators_[c].next_frame(things);
+  std::vector<std::int32_t> identities;
+  std::size_t next = 0;
+  for (const InputSegment& s : panoptic.segments) identities.push_back(s.thing ? found[next++] : 0);
+  return instances_of(c, panoptic, identities);
+}
+
+}  // namespace kys_slam

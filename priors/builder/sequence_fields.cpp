@@ -1,0 +1,85 @@
+#include "priors/builder/sequence_fields.h"
+
+#include <kys_slam/error.h>
+
+#include <string>
+
+#include "priors/builder/estimators.h"
+#include "priors/builder/field_input.h"
+#include "priors/builder/seeded_flow.h"
+
+namespace kys_slam {
+
+void SequenceFields::check_size(const std::filesystem::path& path,
+                                const ImageOf<float>& field) const {
+  if (field.width() == sequence_.camera.width && field.height() == sequence_.camera.height) {
+    return;
+  }
+  throw InputError(path.string() + ": is " + std::to_string(field.width()) + "x" +
+                   std::to_string(field.height()) + ", the sequence has " +
+                   std::to_string(sequence_.camera.width) + "x" +
+                   std::to_string(sequence_.camera.height));
+}
+
+DisparityPair SequenceFields::disparities(std::size_t t, const ImagePair& now) const {
+  DisparityPair d;
+  if (inputs_.disparity.empty()) return d;
+  if (inputs_.disparity == "sgbm") {
+    return {estimate_disparity(now.first, now.second, false),
+            estimate_disparity(now.first, now.second, true)};
+  }
+  const auto read = [&](const std::string& folder) {
+    const std::filesystem::path path = find_disparity(folder, sequence_.names[t]);
+    ImageOf<float> field = read_disparity(path, inputs_.disparity_encoding, sequence_.camera.bf());
+    check_size(path, field);
+    return field;
+  };
+  d[0] = read(inputs_.disparity);
+  if (!inputs_.disparity_right.empty()) d[1] = read(inputs_.disparity_right);
+  return d;
+}
+
+ImageOf<float> SequenceFields::warp(const ImageOf<float>& left, const FramePerception& in) const {
+  if (!options_.depth.match_labels) return warp_disparity_to_right(left);
+  const ClassImage left_classes = class_image(in[0].panoptic);
+  const ClassImage right_classes = class_image(in[1].panoptic);
+  return warp_disparity_to_right(left, &left_classes, &right_classes);
+}
+
+void SequenceFields::complete(DisparityPair& d, const FramePerception& in) const {
+  if (d[0].empty()) return;
+  const double tolerance = options_.depth.left_right_tolerance;
+  if (!d[1].empty()) {
+    const ImageOf<float> left = d[0];
+    check_left_right(d[0], d[1], -1, tolerance);
+    check_left_right(d[1], left, +1, tolerance);
+  } else if (in.size() == 2) {
+    d[1] = warp(d[0], in);
+  }
+}
+
+std::optional<FlowField> SequenceFields::flow(std::size_t c, std::size_t t,
+                                              const CameraPerception& in, const GrayImage& now,
+                                              const GrayImage& next) const {
+  if (inputs_.flow[c].empty() || t + 1 == sequence_.names.size()) return std::nullopt;
+  const BuilderOptions::FlowCheck& check = options_.flow_check;
+  if (inputs_.flow[c] == "dis") {
+    return estimate_checked_flow(options_, sequence_.camera, now, next, in.disparity,
+                                 in.panoptic.map, stuff_mask(in.panoptic));
+  }
+  const auto read = [&](const std::filesystem::path& path) {
+    FlowField field = read_flow(path, inputs_.flow_encoding);
+    check_size(path, field.u);
+    return field;
+  };
+  FlowField forward = read(find_flow(inputs_.flow[c], sequence_.names[t]));
+  if (check.enabled && !inputs_.flow_back[c].empty()) {
+    check_forward_backward(
+        forward,
+        read(find_back_flow(inputs_.flow_back[c], sequence_.names[t], sequence_.names[t + 1])),
+        check.tolerance, check.relative_tolerance);
+  }
+  return forward;
+}
+
+}  // namespace kys_slam
