@@ -350,9 +350,14 @@ bool Tracker::is_expected(const Frame& frame) const {
 
 /// Whether a pose found without the prediction can be that of the camera. Where something that
 /// moves fills the image its landmarks alone may be found, as many as one likes; better no pose for
-/// as long as the motion model spans.
+/// as long as the motion model spans. A time stamp may be wrong by as much as a frame: the step may
+/// be twice as long as expected.
 bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
-  if (options_.acceleration <= 0 || !is_jump(frame)) return true;
+  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  if (!expected || options_.acceleration <= 0) return true;
+  const double away = distance(frame.T_c_w, expected->T_c_w);
+  const double step = distance(expected->T_c_w, last_->T_c_w);
+  if (away <= kImpossible * expected->reach + step) return true;
   result.jumped = true;
   result.reason += "; impossible motion";
   return false;

@@ -18,9 +18,10 @@ bool sees(const StereoCamera& camera, const Landmark& l, const Rigid3& T_a_c, co
   sight.pixel = camera.project_stereo(p_c);
   if (!within_margin(camera, sight.pixel.x(), sight.pixel.y())) return false;
   const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
-  if (level >= kFeatureLevels || level >= l.max_level) return false;
-  sight.p_c = p_c;
   sight.level = static_cast<float>(level);
+  // As it is kept: rounding can make 8 of what is just below.
+  if (sight.level >= kFeatureLevels || level >= l.max_level) return false;
+  sight.p_c = p_c;
   sight.aside = static_cast<float>(std::acos(std::min(1.0, cosine)) / std::acos(l.min_cosine));
   return true;
 }
