@@ -125,6 +125,7 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   Stopwatch watch;
   Frame frame = make_frame(input);
   frame.T_c_w = place.T_c_w;
+  if (submap(place.reference) == submap(reference_) && !is_possible(frame, result)) return result;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     if (replica_.landmarks().contains(place.landmarks[i])) frame.landmarks[i] = place.landmarks[i];
   }
@@ -135,11 +136,6 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   const KeyFrameId first = first_keyframe_;
   bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
-  if (tracked && submap(reference_) == submap(before)) {
-    velocity_ = velocity;
-    tracked = is_possible(frame, result);
-    velocity_.reset();
-  }
   if (tracked) {
     if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
     tracked = finish_tracked(std::move(frame), waiting, result);

@@ -189,7 +189,7 @@ class Tracker {
   }
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
-  [[nodiscard]] bool is_jump(const Frame& frame) const;
+  [[nodiscard]] bool is_jump(const Frame& frame, double steps = 0) const;
   bool is_possible(const Frame& frame, TrackResult& result) const;
   void keep_as_last(Frame frame, TrackResult& result);
 

@@ -353,22 +353,19 @@ bool Tracker::is_expected(const Frame& frame) const {
 /// as long as the motion model spans. A time stamp may be wrong by as much as a frame: the step may
 /// be twice as long as expected.
 bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
-  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
-  if (!expected || options_.acceleration <= 0) return true;
-  const double away = distance(frame.T_c_w, expected->T_c_w);
-  const double step = distance(expected->T_c_w, last_->T_c_w);
-  if (away <= kImpossible * expected->reach + step) return true;
+  if (options_.acceleration <= 0 || !is_jump(frame, 1)) return true;
   result.jumped = true;
   result.reason += "; impossible motion";
   return false;
 }
 
-/// Whether no camera can have come to the frame's pose from its last motion.
-bool Tracker::is_jump(const Frame& frame) const {
+/// Whether no camera can have come to the frame's pose from its last motion, be it as many expected
+/// `steps` further.
+bool Tracker::is_jump(const Frame& frame, double steps) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected) return false;
   const double away = distance(frame.T_c_w, expected->T_c_w);
-  return away > kImpossible * expected->reach;
+  return away > kImpossible * expected->reach + steps * distance(expected->T_c_w, last_->T_c_w);
 }
 
 /// What a match says about the pose by being on a thing that can move. The frame knows better than

@@ -11,7 +11,7 @@ namespace {
 using Eigen::Vector3d;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNear = 1e-3;      // m, depth: what is nearer is not seen
-constexpr double kPassed = 0.1;     // m: a box that ends before this depth is beside the camera
+constexpr double kPassed = 0.1;     // m: what is nearer is beside the camera
 constexpr double kRounding = 1e-4;  // m, more than the float depth of a raster is off
 
 // Whether the box can be in the image, where, and from which depth on.
@@ -46,13 +46,13 @@ bool find_outline(const StereoCamera& k, const Rigid3& T_c_o, SeenBox& box) {
       cover(a + (kNear - a.z()) / (b.z() - a.z()) * (b - a));
     }
   }
-  const bool reaches_past = box.nearest < kPassed;
+  box.reaches_past = box.nearest < kPassed;
   // The last blocks of a raster end behind the border of the image.
-  const double border = reaches_past ? BoxRaster::kBlock : 0;
+  const double border = box.reaches_past ? BoxRaster::kBlock : 0;
   if (box.u1 < 0 || box.v1 < 0 || box.u0 >= k.width + border || box.v0 >= k.height + border) {
     return false;
   }
-  if (reaches_past) {
+  if (box.reaches_past) {
     box.u0 = std::max(box.u0, 0.0);
     box.v0 = std::max(box.v0, 0.0);
     box.u1 = std::min<double>(box.u1, k.width);

@@ -12,9 +12,10 @@ namespace kys_slam::simulator {
 /// A solid box in front of a camera.
 struct SeenBox {
   std::int32_t object = 0;
-  Rigid3 T_o_c;          ///< camera frame to the box's own axes
-  Eigen::Vector3d half;  ///< m
-  double nearest = 0;    ///< m, no part in front of the camera has a smaller depth
+  Rigid3 T_o_c;               ///< camera frame to the box's own axes
+  Eigen::Vector3d half;       ///< m
+  double nearest = 0;         ///< m, no part in front of the camera has a smaller depth
+  bool reaches_past = false;  ///< begins beside the camera or behind it
   // Of its image: everything it covers lies within (px). Cut at the image for a box that reaches
   // past the camera.
   double u0 = 0, v0 = 0, u1 = 0, v1 = 0;

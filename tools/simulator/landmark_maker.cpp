@@ -16,7 +16,6 @@ constexpr double kMinCone = 0.21;    // rad, half the angle a landmark is seen f
 constexpr double kMaxCone = 0.79;    // 45 degrees
 constexpr double kShortSpan = 0.25;  // octaves that a landmark is found at, mean: half of them
 constexpr double kLongSpan = 1.2;    // the others
-constexpr double kBeside = 0.1;      // m, depth
 constexpr double kUnlimited = 1e6;   // m, from where a landmark on an object is found at most
 // What objects have more of than the static world, chosen so that a rendered street and the same
 // street of features agree on the shares of keypoints and of matches that movers hold.
@@ -106,9 +105,8 @@ void LandmarkMaker::populate(std::size_t frame) {
 // landmarks anywhere in the image: near parts that soon leave the image are not filled.
 void LandmarkMaker::add_to(const SeenBox& box, int octave, Rng& rng) {
   const StereoCamera& k = path_.camera;
-  const bool beside = box.nearest < kBeside;
-  const double u0 = beside ? 0 : box.u0, u1 = beside ? k.width : box.u1;
-  const double v0 = beside ? 0 : box.v0, v1 = beside ? k.height : box.v1;
+  const double u0 = box.reaches_past ? 0 : box.u0, u1 = box.reaches_past ? k.width : box.u1;
+  const double v0 = box.reaches_past ? 0 : box.v0, v1 = box.reaches_past ? k.height : box.v1;
   for (int attempt = 0; attempt < 8; ++attempt) {
     const double u = rng.uniform(std::max(u0, kMargin), std::min(u1, k.width - kMargin));
     const double v = rng.uniform(std::max(v0, kMargin), std::min(v1, k.height - kMargin));
