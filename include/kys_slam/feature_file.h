@@ -10,7 +10,7 @@
 #include <vector>
 
 /// Feature files: stereo frames as features instead of images, with the camera and the true poses.
-/// The format is described byte by byte in tools/simulator/README.md.
+/// The format is described byte by byte in tools/simulator/features/README.md.
 namespace kys_slam {
 
 /// Header of a feature file.

@@ -31,8 +31,9 @@ struct FrameInput {
 };
 
 /// Opens a sequence folder with `open_folder` (`open_sequence`: any layout) or a feature file
-/// (tools/simulator/README.md). The first bytes identify a feature file, not its name. \throws
-/// InputError naming the path: neither, unreadable, damaged, no frames in the requested part.
+/// (tools/simulator/features/README.md). The first bytes identify a feature file, not its name.
+/// \throws InputError naming the path: neither, unreadable, damaged, no frames in the requested
+/// part.
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
                             const OpenSequence& open_folder = open_sequence);
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 /// Frames and ground truth in version 2 of the feature file, as bytes before and after deflate.
-/// tools/simulator/README.md describes them byte by byte. Decoders do not trust their input: they
-/// throw std::runtime_error with what is wrong, and the caller adds the file name.
+/// tools/simulator/features/README.md describes them byte by byte. Decoders do not trust their
+/// input: they throw std::runtime_error with what is wrong, and the caller adds the file name.
 namespace kys_slam {
 
 /// Of one image: the map numbers the features of a frame with 16 bits.

@@ -62,7 +62,7 @@ def simulate(programs, lap, features, folder):
 
 def repeat(laps, lap_length, frames, path):
     """A feature file of so many frames out of those of `laps`; the frames at which it jumps. The format
-    is that of tools/simulator/README.md, version 2."""
+    is that of tools/simulator/features/README.md, version 2."""
     with open(laps, "rb") as file:
         data = file.read()
     count, = struct.unpack_from("<Q", data, 80)

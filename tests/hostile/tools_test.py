@@ -91,7 +91,7 @@ class Tools(unittest.TestCase):
                     file.write_bytes(whole)
 
     def test_fit_perception(self):
-        said = self.refused("simulator/fit_perception.py", "none:exact:estimated")
+        said = self.refused("simulator/perception/fit_perception.py", "none:exact:estimated")
         self.assertIn("none", said)
 
     def test_class_files(self):

@@ -1,4 +1,4 @@
-#include "boxes.h"
+#include "simulator/features/boxes.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "rng.h"
+#include "simulator/common/rng.h"
 
 namespace kys_slam::simulator {
 namespace {

@@ -3,11 +3,11 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "feature_world.h"
 #include "io/temporary_folder.h"
-#include "perception.h"
+#include "simulator/common/coco_classes.h"
+#include "simulator/features/feature_world.h"
+#include "simulator/perception/perception.h"
 #include "support/run_command.h"
-#include "traffic.h"
 
 // The run_stereo programs on files of simulate_features instead of sequence folders.
 namespace kys_slam {

@@ -8,8 +8,8 @@
 #include <map>
 #include <set>
 
-#include "feature_world.h"
 #include "scratch_folder.h"
+#include "simulator/features/feature_world.h"
 #include "support/option_walk.h"
 
 namespace kys_slam::simulator {

@@ -1,4 +1,4 @@
-#include "landmarks.h"
+#include "simulator/features/landmarks.h"
 
 #include <gtest/gtest.h>
 

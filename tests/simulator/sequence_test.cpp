@@ -9,10 +9,11 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "euroc_rig.h"
 #include "scratch_folder.h"
-#include "sensor.h"
-#include "sequence_writer.h"
+#include "simulator/common/coco_classes.h"
+#include "simulator/common/euroc_rig.h"
+#include "simulator/images/sensor.h"
+#include "simulator/images/sequence_writer.h"
 
 // What is checked here is read back from the files of a sequence, as a user would read them.
 namespace kys_slam::simulator {

@@ -1,9 +1,9 @@
-#include "texture.h"
+#include "simulator/shapes/texture.h"
 
 #include <gtest/gtest.h>
 
-#include "canvas.h"
-#include "rng.h"
+#include "simulator/common/rng.h"
+#include "simulator/shapes/canvas.h"
 
 namespace kys_slam::simulator {
 namespace {

@@ -1,4 +1,3 @@
-#include "traffic.h"
 
 #include <gtest/gtest.h>
 #include <kys/prior.h>
@@ -11,10 +10,13 @@
 #include <map>
 #include <set>
 
-#include "feature_world.h"
 #include "io/feature_payload.h"
-#include "perception.h"
 #include "scratch_folder.h"
+#include "simulator/common/coco_classes.h"
+#include "simulator/features/feature_world.h"
+#include "simulator/perception/perception.h"
+#include "simulator/traffic/object_motion.h"
+#include "simulator/traffic/replayed_objects.h"
 
 // Drives with traffic. What the generator says about its objects is checked by formulas of this
 // file alone: corners of boxes, rays against their faces, projections of moved points.

@@ -1,15 +1,16 @@
-#include "world.h"
+#include "simulator/worlds/world.h"
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
 
 #include <cmath>
 
-#include "object_truth.h"
-#include "path.h"
-#include "renderer.h"
-#include "segments.h"
-#include "sequence_writer.h"
+#include "simulator/common/coco_classes.h"
+#include "simulator/images/object_truth.h"
+#include "simulator/images/renderer.h"
+#include "simulator/images/segments.h"
+#include "simulator/images/sequence_writer.h"
+#include "simulator/worlds/path.h"
 #include "support/option_walk.h"
 
 namespace kys_slam::simulator {

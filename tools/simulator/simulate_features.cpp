@@ -7,9 +7,11 @@
 #include <optional>
 
 #include "common/command_line.h"
-#include "feature_world.h"
-#include "perception.h"
-#include "traffic.h"
+#include "simulator/common/coco_classes.h"
+#include "simulator/features/feature_world.h"
+#include "simulator/perception/perception.h"
+#include "simulator/traffic/replayed_objects.h"
+#include "simulator/traffic/traffic.h"
 
 namespace {
 

@@ -5,8 +5,8 @@
 #include <cstdio>
 
 #include "common/command_line.h"
-#include "sequence_writer.h"
-#include "world.h"
+#include "simulator/images/sequence_writer.h"
+#include "simulator/worlds/world.h"
 
 namespace {
 

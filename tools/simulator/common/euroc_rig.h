@@ -1,0 +1,30 @@
+#pragma once
+
+#include <kys_slam/stereo_rectifier.h>
+
+#include <string>
+
+#include "simulator/common/camera_model.h"
+
+namespace kys_slam::simulator {
+
+inline constexpr int kEurocWidth = 752;   // px
+inline constexpr int kEurocHeight = 480;  // px
+
+/// Intrinsics of a EuRoC camera (px) and its radial-tangential distortion (k1 k2 p1 p2).
+struct EurocCalibration {
+  double f_u, f_v, c_u, c_v;
+  std::array<double, 4> distortion;
+};
+EurocCalibration euroc_calibration(int camera, int width = kEurocWidth, int height = kEurocHeight);
+
+/// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
+CameraModel euroc_camera(int camera, int width, int height);
+/// Both cameras, rectified as the reader of EuRoC sequences does.
+StereoRectifier euroc_rectifier(int width = kEurocWidth, int height = kEurocHeight);
+/// T_body_camera.
+Rigid3 euroc_extrinsics(int camera);
+/// The same as the data set's sensor.yaml.
+std::string euroc_sensor_yaml(int camera, int width, int height);
+
+}  // namespace kys_slam::simulator
