@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 
-import hostile_test as hostile
+import harness
 
 KINDS = ("open", "read", "write", "rename", "thread", "memory")
 FRAMES = 8
@@ -21,7 +21,7 @@ FRAMES = 8
 
 class Runs:
     def __init__(self, arguments, folder):
-        self.programs = hostile.Programs(os.path.abspath(arguments.bin))
+        self.programs = harness.Programs(os.path.abspath(arguments.bin))
         self.library = os.path.abspath(arguments.faults)
         self.schedule = arguments.schedule
         self.folder = folder
@@ -30,7 +30,7 @@ class Runs:
         self.map = os.path.join(folder, "m.map")
         self.counts = os.path.join(folder, "counts")
         self.sound_map = b""
-        hostile.make_sequence(self.sequence)
+        harness.make_sequence(self.sequence)
 
     def run(self, fault, stacks=None):
         shutil.rmtree(self.output, ignore_errors=True)
@@ -50,7 +50,7 @@ class Runs:
             return file.read()
 
     def count(self):
-        hostile.passed(self.run("none:0"))
+        harness.passed(self.run("none:0"))
         self.sound_map = self.read_map()
         with open(self.counts, encoding="ascii") as file:
             return {kind: int(number) for kind, number in map(str.split, file)}
@@ -61,7 +61,7 @@ class Runs:
         counts = {}
         file_name = os.path.join(self.folder, "stacks")
         for _ in range(rounds):
-            hostile.passed(self.run("none:0", file_name))
+            harness.passed(self.run("none:0", file_name))
             with open(file_name, encoding="ascii") as file:
                 for stack, number in map(str.split, file):
                     counts.setdefault(stack, []).append(int(number))
@@ -71,32 +71,32 @@ class Runs:
 
     def check(self, fault):
         result = self.run(fault)
-        hostile.expect(result.status in (0, 2), f"status {result.status}: {result.err.strip()}")
-        hostile.expect("terminate" not in result.err and "defect" not in result.err, result.err)
-        hostile.expect(result.status == 0 or result.err.count("\n") >= 1, "says nothing")
+        harness.expect(result.status in (0, 2), f"status {result.status}: {result.err.strip()}")
+        harness.expect("terminate" not in result.err and "defect" not in result.err, result.err)
+        harness.expect(result.status == 0 or result.err.count("\n") >= 1, "says nothing")
         self.check_files(result)
 
     def check_files(self, result):
-        missing = [name for name in hostile.OUTPUTS
+        missing = [name for name in harness.OUTPUTS
                    if not os.path.isfile(os.path.join(self.output, name))]
-        if not os.path.isdir(self.output) or len(missing) == len(hostile.OUTPUTS):
-            hostile.expect(result.status == 2, "no results, and says nothing")
+        if not os.path.isdir(self.output) or len(missing) == len(harness.OUTPUTS):
+            harness.expect(result.status == 2, "no results, and says nothing")
             return
-        hostile.expect(len(missing) <= 1, f"missing: {missing}")  # one call failed, not many
-        hostile.expect(not missing or result.status == 2, "a file is missing, and says nothing")
+        harness.expect(len(missing) <= 1, f"missing: {missing}")  # one call failed, not many
+        harness.expect(not missing or result.status == 2, "a file is missing, and says nothing")
         left = [name for name in os.listdir(self.output) if name.startswith(".")]
-        hostile.expect(not left, f"left: {left}")
+        harness.expect(not left, f"left: {left}")
         if "summary.json" not in missing:
             with open(os.path.join(self.output, "summary.json"), encoding="utf-8") as file:
                 summary = json.load(file)
-            hostile.expect(summary["complete"] or result.status == 2, "incomplete with status 0")
-            hostile.expect(not summary["complete"] or summary["frames"] == FRAMES, summary)
+            harness.expect(summary["complete"] or result.status == 2, "incomplete with status 0")
+            harness.expect(not summary["complete"] or summary["frames"] == FRAMES, summary)
             if "trajectory.kitti" not in missing:
-                rows = hostile.lines(os.path.join(self.output, "trajectory.kitti"))
-                hostile.expect(rows == summary["frames"], f"{rows} rows: {summary}")
+                rows = harness.lines(os.path.join(self.output, "trajectory.kitti"))
+                harness.expect(rows == summary["frames"], f"{rows} rows: {summary}")
         # A map like that of a run in which nothing fails is sound.
         if os.path.exists(self.map) and self.read_map() != self.sound_map:
-            hostile.passed(self.programs.run(
+            harness.passed(self.programs.run(
                 "run_stereo_kitti", self.sequence, "--output", self.output + "2", "--quiet",
                 "--overwrite", "--frames", "2", "--load-map", self.map, "--localize-only"))
 

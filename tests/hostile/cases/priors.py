@@ -1,0 +1,96 @@
+"""Prior files."""
+import os
+import shutil
+import struct
+import zlib
+
+from harness import FRAMES, HEIGHT, WIDTH, case, expect, passed, png, refused
+
+
+def make_priors(f, programs, label_space="coco_panoptic_133", category=90, name=None):
+    """Prior files of one class for every frame; `name`: of the label space, put in afterwards."""
+    os.makedirs(f("classes"), exist_ok=True)
+    for image in os.listdir(os.path.join(f.sequence, "image_0")):
+        png(f("classes", image), [bytes([category]) * WIDTH] * HEIGHT)
+    passed(programs.run("build_priors", f.sequence, "--semantic-left", f("classes"), "--output",
+                        f("priors"), "--label-space", label_space, "--quiet"))
+    for file in os.listdir(f("priors")):
+        if name is None or not file.endswith(".kysp"):
+            continue
+        with open(f("priors", file), "rb+") as prior:
+            data = bytearray(prior.read())
+            data[48:80] = name.encode().ljust(32, b"\0")
+            data[16:20] = struct.pack("<I", zlib.crc32(data[20:]))
+            prior.seek(0)
+            prior.write(data)
+
+
+@case
+def priors_with_labels_beyond_their_space(f, programs):
+    validate = ["validate_priors", f("priors"), "--sequence", f.sequence]
+    make_priors(f, programs)
+    passed(programs.run(*validate))
+    shutil.rmtree(f("priors"))
+    make_priors(f, programs, name="my_own")
+    result = programs.run(*validate)
+    passed(result)
+    expect(result.err.count("\n") == 1 and "my_own" in result.err, result.err)
+    shutil.rmtree(f("priors"))
+    make_priors(f, programs, name="cityscapes_19")
+    result = programs.run(*validate)
+    expect(result.status == 2, f"called sound: {result.out}")
+    expect("000000.kysp: label 79 is not in label space cityscapes_19" in result.err, result.err)
+
+
+@case
+def priors_names_are_escaped(f, programs):
+    for camera in (0, 1):
+        for i in range(FRAMES):
+            os.rename(f.image(i, camera),
+                      f.image(i, camera).replace(f"{i:06d}", f"\x1b[2J\nsound {i:06d}"))
+    make_priors(f, programs)
+    result = programs.run("inspect_priors", f("priors"))
+    passed(result)
+    expect("\x1b" not in result.out and "\\x1b[2J\\nsound 000001.kysp" in result.out, result.out)
+    for file in os.listdir(f("priors")):
+        if file.endswith(".kysp"):
+            with open(f("priors", file), "wb"):
+                pass
+    result = programs.run("validate_priors", f("priors"), "--sequence", f.sequence)
+    expect(result.status == 2, f"status {result.status}")
+    expect("\x1b" not in result.err and "\\x1b[2J\\nsound 000001.kysp" in result.err, result.err)
+
+
+@case
+def priors_compared_with_long_names(f, programs):
+    """The rows keep all their fields, and a table that cannot be written is told first."""
+    name = "n," + "x" * 180
+    for camera in (0, 1):
+        for i in range(FRAMES):
+            os.rename(f.image(i, camera), f.image(i, camera).replace(f"{i:06d}", f"{name}{i:06d}"))
+    make_priors(f, programs)
+    compare = ["compare_priors", f("priors"), f("priors"), f.sequence, "--csv"]
+    result = programs.run(*compare, "/proc/nope.csv")
+    refused(result, "/proc/nope.csv")
+    expect(result.out == "", "compared before the check")
+    passed(programs.run(*compare, f("c.csv")))
+    with open(f("c.csv"), encoding="utf-8") as file:
+        rows = file.readlines()
+    expect(len(rows) == 1 + 2 * FRAMES, len(rows))
+    expect(all(row.startswith(f'"{name}') and row.count(",") == 9 for row in rows[1:]), rows[1])
+
+
+@case
+def objects_of_a_class_that_is_not_utf8(f, programs):
+    head = ("frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
+            "0,0,0,5,car,1,30,0,0,9,0,0,1,1\n")
+    f.write("run/objects.csv", head)
+    f.write("run/frames.csv", "index,name,timestamp\n" +
+            "".join(f"{i},{i},{0.1 * i}\n" for i in range(20)))
+    f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 20)
+    f.write("truth.txt", b"".join(b"%d 5 C\xff\x1b[2J 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 %.1f 0\n" %
+                                  (i, 9 + i / 10) for i in range(20)))
+    for more in ((), ("--json",)):
+        result = programs.run("evaluate_objects", f("run"), "--truth", f("truth.txt"), *more)
+        passed(result)
+        expect("\x1b" not in result.out and "C\\xff" in result.out.replace("\\\\", "\\"), result.out)
