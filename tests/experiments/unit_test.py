@@ -16,10 +16,10 @@ try:
     import numpy as np
 
     import data_sets
+    import experiment_tables
     import figures
     import paired
     import plan
-    import report
     import results
     import step
     import town_path
@@ -105,7 +105,7 @@ class Statistics(unittest.TestCase):
             rows += [row("mask", "exact", seed, 1.0), row("verified", "exact", seed, 1.0 * seed),
                      row("mask", "late", seed, 4.0), row("verified", "late", seed, 1.0),
                      row("mask", "flip", seed, 1.0), row("verified", "flip", seed, 1.0)]
-        table = report.wrong_prior_table({"name": "study"}, rows)
+        table = experiment_tables.wrong_prior_table({"name": "study"}, rows)
         exact, wrong = [r for r in table.rows if r[0] == "all"]
         # exact: geometric mean of 1, 2, 3; wrong: of 1/4 and 1 for every seed
         self.assertEqual(exact[2:6], ["exact", "mask", 3, "1.8"])
@@ -120,7 +120,7 @@ class Statistics(unittest.TestCase):
         rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
                 for schedule in ("pipelined", "realtime")
                 for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
-        tables = report.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
+        tables = experiment_tables.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
         self.assertEqual([t.rows[0][2] for t in tables], [3, 3])  # pairs: seeds
         self.assertTrue("pipelined" in tables[0].title and "realtime" in tables[1].title)
 
@@ -130,9 +130,10 @@ class Statistics(unittest.TestCase):
                                  "schedule": "pipelined", "repeat": 0, "ate": ate, "tracked": 100.0}
         base = [row(s, 0.1 * s) for s in range(1, 8)] + [row(8, 100.0)]
         mine = [row(s, 0.05 * s) for s in range(1, 8)] + [row(8, 101.0)]
-        shown = dict(zip(report.PAIRED_HEADER, report.paired_rows([], base, mine, "ate")))
+        shown = dict(zip(experiment_tables.PAIRED_HEADER,
+                         experiment_tables.paired_rows([], base, mine, "ate")))
         logs = paired.difference(np.zeros(8), [-np.log(2)] * 7 + [np.log(1.01)])
-        self.assertEqual(shown["Wilcoxon p"], report.show_p(logs.wilcoxon_p))
+        self.assertEqual(shown["Wilcoxon p"], experiment_tables.show_p(logs.wilcoxon_p))
 
     def test_percentile_of_exposure(self):
         """Wrong keypoints in 1 to 20 % of 20 frames: 19.05 by linear interpolation."""

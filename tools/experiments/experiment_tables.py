@@ -1,0 +1,341 @@
+"""Tables of one experiment."""
+import itertools
+
+import numpy as np
+
+from paired import deviation, difference, mean
+from results import METRICS, ORIGINS, over_repeats, pairs, published, select, unique
+from tables import Table, show
+
+RUN_COLUMNS = ["origin", "input", "what", "seed", "configuration", "variant", "case", "schedule",
+               "repeat", "status", "reason", "ate", "rpe_m", "rpe_deg", "tracked", "keyframes", "loops",
+               "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "survival_8",
+               "survival_20", "job"]
+
+
+def cell(rows, metric):
+    """Mean over seeds, its deviation, and what went wrong."""
+    failed = [r for r in rows if r["status"] in ("failed", "missing")]
+    values = [v for v in over_repeats(rows, metric).values() if v is not None]
+    text = show(mean(values)) if values else ""
+    if len(values) > 1:
+        text += f" ± {show(deviation(values))}"
+    tracked = mean([r.get("tracked") for r in rows])
+    if tracked is not None and tracked < 99.95:
+        text += f" ({tracked:.0f} %)"
+    if failed:
+        one = failed[0]["status"] if len(failed) == len(rows) else f"{len(failed)} failed"
+        text = f"{text} {one}".strip()
+    return text or "-"
+
+
+def splits(experiment, rows, apart=("variant", "schedule")):
+    """What goes into one table: origins are never mixed, nor the labels `apart`, nor what `per` names."""
+    keys = ["origin"] + [k for k in apart if len(unique(rows, k)) > 1]
+    keys += [k for k in experiment.get("per", []) if k not in keys]
+    seen = list(dict.fromkeys(tuple(r[k] for k in keys) for r in rows))
+    for values in seen:
+        labels = dict(zip(keys, values))
+        words = [ORIGINS[labels["origin"]]] + [str(v) for k, v in labels.items()
+                                               if k != "origin" and v]
+        yield labels, ", ".join(words), select(rows, **labels)
+
+
+def gain_column(rows, row_key, value, baseline, metric):
+    """Mean over inputs of the reduction against the baseline, %, as the paper's average."""
+    base = select(rows, **{row_key: baseline})
+    mine = select(rows, **{row_key: value})
+    _, a, b = pairs(base, mine, metric)
+    reductions = [100 * (x - y) / x for x, y in zip(a, b) if x > 0]
+    return show(mean(reductions), 1) if reductions else "-"
+
+
+def value_tables(experiment, rows):
+    """A table per split and metric: rows and columns as the experiment says."""
+    row_key, column_key = experiment["rows"], experiment["columns"]
+    tables = []
+    for labels, words, mine in splits(experiment, rows):
+        for metric in experiment.get("metrics", ["ate"]):
+            name, unit = METRICS[metric]
+            columns = unique(mine, column_key)
+            with_gain = (row_key == "configuration" and len(unique(mine, row_key)) > 1
+                         and experiment.get("baseline") in unique(mine, row_key))
+            header = [row_key, *columns] + (["mean reduction %"] if with_gain else [])
+            body = []
+            for value in unique(mine, row_key):
+                line = [value] + [cell(select(mine, **{row_key: value, column_key: c}), metric)
+                                  for c in columns]
+                if with_gain:
+                    line.append(gain_column(mine, row_key, value, experiment["baseline"], metric))
+                body.append(line)
+            groups = {}
+            if labels["origin"] == "given":
+                add_published(experiment, metric, columns, len(header), body, groups)
+            tables.append(Table(
+                f"{experiment['name']}-{len(tables) + 1}",
+                f"{experiment['title']}: {name}, {unit}; {words}", header, body,
+                note_of(mine), groups))
+    return tables
+
+
+def note_of(rows):
+    seeds, repeats = len(unique(rows, "seed")), len(unique(rows, "repeat"))
+    text = f"Mean ± standard deviation over {seeds} seeds" if seeds > 1 else "One seed"
+    text += f", {repeats} runs each" if repeats > 1 else ""
+    stand_ins = {r["input"]: r["what"] for r in rows if r["origin"] == "stand-in"}
+    text += "; frames tracked in brackets when not all."
+    if stand_ins:
+        text += " Stand-ins, not to be compared with published figures: " + "; ".join(
+            f"{k} = {v.removeprefix('stand-in: ')}" for k, v in stand_ins.items()) + "."
+    return text
+
+
+def add_published(experiment, metric, columns, width, body, groups):
+    """Published rows below ours, where the columns are sequences."""
+    if "published" not in experiment or experiment["columns"] != "input":
+        return
+    entries = [p for p in published(experiment["published"]) if p["metric"] == metric]
+    last = None
+    for key in dict.fromkeys((p["source"], p["section"], p["method"], p["setting"]) for p in entries):
+        values = {p["sequence"]: p["value"] for p in entries
+                  if (p["source"], p["section"], p["method"], p["setting"]) == key}
+        if not any(c in values for c in columns):
+            continue
+        if key[:2] != last:
+            groups[len(body)] = f"published, {key[0]}, {key[1]}"
+            last = key[:2]
+        line = [f"{key[2]} {key[3]}".strip()] + [show(values.get(c), 3) for c in columns]
+        body.append(line + [""] * (width - len(line)))
+
+
+def published_table(experiment):
+    """The published figures by themselves: beside ours, and never in one table with simulations."""
+    if "published" not in experiment:
+        return []
+    entries = published(experiment["published"])
+    sequences = [s for s in unique(entries, "sequence")]
+    body, groups, last = [], {}, None
+    keys = dict.fromkeys((p["source"], p["section"], p["method"], p["setting"], p["metric"], p["unit"])
+                         for p in entries)
+    for key in keys:
+        if key[:2] != last:
+            groups[len(body)] = f"{key[0]}, {key[1]}"
+            last = key[:2]
+        values = {p["sequence"]: p["value"] for p in entries
+                  if tuple(p[k] for k in ("source", "section", "method", "setting", "metric",
+                                          "unit")) == key}
+        name, unit = METRICS[key[4]][0] if key[4] in METRICS else key[4], key[5]
+        body.append([f"{key[2]} {key[3]}".strip(), f"{name}, {unit}"]
+                    + [show(values.get(s), 3) for s in sequences])
+    return [Table(f"{experiment['name']}-published",
+                  f"Published ({experiment['paper']}), real recordings",
+                  ["method", "figure", *[s or "all" for s in sequences]], body,
+                  "KYS-SLAM: Know-Your-Scene SLAM; sources by table and section in "
+                  "tools/experiments/published.", groups)]
+
+
+def paired_rows(label, baseline_rows, rows, metric, ignore=()):
+    """One row of the table of paired differences; None without pairs."""
+    keys, a, b = pairs(baseline_rows, rows, metric, ignore)
+    if not keys:
+        return None
+    d = difference(a, b)  # of metres; the ratio, its interval, test and verdict are of logarithms
+    good = [(x, y) for x, y in zip(a, b) if x > 0 and y > 0]
+    ratio = difference([np.log(x) for x, _ in good], [np.log(y) for _, y in good])
+    worst = max(range(len(keys)), key=lambda i: b[i] - a[i])
+    interval = lambda e, f: show_interval(e, f, lambda v: show(v, 4))
+    power = lambda v: None if v is None else float(np.exp(v))
+    return label + [
+        d.pairs, show(d.mean), interval(d.low, d.high), show(power(ratio.mean), 3),
+        interval(power(ratio.low), power(ratio.high)), show_p(ratio.wilcoxon_p),
+        f"{show(b[worst] - a[worst])} ({keys[worst][0]}, seed {keys[worst][1]})",
+        show(mean([r.get("tracked") for r in rows]), 1), ratio.verdict]
+
+
+def show_interval(low, high, form):
+    return "-" if low is None else f"{form(low)} to {form(high)}"
+
+
+def show_p(p):
+    return "< 0.001" if p is not None and p < 0.001 else show(p, 3)
+
+
+PAIRED_HEADER = ["pairs", "mean difference, m", "95 %", "ratio", "95 %", "Wilcoxon p", "worst",
+                 "tracked %", "by the ratio"]
+
+
+def paired_tables(experiment, rows):
+    """Every configuration less the baseline; every variant less the first."""
+    baseline = experiment.get("baseline")
+    tables = []
+    for labels, words, mine in splits(experiment, rows):
+        body = []
+        cases = unique(mine, "case")
+        for configuration in unique(mine, "configuration"):
+            if configuration == baseline:
+                continue
+            for case in cases:
+                row = paired_rows([configuration, case], select(mine, configuration=baseline, case=case),
+                                  select(mine, configuration=configuration, case=case), "ate")
+                if row:
+                    body.append(row)
+        if body:
+            tables.append(Table(
+                f"{experiment['name']}-paired-{len(tables) + 1}",
+                f"Paired difference of ATE to {baseline}; {words}",
+                ["configuration", "case", *PAIRED_HEADER], body,
+                "Same input, seed and case. Ratio: geometric mean of ATE over the baseline's, tested by "
+                "Wilcoxon's signed ranks of its logarithms; intervals: bootstrap over pairs."))
+    return tables + variant_tables(experiment, rows)
+
+
+def variant_tables(experiment, rows):
+    variants = unique(rows, "variant")
+    if len(variants) < 2:
+        return []
+    tables = []
+    for _, words, group in splits({}, rows, apart=("schedule",)):
+        body = []
+        for other in variants[1:]:
+            for configuration in unique(group, "configuration"):
+                for case in unique(group, "case"):
+                    mine = select(group, configuration=configuration, case=case)
+                    row = paired_rows([configuration, case], select(mine, variant=variants[0]),
+                                      select(mine, variant=other), "ate", ignore=("variant",))
+                    if row:
+                        body.append(row)
+        if body:
+            tables.append(Table(
+                f"{experiment['name']}-variants-{len(tables) + 1}",
+                f"Paired difference of ATE, {', '.join(variants[1:])} to {variants[0]}; "
+                f"{words}", ["configuration", "case", *PAIRED_HEADER], body))
+    return tables
+
+
+def best_tables(experiment, rows):
+    """Of a study: where `verified` stands against the best of the others in every cell."""
+    if "verified" not in unique(rows, "configuration"):
+        return []
+    body = []
+    cells = dict.fromkeys((r["input"], r["variant"], r["case"]) for r in rows)
+    for name, variant, case in cells:
+        mine = select(rows, input=name, variant=variant, case=case)
+        means = {c: mean(over_repeats(select(mine, configuration=c), "ate").values())
+                 for c in unique(mine, "configuration")}
+        own = means.pop("verified")
+        others = {c: v for c, v in means.items() if v is not None}
+        if own is None or not others:
+            continue
+        best = min(others, key=others.get)
+        within = own <= 1.1 * others[best] + 0.003
+        body.append([name, variant, case, show(own), best, show(others[best]),
+                     "yes" if within else "NO",
+                     show(mean([r.get("tracked") for r in select(mine, configuration="verified")]), 1)])
+    return [Table(f"{experiment['name']}-verified",
+                  "verified against the best other configuration of the same cell: "
+                  "at most 1.1 times plus 3 mm", ["input", "variant", "case", "verified", "best other",
+                                                  "its ATE, m", "within", "tracked %"], body),
+            wrong_prior_table(experiment, rows)]
+
+
+def ratio_row(mine, other, own):
+    """ATE of `own` over that of `other` in these runs: pairs, ratio ...; None without pairs. A pair is
+    an input and seed; of several cases the mean of the logarithms counts once."""
+    rows = {c: select(mine, configuration=c) for c in (other, own)}
+    logs = {}
+    for key, a, b in zip(*pairs(rows[other], rows[own], "ate")):
+        if a > 0 and b > 0:
+            logs.setdefault(key[:2], []).append(np.log(b / a))
+    if not logs:
+        return None
+    values = [float(np.mean(v)) for v in logs.values()]
+    d = difference(np.zeros(len(values)), values)
+    form = lambda v: f"{np.exp(v):.2g}"
+    return [d.pairs, form(d.mean), show_interval(d.low, d.high, form), show_p(d.wilcoxon_p), d.verdict,
+            *[show(mean([r.get("tracked") for r in rows[c]]), 1) for c in (own, other)]]
+
+
+def wrong_prior_table(experiment, rows):
+    """ATE of `verified` over that of each other configuration, with exact and with wrong priors."""
+    own = "verified"
+    cases = {"exact": ["exact"], "wrong": [c for c in unique(rows, "case") if c != "exact"]}
+    others = [c for c in unique(rows, "configuration") if c != own]
+    body = []
+    for variant, name, priors in itertools.product(unique(rows, "variant"), ["", *unique(rows, "input")],
+                                                   cases):
+        mine = [r for r in rows if r["variant"] == variant and r["case"] in cases[priors]
+                and name in ("", r["input"])]
+        for other in others:
+            row = ratio_row(mine, other, own)
+            if row:
+                body.append([name or "all", variant, priors, other, *row])
+    return Table(f"{experiment['name']}-exact-wrong",
+                 "ATE of verified over that of the others, exact and wrong priors",
+                 ["input", "variant", "priors", "other", "pairs", "ratio", "95 %", "Wilcoxon p", "verdict",
+                  "verified tracked %", "other tracked %"], body,
+                 "Geometric means over inputs and seeds; of an input and seed, over the cases.")
+
+
+def exposure_tables(experiment, results):
+    """Share of keypoints with wrong priors, by case."""
+    body, seen = [], set()
+    for labels in experiment["runs"]:
+        job = results.job(labels["job"])
+        priors = job["spec"]["priors"] if job else None
+        done = results.done(priors) if priors else {}
+        if priors in seen or "exposure_mean" not in done:
+            continue
+        seen.add(priors)
+        body.append([labels["input"], ORIGINS[labels["origin"]], labels["seed"], labels["case"],
+                     labels["configuration"], show(done.get("flow_error_px"), 2),
+                     show(done["exposure_mean"], 2), show(done["exposure_p95"], 2),
+                     show(done["exposure_max"], 2)])
+    return [Table(f"{experiment['name']}-exposure", "Keypoints with wrong priors, % of a frame's",
+                  ["input", "origin", "seed", "case", "first used by", "flow error, px", "mean",
+                   "95th percentile", "maximum"], body)] if body else []
+
+
+def cost_tables(experiment, results, rows):
+    """Milliseconds per stage and memory; fusion from build_priors."""
+    stages = ("total", "extract", "priors", "stereo", "track", "local_mapping", "loop")
+    body = []
+    for r in rows:
+        timing = r.get("timing_ms", {})
+        job = results.job(r["job"])
+        fusion = results.done(job["spec"]["priors"]).get("fusion_ms") if job["spec"]["priors"] else None
+        seen = results.done(experiment.get("perception", {}).get(r["input"], ""))
+        networks = seen.get("networks_ms") if fusion is not None else None
+        classical = seen.get("classical_ms") if fusion is not None else None
+        body.append([r["input"], ORIGINS[r["origin"]], r["configuration"]]
+                    + [show(timing.get(s, {}).get("mean"), 2) for s in stages]
+                    + [show(networks, 0), show(classical, 0), show(fusion, 2),
+                       show(r.get("peak_mb"), 0)])
+    return [Table(f"{experiment['name']}-stages", "Time per frame, mean, ms, and memory",
+                  ["input", "origin", "configuration", *stages, "segmentation (network)",
+                   "SGBM + DIS", "fusion (build_priors)", "peak memory, MB"], body,
+                  "total: the tracking path of a frame, reading priors included. Beside it, before the "
+                  "run, on one core: segmentation where make_priors measured it (given data), disparity "
+                  "and flow of both cameras by SGBM and DIS, fusion. The paper gives 1696 ms for its "
+                  "networks.")]
+
+
+def loop_tables(experiment, rows):
+    """Loops closed and true, revisits and those tied, where any revisit exists."""
+    mine = [r for r in rows if r.get("revisits")]
+    if not mine:
+        return []
+    body = []
+    for key in dict.fromkeys((r["origin"], r["configuration"], r["variant"]) for r in mine):
+        some = [r for r in mine if (r["origin"], r["configuration"], r["variant"]) == key]
+        total = lambda k: sum(r[k] for r in some)
+        body.append([ORIGINS[key[0]], key[1], key[2], len(some), total("loops_closed"),
+                     total("loops_true"), total("revisits"), total("revisits_tied")])
+    return [Table(f"{experiment['name']}-loops", "Loops and revisits, sums over runs with revisits",
+                  ["origin", "configuration", "variant", "runs", "loops closed", "of these true",
+                   "revisits", "tied by the map"], body)]
+
+
+def runs_table(experiment, rows):
+    digits = lambda v: f"{v:.6g}" if isinstance(v, float) else "" if v is None else str(v)
+    return Table(experiment["name"] + ".runs", experiment["title"], RUN_COLUMNS,
+                 [[digits(r.get(k)) for k in RUN_COLUMNS] for r in rows])
