@@ -17,10 +17,10 @@
 #include "priors/builder/for_each_index.h"
 #include "priors/builder/frame_preparation.h"
 #include "priors/builder/frame_rows.h"
-#include "priors/builder/fuse.h"
 #include "priors/builder/motion_belief.h"
 #include "priors/builder/prior_output.h"
 #include "priors/builder/sequence_fields.h"
+#include "priors/fusion/fuse.h"
 
 namespace kys_slam {
 namespace {

@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
-#include "priors/builder/field_input.h"
-#include "priors/builder/fusion_times.h"
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic_input.h"
+#include "priors/fusion/fusion_times.h"
+#include "priors/fusion/options.h"
+#include "priors/input/field_input.h"
+#include "priors/input/panoptic_input.h"
 
 namespace kys_slam {
 

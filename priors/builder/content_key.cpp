@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <system_error>
 
-#include "priors/builder/field_input.h"
+#include "priors/input/field_input.h"
 
 namespace kys_slam {
 namespace {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "priors/builder/build_sequence.h"
-#include "priors/builder/fuse.h"
-#include "priors/builder/panoptic_input.h"
+#include "priors/fusion/fuse.h"
+#include "priors/input/panoptic_input.h"
 
 namespace kys_slam {
 

@@ -2,7 +2,7 @@
 
 #include <kys_slam/image_file.h>
 
-#include "priors/builder/fuse.h"
+#include "priors/fusion/fuse.h"
 
 namespace kys_slam {
 

@@ -2,7 +2,7 @@
 
 #include <kys_slam/image.h>
 
-#include "priors/builder/depth.h"
+#include "priors/fusion/depth.h"
 
 namespace kys_slam {
 

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "priors/builder/for_each_index.h"
-#include "priors/builder/free_space.h"
+#include "priors/fusion/free_space.h"
 
 namespace kys_slam {
 namespace {

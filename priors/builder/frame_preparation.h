@@ -9,12 +9,12 @@
 #include <optional>
 #include <vector>
 
-#include "priors/builder/association.h"
 #include "priors/builder/build_sequence.h"
 #include "priors/builder/keypoint_motion.h"
-#include "priors/builder/mask_association.h"
-#include "priors/builder/panoptic_input.h"
 #include "priors/builder/sequence_fields.h"
+#include "priors/fusion/association.h"
+#include "priors/fusion/mask_association.h"
+#include "priors/input/panoptic_input.h"
 
 namespace kys_slam {
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "priors/builder/fuse.h"
+#include "priors/fusion/fuse.h"
 
 namespace kys_slam {
 

@@ -17,10 +17,10 @@
 #include "matching/landmark_search.h"
 #include "motion/instance_motion.h"
 #include "motion/leave_out.h"
-#include "priors/builder/detection.h"
-#include "priors/builder/mask_association.h"
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/detection.h"
+#include "priors/fusion/mask_association.h"
+#include "priors/fusion/options.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

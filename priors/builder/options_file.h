@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "priors/builder/options.h"
+#include "priors/fusion/options.h"
 
 namespace kys_slam {
 

@@ -2,9 +2,9 @@
 
 #include <kys_slam/image.h>
 
-#include "priors/builder/depth.h"
-#include "priors/builder/ego_motion.h"
-#include "priors/builder/options.h"
+#include "priors/fusion/depth.h"
+#include "priors/fusion/ego_motion.h"
+#include "priors/fusion/options.h"
 
 namespace kys_slam {
 

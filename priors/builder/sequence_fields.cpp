@@ -5,8 +5,8 @@
 #include <string>
 
 #include "priors/builder/estimators.h"
-#include "priors/builder/field_input.h"
 #include "priors/builder/seeded_flow.h"
+#include "priors/input/field_input.h"
 
 namespace kys_slam {
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "priors/builder/build_sequence.h"
-#include "priors/builder/depth.h"
-#include "priors/builder/fuse.h"
+#include "priors/fusion/depth.h"
+#include "priors/fusion/fuse.h"
 
 namespace kys_slam {
 

@@ -26,8 +26,8 @@
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 #include "object_files.h"
-#include "priors/builder/field_input.h"
-#include "priors/builder/panoptic_input.h"
+#include "priors/input/field_input.h"
+#include "priors/input/panoptic_input.h"
 
 namespace kys_slam::fuzz {
 

@@ -1,4 +1,4 @@
-#include "priors/builder/association.h"
+#include "priors/fusion/association.h"
 
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <random>
 
-#include "priors/builder/drift.h"
-#include "priors/builder/fuse.h"
+#include "priors/fusion/drift.h"
+#include "priors/fusion/fuse.h"
 #include "support/option_walk.h"
 #include "synthetic_scene.h"
 

@@ -9,7 +9,7 @@
 #include <fstream>
 #include <random>
 
-#include "priors/builder/fuse.h"
+#include "priors/fusion/fuse.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {

@@ -7,10 +7,10 @@
 #include <limits>
 
 #include "motion/belief.h"
-#include "priors/builder/appearance.h"
-#include "priors/builder/free_space.h"
-#include "priors/builder/mask_association.h"
 #include "priors/builder/motion_belief.h"
+#include "priors/fusion/appearance.h"
+#include "priors/fusion/free_space.h"
+#include "priors/fusion/mask_association.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam {

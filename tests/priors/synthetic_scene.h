@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "priors/builder/fuse.h"
+#include "priors/fusion/fuse.h"
 
 namespace kys_slam::synthetic {
 

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <functional>
 
-#include "priors/builder/field_input.h"
-#include "priors/builder/panoptic_input.h"
+#include "priors/input/field_input.h"
+#include "priors/input/panoptic_input.h"
 
 namespace kys_slam {
 namespace {

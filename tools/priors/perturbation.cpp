@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "priors/builder/json_input.h"
+#include "priors/input/json_input.h"
 #include "seeded_random.h"
 
 namespace kys_slam {

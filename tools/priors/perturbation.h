@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <string>
 
-#include "priors/builder/field_input.h"
+#include "priors/input/field_input.h"
 
 namespace kys_slam {
 

@@ -10,8 +10,8 @@
 #include <cstdio>
 
 #include "common/command_line.h"
-#include "priors/builder/field_input.h"
-#include "priors/builder/panoptic_input.h"
+#include "priors/input/field_input.h"
+#include "priors/input/panoptic_input.h"
 
 namespace {
 

@@ -8,7 +8,7 @@
 #include <tuple>
 #include <vector>
 
-#include "priors/builder/association.h"
+#include "priors/fusion/association.h"
 #include "simulator/features/feature_world.h"
 
 namespace kys_slam::simulator {

@@ -1,4 +1,4 @@
-#include "priors/builder/fuse.h"
+#include "priors/fusion/fuse.h"
 
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/stopwatch.h>
@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "priors/builder/appearance.h"
+#include "priors/fusion/appearance.h"
 
 namespace kys_slam {
 namespace {

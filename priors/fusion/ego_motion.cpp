@@ -1,4 +1,4 @@
-#include "priors/builder/ego_motion.h"
+#include "priors/fusion/ego_motion.h"
 
 #include <Eigen/Cholesky>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "priors/builder/options.h"
+#include "priors/fusion/options.h"
 #include "util/lanes.h"
 
 namespace kys_slam {

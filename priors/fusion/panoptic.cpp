@@ -1,4 +1,4 @@
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

@@ -1,11 +1,11 @@
-#include "priors/builder/free_space.h"
+#include "priors/fusion/free_space.h"
 
 #include <kys_slam/util/median.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "priors/builder/segment_grid.h"
+#include "priors/fusion/segment_grid.h"
 
 namespace kys_slam {
 namespace {

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "priors/builder/options.h"
+#include "priors/fusion/options.h"
 
 namespace kys_slam {
 

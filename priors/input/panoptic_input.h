@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

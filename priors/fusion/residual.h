@@ -4,12 +4,12 @@
 #include <cstdint>
 #include <vector>
 
-#include "priors/builder/depth.h"
-#include "priors/builder/detection.h"
-#include "priors/builder/drift.h"
-#include "priors/builder/ego_motion.h"
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/depth.h"
+#include "priors/fusion/detection.h"
+#include "priors/fusion/drift.h"
+#include "priors/fusion/ego_motion.h"
+#include "priors/fusion/options.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

@@ -1,4 +1,4 @@
-#include "priors/builder/detection.h"
+#include "priors/fusion/detection.h"
 
 #include <algorithm>
 #include <cmath>

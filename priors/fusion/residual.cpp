@@ -1,4 +1,4 @@
-#include "priors/builder/residual.h"
+#include "priors/fusion/residual.h"
 
 #include <kys_slam/util/median.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <span>
 
-#include "priors/builder/flow_row.h"
+#include "priors/fusion/flow_row.h"
 #include "util/lanes.h"
 
 namespace kys_slam {

@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "priors/builder/detection.h"
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/detection.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

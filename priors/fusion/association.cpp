@@ -1,4 +1,4 @@
-#include "priors/builder/association.h"
+#include "priors/fusion/association.h"
 
 #include <dlib/matrix.h>
 #include <dlib/optimization/max_cost_assignment.h>

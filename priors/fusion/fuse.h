@@ -7,13 +7,13 @@
 #include <optional>
 #include <vector>
 
-#include "priors/builder/depth.h"
-#include "priors/builder/detection.h"
-#include "priors/builder/ego_motion.h"
-#include "priors/builder/fusion_times.h"
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic.h"
-#include "priors/builder/residual.h"
+#include "priors/fusion/depth.h"
+#include "priors/fusion/detection.h"
+#include "priors/fusion/ego_motion.h"
+#include "priors/fusion/fusion_times.h"
+#include "priors/fusion/options.h"
+#include "priors/fusion/panoptic.h"
+#include "priors/fusion/residual.h"
 
 namespace kys_slam {
 

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "priors/builder/options.h"
+#include "priors/fusion/options.h"
 
 namespace kys_slam {
 

@@ -7,10 +7,10 @@
 #include <optional>
 #include <vector>
 
-#include "priors/builder/depth.h"
-#include "priors/builder/flow_row.h"
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/depth.h"
+#include "priors/fusion/flow_row.h"
+#include "priors/fusion/options.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

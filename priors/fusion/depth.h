@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

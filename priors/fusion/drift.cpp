@@ -1,4 +1,4 @@
-#include "priors/builder/drift.h"
+#include "priors/fusion/drift.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "priors/builder/depth.h"
+#include "priors/fusion/depth.h"
 
 namespace kys_slam {
 

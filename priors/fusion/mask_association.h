@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "priors/builder/options.h"
-#include "priors/builder/panoptic.h"
+#include "priors/fusion/options.h"
+#include "priors/fusion/panoptic.h"
 
 namespace kys_slam {
 

@@ -1,4 +1,4 @@
-#include "priors/builder/depth.h"
+#include "priors/fusion/depth.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "priors/builder/options.h"
+#include "priors/fusion/options.h"
 
 #include <kys_slam/check_options.h>
 

@@ -1,4 +1,4 @@
-#include "priors/builder/mask_association.h"
+#include "priors/fusion/mask_association.h"
 
 #include <dlib/matrix.h>
 #include <dlib/optimization/max_cost_assignment.h>
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <utility>
 
-#include "priors/builder/association.h"
+#include "priors/fusion/association.h"
 
 namespace kys_slam {
 namespace {

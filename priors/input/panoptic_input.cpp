@@ -1,4 +1,4 @@
-#include "priors/builder/panoptic_input.h"
+#include "priors/input/panoptic_input.h"
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "priors/builder/json_input.h"
-#include "priors/builder/vkitti_names.h"
+#include "priors/input/json_input.h"
+#include "priors/input/vkitti_names.h"
 
 namespace kys_slam {
 namespace {

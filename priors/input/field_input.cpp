@@ -1,4 +1,4 @@
-#include "priors/builder/field_input.h"
+#include "priors/input/field_input.h"
 
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
@@ -12,8 +12,8 @@
 #include <sstream>
 #include <vector>
 
-#include "priors/builder/vkitti_names.h"
 #include "priors/format/byte_io.h"
+#include "priors/input/vkitti_names.h"
 
 namespace kys_slam {
 namespace {

@@ -1,11 +1,11 @@
-#include "priors/builder/appearance.h"
+#include "priors/fusion/appearance.h"
 
 #include <algorithm>
 #include <cmath>
 #include <tuple>
 #include <variant>
 
-#include "priors/builder/segment_grid.h"
+#include "priors/fusion/segment_grid.h"
 
 namespace kys_slam {
 namespace {
