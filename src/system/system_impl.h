@@ -1,0 +1,87 @@
+#pragma once
+
+#include <kys_slam/system.h>
+#include <kys_slam/util/interrupt.h>
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "system/back_end.h"
+#include "system/object_log.h"
+#include "system/private_access.h"
+#include "system/relative_frame_poses.h"
+#include "system/settings_data.h"
+#include "system/system_options.h"
+#include "tracking/front_end.h"
+#include "tracking/tracker.h"
+
+namespace kys_slam {
+
+/// What a System owns.
+struct System::Impl {
+  Impl(const StereoCamera& camera_in, const Settings& settings, Schedule schedule,
+       std::unique_ptr<PriorProvider> priors_in)
+      : camera(camera_in),
+        options(PrivateAccess::data(settings)),
+        model(make_model(options)),
+        priors(std::move(priors_in)),
+        scales(options.orb.scale_factor, options.orb.levels),
+        front_end(camera, options.orb, options.stereo, model, priors.get()),
+        tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
+        runner(camera, scales, back_end_options(options), model, schedule,
+               options.control.pipeline_delay),
+        objects(options.objects) {}
+
+  void check_input(const StereoFrame& frame, const StereoMasks& masks) const;
+  FrameReport feed(const StereoFrame& frame, const StereoMasks& masks);
+  void observe(const FrameReport& report, const FrameFeatures& features,
+               std::span<const InstanceState> instances);
+  /// The map while no frame is fed and the back end rests; `lock` holds it there.
+  const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
+  void apply(std::vector<BackEndStep> steps);
+  [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
+    return {count, frame.timestamp, seen.features, seen.left, seen.repeated, seen.segments};
+  }
+  TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
+  struct Place {
+    KeyFrameId submap;
+    Rigid3 T_w_c;
+  };
+  [[nodiscard]] std::optional<Place> place(std::size_t frame) const;
+  [[nodiscard]] KeyFrameId main_submap() const;
+  void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
+
+  std::mutex mutex;  // held while a frame is fed and while the map is read
+  bool finished = false;
+  FrameObserver observer;
+  // Of the frame fed last, for the observer.
+  FrameReport seen_report;
+  std::shared_ptr<const FrameFeatures> seen_features;
+  std::vector<float> seen_depths;
+  std::vector<std::int64_t> seen_landmarks;
+  std::vector<kys::Tier> seen_tiers;
+  std::vector<ObservedInstance> seen_instances;
+
+  StereoCamera camera;
+  SettingsData options;
+  kys::DistanceModel model;
+  std::unique_ptr<PriorProvider> priors;
+  ScaleLevels scales;
+  FrontEnd front_end;
+  Tracker tracker;
+  BackEndRunner runner;
+  ObjectLog objects;
+  std::vector<FrameReport> reports;
+  RelativeFramePoses frame_poses;  // of every frame fed
+  std::int64_t count = 0;          // frames fed: the index everything inside goes by
+  KeyFrameId first_keyframe{0};    // older ones come from a loaded map
+  InterruptibleWait stall;
+  int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
+};
+
+}  // namespace kys_slam
