@@ -368,6 +368,7 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --near 10 --far 5");
   expect_refused(good, " --near 1e-300");
   expect_refused(good, " --rate 1e-300");
+  expect_refused(good, " --rate -20");
   expect_refused(good, " --seed -1");
   expect_refused(good, " --features many");
   expect_refused(good, " --bogus");
@@ -375,6 +376,33 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --every 0");
   expect_refused(good, " --wander nan");
   expect_refused(good, " --lens -1");
+}
+
+// Number of poses, and the time between the first two, s.
+std::pair<std::size_t, double> path_at_rate(double file_hz, double rate, int every = 1) {
+  const ScratchFolder folder("rates");
+  const std::filesystem::path file = folder / "path.tum.txt";
+  std::ofstream text(file);
+  for (int i = 0; i < 401; ++i) {
+    text << std::fixed << i / file_hz + (i % 2 != 0 ? 1e-4 : 0) << " 0 0 " << i << " 0 0 0 1\n";
+  }
+  text.close();
+  FeatureOptions options;
+  options.rate = rate;
+  options.every = every;
+  const std::vector<TimedPose> poses = read_feature_path(file, options).poses;
+  return {poses.size(), poses[1].timestamp - poses[0].timestamp};
+}
+
+TEST(FeaturePath, RateOfTimeStampedTrajectories) {
+  EXPECT_EQ(path_at_rate(40, 0).first, 401u);
+  EXPECT_EQ(path_at_rate(200, 20).first, 41u);
+  EXPECT_NEAR(path_at_rate(200, 20).second, 0.05, 1e-9);
+  EXPECT_EQ(path_at_rate(40, 20).first, 201u);
+  EXPECT_EQ(path_at_rate(40, 20, 3).first, 67u);
+  EXPECT_EQ(path_at_rate(4, 20).first, 401u) << "slower files are used whole";
+  EXPECT_EQ(path_at_rate(31, 20).first, 201u) << "every second: 15 Hz";
+  EXPECT_EQ(path_at_rate(40, 1e-3).first, 1u) << "never an empty path";
 }
 
 TEST(SimulateFeatures, OutputThatCannotBeWrittenLeavesNothing) {

@@ -50,7 +50,7 @@ class Drive:
         self.arguments = [self.trajectory, "--traffic", traffic, "--seed", str(seed),
                           "--perception", perception, "--quiet"]
         if euroc:
-            self.arguments += ["--every", "2"]
+            self.arguments += ["--rate", "20"]
         if options.frames:
             self.arguments += ["--frames", str(options.frames)]
         simulator = find_program(options.bin, "simulate_features")
