@@ -32,10 +32,10 @@ track() {  # name, then arguments
   "$bin/run_stereo_kitti" "$world" --priors "$priors" --output "runs/demo-$1" --overwrite "${@:2}"
   .venv/bin/python tools/plots/plot_trajectory.py "runs/demo-$1"
 }
-track votes --mode stock --set tracking.balanced=false --set place.min_area=0
+track matches --mode stock --set tracking.balanced=false --set place.min_area=0
 track area --mode stock
 track priors --mode verified
-.venv/bin/python tools/plots/compare_runs.py "runs/demo-votes=most matches" \
+.venv/bin/python tools/plots/compare_runs.py "runs/demo-matches=most matches" \
   "runs/demo-area=most image area" "runs/demo-priors=with priors" --output runs/demo-street.png
 
 block=runs/worlds/block

@@ -2,7 +2,8 @@
 # Every table and figure of the paper, with the published figures beside: sets up, builds, runs the
 # experiments of configs/experiments, and writes a report. What was done before is not done again;
 # interrupt it (Ctrl-C) and call it again as you like.
-#   tools/reproduce.sh [--data ROOT] [--quick] [--cores N] [--profile NAME] [--output DIR]
+#   tools/reproduce.sh [--data ROOT] [--quick] [--miniature] [--cores N] [--profile NAME] [--output DIR]
+#                      [--worlds DIR] [--bin DIR] [--dry-run]
 #                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--schedules NAME...]
 #                      [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some

@@ -176,7 +176,7 @@ class Map {
   bool moved_ = false;          // many keyframes together, since the last change set
   float disparity_offset_ = 0;  // px
   bool keeps_beliefs_ = false;
-  std::map<std::int32_t, InstanceBelief> beliefs_;  // of the instances of this session
+  std::map<std::int32_t, InstanceBelief> beliefs_;  // of the instances of this run
   // With beliefs only: every landmark by its instance, and some that had this instance before.
   std::map<std::int32_t, std::vector<LandmarkId>> on_instance_;
   IdTable<KeyFrameId, KeyFrame> keyframes_;

@@ -38,7 +38,7 @@ def main():
         return SKIPPED
     script = sys.argv[1]
     with tempfile.TemporaryDirectory() as run:
-        # loops closed, of these true, revisits, linked, largest gap
+        # loops closed, of these true, revisits, connected, largest gap
         assert table(script, run, [], {}) == ["0", "0", "1", "0", "0.00"]
         assert table(script, run, [(22.0, 2.0, 40)], {}) == ["0", "0", "1", "1", "0.00"]
         assert table(script, run, [(22.0, 2.0, 14)], {})[3] == "0"  # too few landmarks

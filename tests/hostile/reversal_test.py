@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Cameras against the motion model: one that goes forward, at once backward and at once forward again
-(the first 51 frames of KITTI 06 at half size), and one that gives every picture twice. Passed over without
+(the first 51 frames of KITTI 06 at half size), and one that gives every picture twice. Skipped without
 the images or without Pillow.
 
     reversal_test.py BIN_DIR SHARED_DATA_DIR [CYCLES]

@@ -34,7 +34,7 @@ FeatureWorld road() {
 class SavedMapTest : public ::testing::TestWithParam<Schedule> {
  protected:
   SavedMapTest() : world_(road()) {
-    // The first session: 0 to 80 m.
+    // The first run: 0 to 80 m.
     System system(world_.camera(), Settings(), Schedule::kSequential);
     for (int i = 0; i < 100; ++i) system.feed(world_.look(i, weaving_pose(0.8 * i)));
     system.finish();
@@ -42,14 +42,14 @@ class SavedMapTest : public ::testing::TestWithParam<Schedule> {
     keyframes_ = map_of(system).keyframes().size();
   }
   [[nodiscard]] std::filesystem::path file() const { return folder_.path() / "road.map"; }
-  /// Frame `i` of a later session, with other noise.
+  /// Frame `i` of a later run, with other noise.
   [[nodiscard]] StereoFrame later(int i, double metres) const {
     StereoFrame frame = world_.look(5000 + i, weaving_pose(metres));
     frame.index = i;
     frame.timestamp = 0.1 * i;
     return frame;
   }
-  /// Largest distance from the truth; the map's world is that of the first session's first frame.
+  /// Largest distance from the truth; the map's world is that of the first run's first frame.
   static double error(const FrameEstimate& estimate, double metres) {
     const Rigid3 truth = weaving_pose(0).inverse() * weaving_pose(metres);
     return (estimate.T_w_c.t() - truth.t()).norm();
@@ -103,8 +103,8 @@ TEST_P(SavedMapTest, GoesOnMapping) {
   EXPECT_EQ(load_map(again).keyframes().size(), map_of(system).keyframes().size());
 }
 
-/// A session that begins elsewhere makes a sub-map and joins when it comes to the known place.
-TEST_P(SavedMapTest, ASessionThatBeginsElsewhereJoinsLater) {
+/// A run that begins elsewhere makes a sub-map and joins when it comes to the known place.
+TEST_P(SavedMapTest, ARunThatBeginsElsewhereJoinsLater) {
   System system(world_.camera(), Settings(), GetParam());
   system.load_map(file());
   for (int i = 0; i < 130; ++i) system.feed(later(i, 140 - 0.8 * i));
@@ -113,7 +113,7 @@ TEST_P(SavedMapTest, ASessionThatBeginsElsewhereJoinsLater) {
   int merged = 0;
   for (const FrameReport& report : system.reports()) {
     merged += report.loop == LoopEvent::kMerged ? 1 : 0;
-    EXPECT_EQ(report.loop_frame, -1) << "no frame of this session";
+    EXPECT_EQ(report.loop_frame, -1) << "no frame of this run";
   }
   EXPECT_EQ(merged, 1);
   for (int i = 20; i < 130; ++i) {

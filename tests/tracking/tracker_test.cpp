@@ -326,7 +326,7 @@ TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
 }
 
 /// In a map of one keyframe a keyframe is due later than in one of many, also when none of these is
-/// of this session.
+/// of this run.
 TEST_F(TrackerTest, ALoadedMapHasItsKeyframes) {
   ChangeSet map;
   int frame = 0;
@@ -348,7 +348,7 @@ TEST_F(TrackerTest, ALoadedMapHasItsKeyframes) {
   const auto first = see(world_, 0, weaving_pose(start)).features;
   const TrackResult found = later.resume({0, 0, first}, known_place(later, last, *first, T_c_w), 0);
   ASSERT_EQ(found.status, TrackingStatus::kTracked) << found.reason;
-  // Frames until the next keyframe, as the first session counts them and as the second does.
+  // Frames until the next keyframe, as the first run counts them and as the second does.
   const auto next_keyframe = [&](Tracker& tracker, int from) {
     for (int i = 1; i < 60; ++i) {
       const auto seen = see(world_, from + i, weaving_pose(start + 0.4 * i)).features;

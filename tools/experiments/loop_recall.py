@@ -6,7 +6,7 @@ run_stereo_euroc.
 
 A *revisit* begins at a frame from which, for at least --least seconds, the camera is within --radius
 of a place where it was at least --gap seconds before, looking the same way within --angle. Frames
-less than --gap seconds apart belong to one revisit. A revisit is *linked* when a keyframe from it, or
+less than --gap seconds apart belong to one revisit. A revisit is *connected* when a keyframe from it, or
 from --gap seconds after it, shares landmarks (at least 15) with one that is --gap seconds older and
 was truly within twice --radius of it: after a loop was closed, or because the tracker recognised what
 it had seen before and no loop was needed. A closed loop is *true* when the distance of its two frames,
@@ -52,7 +52,7 @@ def revisits(times, positions, forward, options):
     return [(times[a], times[b]) for a, b in groups if times[b] - times[a] >= options.least]
 
 
-def linked(revisit, edges, times, positions, options):
+def connected(revisit, edges, times, positions, options):
     """Whether the map ties a revisit to the earlier visit."""
     begin, end = revisit[0], revisit[1] + options.gap
     for later, earlier, shared in edges:
@@ -91,9 +91,9 @@ def recall_of(run, options=Limits):
         b = int(np.argmin(abs(times - time_of[row["loop_frame"]])))
         error = abs(np.linalg.norm(positions[a] - positions[b]) - row["loop_distance_m"])
         true += bool(error <= options.error)
-    tied = sum(linked(revisit, edges, times, positions, options) for revisit in exist)
+    joined = sum(connected(revisit, edges, times, positions, options) for revisit in exist)
     return {"loops_closed": len(closed), "loops_true": true, "revisits": len(exist),
-            "revisits_tied": tied, "loop_gap_m": gap}
+            "revisits_joined": joined, "loop_gap_m": gap}
 
 
 def main():
@@ -106,12 +106,12 @@ def main():
     parser.add_argument("--least", type=float, default=3.0, help="s (default 3)")
     parser.add_argument("--error", type=float, default=0.5, help="m (default 0.5)")
     options = parser.parse_args()
-    print("| run | loops closed | true | revisits | linked | largest gap [m] |")
+    print("| run | loops closed | true | revisits | connected | largest gap [m] |")
     print("| --- | --- | --- | --- | --- | --- |")
     totals = np.zeros(4, int)
     for run in options.run:
         found = recall_of(run, options)
-        counts = [found[key] for key in ("loops_closed", "loops_true", "revisits", "revisits_tied")]
+        counts = [found[key] for key in ("loops_closed", "loops_true", "revisits", "revisits_joined")]
         print(f"| {run.name} | {' | '.join(map(str, counts))} | {found['loop_gap_m']:.2f} |")
         totals += counts
     print(f"| all | {totals[0]} | {totals[1]} | {totals[2]} | {totals[3]} | |")

@@ -111,9 +111,10 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--repeats", o.repeats, "share of landmarks that share a descriptor with others")
       ->capture_default_str();
-  app.add_option("--rate", o.rate,
-                 "Hz: of files without time stamps (default 10); of others every N-th pose is used, "
-                 "so that the time between two is nearest to 1/HZ (default: all poses)");
+  app.add_option(
+      "--rate", o.rate,
+      "Hz: of files without time stamps (default 10); of others every N-th pose is used, "
+      "so that the time between two is nearest to 1/HZ (default: all poses)");
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
   app.add_option("--traffic", a.traffic, "moving objects with occlusion: none, light, city, jam")
@@ -155,8 +156,8 @@ int run(int argc, char** argv) {
     throw InputError("--features: must lie between 50 and 20000");
   }
   o.traffic = parse_traffic(a.traffic);
-  if (!a.objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1 ||
-                             app.count("--rate") > 0)) {
+  if (!a.objects.empty() &&
+      (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1 || app.count("--rate") > 0)) {
     throw InputError("--objects: not with --traffic, --start, --every or --rate");
   }
   o.labelled = a.perception != "none";

@@ -39,7 +39,8 @@ int count_columns(const std::filesystem::path& trajectory) {
 std::int64_t step_for_rate(const std::vector<TimedPose>& poses, double rate) {
   if (rate == 0 || poses.size() < 2) return 1;
   std::vector<double> gaps(poses.size() - 1);
-  for (std::size_t i = 0; i < gaps.size(); ++i) gaps[i] = poses[i + 1].timestamp - poses[i].timestamp;
+  for (std::size_t i = 0; i < gaps.size(); ++i)
+    gaps[i] = poses[i + 1].timestamp - poses[i].timestamp;
   const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
   std::nth_element(gaps.begin(), middle, gaps.end());
   const double step = std::min(1 / (rate * *middle), static_cast<double>(poses.size()));
