@@ -369,6 +369,8 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --near 1e-300");
   expect_refused(good, " --rate 1e-300");
   expect_refused(good, " --rate -20");
+  expect_refused(good, " --rate 0");
+  expect_refused(good, " --frame-rate 0");
   expect_refused(good, " --seed -1");
   expect_refused(good, " --features many");
   expect_refused(good, " --bogus");
@@ -378,8 +380,8 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --lens -1");
 }
 
-// Number of poses, and the time between the first two, s.
-std::pair<std::size_t, double> path_at_rate(double file_hz, double rate, int every = 1) {
+// Poses along a straight line, of a TUM file with `file_hz` and stamps that are off by 0.1 ms.
+std::vector<TimedPose> poses_at(double file_hz, double frame_rate, int every = 1) {
   const ScratchFolder folder("rates");
   const std::filesystem::path file = folder / "path.tum.txt";
   std::ofstream text(file);
@@ -388,21 +390,34 @@ std::pair<std::size_t, double> path_at_rate(double file_hz, double rate, int eve
   }
   text.close();
   FeatureOptions options;
-  options.rate = rate;
+  options.frame_rate = frame_rate;
   options.every = every;
-  const std::vector<TimedPose> poses = read_feature_path(file, options).poses;
-  return {poses.size(), poses[1].timestamp - poses[0].timestamp};
+  return read_feature_path(file, options).poses;
 }
 
-TEST(FeaturePath, RateOfTimeStampedTrajectories) {
-  EXPECT_EQ(path_at_rate(40, 0).first, 401u);
-  EXPECT_EQ(path_at_rate(200, 20).first, 41u);
-  EXPECT_NEAR(path_at_rate(200, 20).second, 0.05, 1e-9);
-  EXPECT_EQ(path_at_rate(40, 20).first, 201u);
-  EXPECT_EQ(path_at_rate(40, 20, 3).first, 67u);
-  EXPECT_EQ(path_at_rate(4, 20).first, 401u) << "slower files are used whole";
-  EXPECT_EQ(path_at_rate(31, 20).first, 201u) << "every second: 15 Hz";
-  EXPECT_EQ(path_at_rate(40, 1e-3).first, 1u) << "never an empty path";
+TEST(FeaturePath, FrameRateLeavesPosesOut) {
+  EXPECT_EQ(poses_at(40, FeatureOptions().frame_rate).size(), 401U) << "all by default";
+  const std::vector<TimedPose> poses = poses_at(200, 20);
+  ASSERT_EQ(poses.size(), 41U);
+  EXPECT_NEAR(poses[1].timestamp - poses[0].timestamp, 0.05, 1e-9);
+  EXPECT_EQ(poses_at(40, 20).size(), 201U);
+  EXPECT_EQ(poses_at(40, 20, 3).size(), 67U);
+  EXPECT_EQ(poses_at(4, 20).size(), 401U) << "slower files are used whole";
+  EXPECT_EQ(poses_at(31, 20).size(), 201U) << "every second: 15.5 Hz";
+  EXPECT_EQ(poses_at(40, 1e-3).size(), 1U) << "never an empty path";
+}
+
+TEST(FeaturePath, FrameRateOfFilesWithoutTimeStamps) {
+  const ScratchFolder folder("kittirate");
+  const std::filesystem::path file = folder / "path.txt";
+  std::ofstream text(file);
+  for (int i = 0; i < 21; ++i) text << "1 0 0 0 0 1 0 0 0 0 1 " << i << "\n";
+  text.close();
+  FeatureOptions options;
+  options.frame_rate = 20;
+  EXPECT_EQ(read_feature_path(file, options).poses.size(), 21U) << "10 Hz by default";
+  options.rate = 40;
+  EXPECT_EQ(read_feature_path(file, options).poses.size(), 11U);
 }
 
 TEST(SimulateFeatures, OutputThatCannotBeWrittenLeavesNothing) {

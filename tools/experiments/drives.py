@@ -48,9 +48,7 @@ class Drive:
         self.labels = (sequence, traffic, perception, seed)
         self.program = "run_stereo_euroc" if euroc else "run_stereo_kitti"
         self.arguments = [self.trajectory, "--traffic", traffic, "--seed", str(seed),
-                          "--perception", perception, "--quiet"]
-        if euroc:
-            self.arguments += ["--rate", "20"]
+                          "--perception", perception, "--frame-rate", "20", "--quiet"]
         if options.frames:
             self.arguments += ["--frames", str(options.frames)]
         simulator = find_program(options.bin, "simulate_features")

@@ -168,7 +168,7 @@ class Planner:
         spec = {"program": self.programs.key("simulate_features"), "arguments": arguments}
         if real:
             spec.update(trajectory=self.trajectories[real], state=digest(self.trajectories[real]))
-            arguments += ["--rate", "20"] if real.startswith("euroc/") else []
+            arguments += ["--frame-rate", "20"]
             arguments += ["--frames", str(frames)] if frames else []
         else:
             spec["path"] = [frames or 2000, seed]

@@ -111,10 +111,10 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--repeats", o.repeats, "share of landmarks that share a descriptor with others")
       ->capture_default_str();
-  app.add_option(
-      "--rate", o.rate,
-      "Hz: of files without time stamps (default 10); of others every N-th pose is used, "
-      "so that the time between two is nearest to 1/HZ (default: all poses)");
+  app.add_option("--rate", o.rate, "Hz, for files without time stamps")->capture_default_str();
+  app.add_option("--frame-rate", o.frame_rate,
+                 "Hz: every N-th pose, so that the time between two is nearest to 1/HZ (default: "
+                 "all poses)");
   app.add_option("--near", o.near, "least depth of new landmarks, m (default: by camera)");
   app.add_option("--far", o.far, "greatest depth of new landmarks, m (default: by camera)");
   app.add_option("--traffic", a.traffic, "moving objects with occlusion: none, light, city, jam")
@@ -156,9 +156,9 @@ int run(int argc, char** argv) {
     throw InputError("--features: must lie between 50 and 20000");
   }
   o.traffic = parse_traffic(a.traffic);
-  if (!a.objects.empty() &&
-      (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1 || app.count("--rate") > 0)) {
-    throw InputError("--objects: not with --traffic, --start, --every or --rate");
+  if (!a.objects.empty() && (o.traffic != Traffic::kNone || o.start != 0 || o.every != 1 ||
+                             app.count("--frame-rate") > 0)) {
+    throw InputError("--objects: not with --traffic, --start, --every or --frame-rate");
   }
   o.labelled = a.perception != "none";
   if (o.labelled) perception_level(a.perception);  // refuses what it does not know

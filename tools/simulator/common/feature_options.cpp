@@ -15,7 +15,8 @@ void describe(kys::OptionList& list, FeatureOptions& o) {
   list.add("--outliers", o.outliers, {0, 0.9});
   list.add("--dropout", o.dropout, {0, 0.9});
   list.add("--repeats", o.repeats, {0, 1});
-  list.add("--rate", o.rate, {0, 1e4}, "Hz");
+  list.add("--rate", o.rate, {1e-3, 1e4}, "Hz");
+  list.add("--frame-rate", o.frame_rate, {1e-3, 1e4}, "Hz");
   list.add("--near", o.near, {0, 1e4}, "m");
   list.add("--far", o.far, {0, 1e4}, "m");
   list.add("--width", o.width, {0, 2000}, "px");
@@ -24,7 +25,6 @@ void describe(kys::OptionList& list, FeatureOptions& o) {
   list.require(o.frames != 0, "--frames must be at least 1");
   list.require(o.features == 0 || o.features >= 50, "--features must be between 50 and 20000");
   list.require(o.width == 0 || o.width >= 200, "--width must be between 200 and 2000");
-  list.require(o.rate == 0 || o.rate >= 1e-3, "--rate must be between 0.001 and 10000 Hz");
   const auto sensible = [](double depth) { return depth == 0 || depth >= 0.1; };
   list.require(sensible(o.near) && sensible(o.far), "--near, --far must be between 0.1 and 10000");
   list.require(o.near == 0 || o.far == 0 || o.near < o.far, "--near must be less than --far");

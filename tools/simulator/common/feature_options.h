@@ -28,7 +28,8 @@ struct FeatureOptions {
   double outliers = 0.55;     ///< share of features that are never observed again
   double dropout = 0.4;       ///< share of visible landmarks that a camera does not detect
   double repeats = 0.10;      ///< share of landmarks that share a descriptor with others
-  double rate = 0;  ///< Hz; 0: 10 without time stamps, all poses with them; see read_feature_path()
+  double rate = 10;           ///< Hz, for trajectories without time stamps
+  double frame_rate = 1e4;   ///< Hz; poses between the frames are left out, see read_feature_path()
   double near = 0, far = 0;  ///< m, range of depths; 0: defaults of the camera (4-60, 0.8-12)
   Traffic traffic = Traffic::kNone;    ///< moving and parked objects
   std::vector<FeatureObject> objects;  ///< replace the traffic; same frames (read_objects)

@@ -3,6 +3,7 @@
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/median.h>
 #include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
@@ -18,7 +19,6 @@ namespace kys_slam::simulator {
 namespace {
 
 constexpr double kFarthestPose = 1e6;  // m from the origin
-constexpr double kKittiRate = 10;      // Hz
 
 // Numbers on the first line that is not a comment.
 int count_columns(const std::filesystem::path& trajectory) {
@@ -35,16 +35,15 @@ int count_columns(const std::filesystem::path& trajectory) {
   throw InputError(trajectory.string() + ": holds no poses");
 }
 
-// Whole number of poses from one used pose to the next, for `rate` Hz.
-std::int64_t step_for_rate(const std::vector<TimedPose>& poses, double rate) {
-  if (rate == 0 || poses.size() < 2) return 1;
-  std::vector<double> gaps(poses.size() - 1);
-  for (std::size_t i = 0; i < gaps.size(); ++i)
-    gaps[i] = poses[i + 1].timestamp - poses[i].timestamp;
-  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
-  std::nth_element(gaps.begin(), middle, gaps.end());
-  const double step = std::min(1 / (rate * *middle), static_cast<double>(poses.size()));
-  return std::max<std::int64_t>(1, std::llround(step));
+// Whole number of poses from one frame to the next, at most all of them.
+std::int64_t step_for_rate(const std::vector<TimedPose>& poses, double frame_rate) {
+  std::vector<double> gaps;
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    gaps.push_back(poses[i].timestamp - poses[i - 1].timestamp);
+  }
+  if (gaps.empty()) return 1;
+  const double step = 1 / (frame_rate * median(gaps));
+  return std::llround(std::clamp(step, 1.0, static_cast<double>(poses.size())));
 }
 
 // The camera with images of another width.
@@ -62,17 +61,14 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
                               const FeatureOptions& options) {
   check_options(options);
   FeaturePath path;
-  const double kitti_rate = options.rate > 0 ? options.rate : kKittiRate;
-  std::int64_t every = options.every;
   const int columns = count_columns(trajectory);
   if (columns == 12) {
     const std::vector<Rigid3> poses = read_kitti_poses(trajectory);
     for (std::size_t i = 0; i < poses.size(); ++i) {
-      path.poses.push_back({static_cast<double>(i) / kitti_rate, poses[i]});
+      path.poses.push_back({static_cast<double>(i) / options.rate, poses[i]});
     }
   } else if (columns == 8) {
     path.poses = read_tum_poses(trajectory);
-    every *= step_for_rate(path.poses, options.rate);
   } else {
     throw InputError(trajectory.string() + ": " + std::to_string(columns) +
                      " columns; KITTI has 12, TUM has 8");
@@ -82,8 +78,9 @@ FeaturePath read_feature_path(const std::filesystem::path& trajectory,
     throw InputError(trajectory.string() + ": has " + std::to_string(count) + " poses, none at " +
                      std::to_string(options.start));
   }
+  const std::int64_t step = options.every * step_for_rate(path.poses, options.frame_rate);
   std::vector<TimedPose> used;
-  for (std::int64_t i = options.start; i < count; i += every) {
+  for (std::int64_t i = options.start; i < count; i += step) {
     if (static_cast<std::int64_t>(used.size()) == options.frames) break;
     used.push_back(path.poses[static_cast<std::size_t>(i)]);
   }

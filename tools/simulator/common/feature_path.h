@@ -20,9 +20,8 @@ struct FeaturePath {
 };
 
 /// Reads a KITTI (12 columns) or TUM (8 columns) trajectory. With camera euroc a TUM file gives the
-/// body frame, as EuRoC's ground truth does. Without time stamps the poses come at `rate` (10 Hz);
-/// with them, every N-th is used, N >= 1, such that the time between two is nearest to 1 / `rate`.
-/// `every` counts in the poses that are left.
+/// body frame, as EuRoC's ground truth does. Every N-th pose is used, N >= 1, such that the time
+/// between two is nearest to 1 / `frame_rate`; `every` counts in the poses that are left.
 /// \throws InputError naming file and line (missing, not finite, stamps that do not increase).
 FeaturePath read_feature_path(const std::filesystem::path& trajectory,
                               const FeatureOptions& options);
