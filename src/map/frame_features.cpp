@@ -83,13 +83,20 @@ FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left
   if (!aligned.empty() && aligned.size() != features.size()) {
     throw std::logic_error("features of a frame differ in number");
   }
+  features.image_noise_ = !aligned.empty();
   features.aligned_ = std::move(aligned);
   features.disparity_offset_ = disparity_offset;
   return features;
 }
 
-FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) const {
+FrameFeatures FrameFeatures::with_image_noise() const {
   FrameFeatures changed = *this;
+  changed.image_noise_ = true;
+  return changed;
+}
+
+FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) const {
+  FrameFeatures changed = with_image_noise();
   changed.aligned_.resize(size(), 0);
   for (const Aligned& a : aligned) {
     Keypoint& k = changed.keypoints_.at(a.feature);
@@ -107,6 +114,7 @@ FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
   FrameFeatures chosen;
   chosen.bf_ = bf_;
   chosen.disparity_offset_ = disparity_offset_;
+  chosen.image_noise_ = image_noise_;
   chosen.cell_width_inv_ = cell_width_inv_;
   chosen.cell_height_inv_ = cell_height_inv_;
   const auto count =

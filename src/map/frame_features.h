@@ -20,11 +20,16 @@ namespace kys_slam {
 /// the same at all octaves. The rest is a margin for real lenses and calibrations.
 inline constexpr float kPixelSigma = 0.35f;
 
-/// The same for keypoints aligned with the patch of their landmark (LandmarkPatches). Measured
-/// against exact poses and depths, as the distance of a later keypoint of a landmark from its first
-/// one: 0.08-0.12 px along the column, 0.12-0.23 px along the row. Detected corners differ by
-/// 0.27-0.31 and 0.29-0.36 px.
+/// The same for u of keypoints aligned with the patch of their landmark (LandmarkPatches).
+/// Residuals in maps of image sequences (tests/measure/evaluate_residuals): u 0.14-0.16 px, v
+/// 0.09-0.11 px, disparity 0.09-0.12 px, the same at all octaves, on rendered worlds and on KITTI;
+/// on EuRoC 0.22, 0.14, 0.12 px.
 inline constexpr float kAlignedSigma = 0.175f;
+
+/// Of features found in images: standard deviations of 0.175 px for u, 0.11 px for v and 0.10 px
+/// for the disparity of an aligned keypoint. Corners that are not aligned have about the same
+/// ratio: residuals of 0.34-0.41, 0.21-0.28, 0.13-0.18 px.
+inline constexpr InformationRatio kImageInformation{2.5f, 3.0f};
 
 /// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.
 struct ScaleLevels {
@@ -79,6 +84,12 @@ class FrameFeatures {
   /// The same features with new positions for some; disparities do not change.
   [[nodiscard]] FrameFeatures with_aligned(std::span<const Aligned> aligned) const;
   [[nodiscard]] std::span<const std::uint8_t> aligned() const { return aligned_; }  ///< or empty
+  /// The same features with the noise of those found in images (kImageInformation); aligned ones
+  /// have it.
+  [[nodiscard]] FrameFeatures with_image_noise() const;
+  [[nodiscard]] InformationRatio ratio() const {
+    return image_noise_ ? kImageInformation : InformationRatio{};
+  }
   [[nodiscard]] bool is_aligned(std::size_t i) const {
     return !aligned_.empty() && aligned_[i] != 0;
   }
@@ -109,7 +120,7 @@ class FrameFeatures {
   [[nodiscard]] StereoPixel stereo_pixel(std::size_t i, const ScaleLevels& scales) const {
     const Keypoint& k = keypoint(i);
     return {k.x, k.y, has_stereo(i) ? u_right(i) : StereoPixel{}.u_right,
-            scales.inv_sigma(k.octave, is_aligned(i) ? kAlignedSigma : kPixelSigma)};
+            scales.inv_sigma(k.octave, is_aligned(i) ? kAlignedSigma : kPixelSigma), ratio()};
   }
   /// m, along the optical axis; negative without a stereo match.
   [[nodiscard]] float depth(std::size_t i) const {
@@ -135,9 +146,10 @@ class FrameFeatures {
   std::shared_ptr<const kys::Prior> priors_;  // null: no priors for this frame
   std::vector<float> u_right_;
   std::vector<std::uint8_t> aligned_;  // flags, or empty: none is
-  double bf_ = 0;                      // px m, of the camera
-  float disparity_offset_ = 0;         // px, contained in u_right_
-  float cell_width_inv_ = 0;           // 1/px
+  bool image_noise_ = false;
+  double bf_ = 0;               // px m, of the camera
+  float disparity_offset_ = 0;  // px, contained in u_right_
+  float cell_width_inv_ = 0;    // 1/px
   float cell_height_inv_ = 0;
   std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major
   std::vector<std::uint16_t> cell_feature_;  // feature indices grouped by cell

@@ -69,6 +69,9 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
     const auto at = std::lower_bound(poses.begin(), poses.end(), id);
     return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
   };
+  if (!poses.empty()) {  // those of a run are all alike
+    problem.ratio = map.keyframe(poses.back()).features->ratio();
+  }
   std::vector<ObservationRef> observations;
   std::size_t most = 0;
   for (const LandmarkId id : landmarks) most += map.landmark(id).observations.size();

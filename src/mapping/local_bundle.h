@@ -12,7 +12,7 @@
 namespace kys_slam {
 
 struct LocalBundleOptions {
-  std::size_t max_keyframes = 20;  ///< optimised, the current one included
+  std::size_t max_keyframes = 14;  ///< optimised, the current one included
   /// fixed keyframes that observe the same landmarks, most shared first
   std::size_t max_fixed = 20;
   BundleOptions bundle;

@@ -34,11 +34,11 @@ constexpr int kRounds = 2;
 // Square of Huber's delta. Errors are about half of what kPixelSigma allows, so this bends for the
 // few per cent at depth edges, whose disparities lean towards the nearer surface.
 constexpr double kHuber = 0.5;
-// Information of disparities over that of corners. Disparities repeat to 0.09 px of the octave, as
-// do corners that are aligned; corners as they are found repeat to about 0.26 px. It matters here:
-// the inverse distances that several views give are as uncertain as the corners, and taken for more
-// accurate than they are they flatten the line through (inverse distance, disparity) and raise its
-// intercept, which is the offset.
+// Factor on the information of disparities. That of aligned keypoints is as measured
+// (kImageInformation). Corners as they are found repeat to about 0.26 px, disparities to 0.09 px of
+// the octave. It matters here: the inverse distances that several views give are as uncertain as
+// the corners, and taken for more accurate than they are they flatten the line through (inverse
+// distance, disparity) and raise its intercept, which is the offset.
 constexpr double kWeightAligned = 1;
 constexpr double kWeightFound = 8;
 constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used

@@ -30,8 +30,11 @@ PoseWithout::PoseWithout(const StereoCamera& camera, const Rigid3& T_c_w,
       e.z() = 0;
       J.row(2).setZero();
     }
-    const Eigen::Matrix3d M = weight * J.transpose() * J;
-    const Eigen::Vector3d g = weight * J.transpose() * e;
+    const InformationRatio& ratio = term.pixel.ratio;
+    const Eigen::Vector3d weights = weight * Eigen::Vector3d(1, ratio.v, ratio.disparity);
+    const Eigen::Matrix3d JW = J.transpose() * weights.asDiagonal();
+    const Eigen::Matrix3d M = JW * J;
+    const Eigen::Vector3d g = JW * e;
     const Eigen::Matrix3d H = hat(p);
     const Eigen::Matrix3d HM = H * M;
     const auto add = [&](Sums& sums) {

@@ -59,8 +59,9 @@ class Errors {
         rotations_[o.pose] * problem_.points[o.point] + problem_.T_c_w[o.pose].translation;
     in_front = p_c.z() >= kMinDepth;
     const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
-    double sum = e.head<2>().squaredNorm();
-    if (!std::isnan(o.u_right)) sum += disparity_weight * e.z() * e.z();
+    const InformationRatio& ratio = problem_.ratio;
+    double sum = e.x() * e.x() + ratio.v * e.y() * e.y();
+    if (!std::isnan(o.u_right)) sum += disparity_weight * ratio.disparity * e.z() * e.z();
     return sum * o.inv_sigma * o.inv_sigma;
   }
 

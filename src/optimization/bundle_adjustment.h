@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "geometry/chi_square.h"
+#include "geometry/observation.h"
 
 namespace kys_slam {
 
@@ -21,9 +22,10 @@ struct BundleProblem {
     float u = 0;          ///< px, left image
     float v = 0;          ///< px
     float u_right = 0;    ///< px, right image; NaN for a monocular observation
-    float inv_sigma = 1;  ///< 1/px
+    float inv_sigma = 1;  ///< 1/px, of u
   };
   StereoCamera camera;
+  InformationRatio ratio = {};           ///< of all observations
   std::vector<Rigid3> T_c_w;             ///< changed in place, but for the fixed ones
   std::vector<std::uint8_t> pose_fixed;  ///< per pose
   std::vector<Eigen::Vector3d> points;   ///< p_w, m; changed in place
@@ -55,7 +57,7 @@ struct BundleOptions {
   double chi2_stereo = kChi2Stereo95;
   bool robust = true;                ///< Huber loss in the first round
   int min_pose_observations = 10;    ///< a pose with fewer does not move
-  double disparity_weight = 1;       ///< information of a disparity relative to that of u and v
+  double disparity_weight = 1;       ///< factor on the information of disparities
   double function_tolerance = 1e-4;  ///< stop when the relative decrease of the cost is smaller
   const std::atomic<bool>* stop = nullptr;   ///< checked every few ms to 100 ms
   BundleRoundSolver round_solver = nullptr;  ///< replaces ours, e.g. by a reference

@@ -54,7 +54,8 @@ class SchurBundle {
               nullptr,
               nullptr,
               round.robust,
-              options.disparity_weight,
+              problem.ratio.v,
+              options.disparity_weight * problem.ratio.disparity,
               options.chi2_mono,
               options.chi2_stereo} {
     number_free_poses(round);

@@ -59,7 +59,7 @@ KYS_ALWAYS_INLINE void accumulate(const ObservationLanes& o, const CameraNumbers
   errors_from(o, camera, T, e);
   const Lanes robust_w = huber_weight(o.bound, e.chi2, robust, o.active, sums.cost);
   LaneNormal n;
-  normal_of(e, camera, robust_w * o.weight, robust_w * o.weight_disparity, n);
+  normal_of(e, camera, o, robust_w, n);
   LanePoseNormal p;
   pose_normal_of(e, n, p);
   Lanes* h = sums.hessian;
@@ -133,7 +133,8 @@ std::vector<ObservationLanes> packed(std::span<const PoseObservation> observatio
     to.v[lane] = from.v;
     to.u_right[lane] = stereo ? from.u_right : 0;
     to.weight[lane] = static_cast<double>(from.inv_sigma) * from.inv_sigma;
-    to.weight_disparity[lane] = stereo ? to.weight[lane] : 0;
+    to.ratio_v[lane] = from.ratio.v;
+    to.weight_disparity[lane] = stereo ? to.weight[lane] * from.ratio.disparity : 0;
     to.bound[lane] = stereo ? options.chi2_stereo : options.chi2_mono;
     to.share[lane] = from.share;
   }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "geometry/chi_square.h"
+#include "geometry/observation.h"
 
 namespace kys_slam {
 
@@ -20,8 +21,9 @@ struct PoseObservation {
   float u = 0;          ///< px, left image
   float v = 0;          ///< px
   float u_right = 0;    ///< px, right image; NaN for a monocular observation
-  float inv_sigma = 1;  ///< 1/px, inverse standard deviation (ScaleLevels::inv_sigma)
+  float inv_sigma = 1;  ///< 1/px, inverse standard deviation of u (ScaleLevels::inv_sigma)
   float share = 1;      ///< 0..1, factor on its information; chi-square bounds do not depend on it
+  InformationRatio ratio = {};
 };
 
 /// Gaussian prior of the pose, an additional term of the cost.

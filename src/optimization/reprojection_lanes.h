@@ -19,8 +19,9 @@ struct CameraNumbers {
 /// Measurements of four observations. Weights are in 1/px^2. They are zero in lanes past the end
 /// and for the disparity of monocular observations.
 struct MeasuredLanes {
-  Lanes u{}, v{}, u_right{};  // px
-  Lanes weight{}, weight_disparity{};
+  Lanes u{}, v{}, u_right{};           // px
+  Lanes weight{}, weight_disparity{};  // of u, and of the disparity
+  Lanes ratio_v{};                     // weight of v over that of u
   Lanes bound{};  // chi2 that separates outliers, and the square of Huber's delta
 };
 
@@ -41,7 +42,7 @@ KYS_ALWAYS_INLINE void errors_of(const MeasuredLanes& o, const CameraNumbers& ca
   e.du = u - o.u;
   e.dv = camera.fy * e.y * e.inverse + camera.cy - o.v;
   e.dd = camera.bf * e.inverse - (o.u - o.u_right);
-  e.chi2 = o.weight * (e.du * e.du + e.dv * e.dv) + o.weight_disparity * e.dd * e.dd;
+  e.chi2 = o.weight * (e.du * e.du + o.ratio_v * e.dv * e.dv) + o.weight_disparity * e.dd * e.dd;
 }
 
 /// Huber's weight of each observation; its share of the cost (1/2 rho) is added to `cost`.
@@ -57,14 +58,17 @@ KYS_ALWAYS_INLINE Lanes huber_weight(const Lanes& bound, const Lanes& chi2, bool
   return active * (beyond ? bound / root : broadcast(1.0));
 }
 
-/// J^T W J (its entry 10 is zero) and J^T W r over the point in the camera frame.
+/// J^T W J (its entry 10 is zero) and J^T W r over the point in the camera frame, the weights of
+/// the observations times `robust`.
 struct LaneNormal {
   Lanes a00, a02, a11, a12, a22;
   Lanes g0, g1, g2;
 };
 
-KYS_ALWAYS_INLINE void normal_of(const LaneErrors& e, const CameraNumbers& camera, const Lanes& w,
-                                 const Lanes& w_disparity, LaneNormal& n) {
+KYS_ALWAYS_INLINE void normal_of(const LaneErrors& e, const CameraNumbers& camera,
+                                 const MeasuredLanes& o, const Lanes& robust, LaneNormal& n) {
+  const Lanes w = robust * o.weight;
+  const Lanes w_disparity = robust * o.weight_disparity;
   // d(u,v,disparity)/dp_c = [a 0 b; 0 c d; 0 0 f]
   const Lanes a = camera.fx * e.inverse;
   const Lanes b = camera.fx * e.x * e.derivative;
@@ -72,14 +76,16 @@ KYS_ALWAYS_INLINE void normal_of(const LaneErrors& e, const CameraNumbers& camer
   const Lanes d = camera.fy * e.y * e.derivative;
   const Lanes f = camera.bf * e.derivative;
   const Lanes wa = w * a;
+  const Lanes wc = w * o.ratio_v * c;
+  const Lanes rd = o.ratio_v * d;
   n.a00 = wa * a;
   n.a02 = wa * b;
-  n.a11 = w * c * c;
-  n.a12 = w * c * d;
-  n.a22 = w * (b * b + d * d) + w_disparity * f * f;
+  n.a11 = wc * c;
+  n.a12 = wc * d;
+  n.a22 = w * (b * b + rd * d) + w_disparity * f * f;
   n.g0 = wa * e.du;
-  n.g1 = w * c * e.dv;
-  n.g2 = w * (b * e.du + d * e.dv) + w_disparity * f * e.dd;
+  n.g1 = wc * e.dv;
+  n.g2 = w * (b * e.du + rd * e.dv) + w_disparity * f * e.dd;
 }
 
 /// Hessian and gradient over the left increment, p_c -> exp(w) p_c + v, which has the sparsest

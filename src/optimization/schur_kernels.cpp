@@ -79,7 +79,8 @@ KYS_ALWAYS_INLINE void look(const ObservationLanes& o, const View& view, const P
   m.u_right = stereo ? m.u_right : broadcast(0);
   // Errors and their bound shrink together: the kernel acts as on the unweighted error.
   m.weight = share * (inv_sigma * inv_sigma);
-  m.weight_disparity = m.weight * (stereo ? broadcast(view.disparity_weight) : broadcast(0));
+  m.ratio_v = broadcast(view.ratio_v);
+  m.weight_disparity = m.weight * (stereo ? broadcast(view.ratio_disparity) : broadcast(0));
   m.bound = share * (stereo ? broadcast(view.chi2_stereo) : broadcast(view.chi2_mono));
   for (int row = 0; row < 3; ++row) {
     Lanes* T = to.T + 4 * row;
@@ -132,7 +133,7 @@ KYS_ALWAYS_INLINE void normal_in_view(const View& view, const LaneView& v, LaneN
   const MeasuredLanes& o = v.measured;
   Lanes cost{};
   const Lanes w = huber_weight(o.bound, v.errors.chi2, view.robust, broadcast(1), cost);
-  normal_of(v.errors, view.camera, w * o.weight, w * o.weight_disparity, n);
+  normal_of(v.errors, view.camera, o, w, n);
 }
 
 /// Writes `kCount` lanes as numbers in a row, for each of four observations.

@@ -66,7 +66,8 @@ struct View {
   const PoseMatrix* poses;
   const std::int32_t* free;  // per pose: its place among the free ones, or -1
   bool robust;
-  double disparity_weight, chi2_mono, chi2_stereo;
+  double ratio_v, ratio_disparity;  // information over that of u
+  double chi2_mono, chi2_stereo;
 };
 
 /// A point that is looked at.

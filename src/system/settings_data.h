@@ -18,7 +18,7 @@
 namespace kys_slam {
 
 struct ControlOptions {
-  int pipeline_delay = 3;   ///< frames after which the tracker receives the changes of the back end
+  int pipeline_delay = 1;   ///< frames after which the tracker receives the changes of the back end
   bool blend_poses = true;  ///< frames between two keyframes move with both
   int stall_ms = 0;         ///< ms slept in every frame, to study time budgets of the back end
   std::string label_space = "coco_panoptic_133";

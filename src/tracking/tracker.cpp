@@ -47,6 +47,9 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
         instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
+  if (options_.align && input.left != nullptr) {
+    features = std::make_shared<const FrameFeatures>(features->with_image_noise());
+  }
   Frame frame{input.index,
               input.timestamp,
               std::move(features),

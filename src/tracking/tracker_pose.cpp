@@ -289,7 +289,7 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
 PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
                                      const LandmarkView& landmark) const {
   const StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
-  return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma};
+  return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio};
 }
 
 /// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers. Unless it `expects`

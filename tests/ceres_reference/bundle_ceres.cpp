@@ -104,12 +104,13 @@ class CeresBundle {
     pose_used_[o.pose] = 1;
     point_used_[o.point] = 1;
     if (std::isnan(o.u_right)) {
-      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), o.inv_sigma);
+      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), o.inv_sigma,
+                               bundle_.ratio);
       problem_.AddResidualBlock(&mono_costs_.back(), loss(o, robust ? &loss_mono_ : nullptr), pose,
                                 point);
     } else {
       stereo_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector3d(o.u, o.v, o.u_right),
-                                 o.inv_sigma);
+                                 o.inv_sigma, bundle_.ratio);
       problem_.AddResidualBlock(&stereo_costs_.back(), loss(o, robust ? &loss_stereo_ : nullptr),
                                 pose, point);
     }

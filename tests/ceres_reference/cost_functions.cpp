@@ -23,13 +23,13 @@ bool ReprojectionCost<kRows>::Evaluate(double const* const* parameters, double* 
   const Eigen::Vector3d p_c = rotated + T_c_w_->translation + v;
 
   Eigen::Map<Observed> residual(residuals);
-  residual =
-      inv_sigma_ * reprojection_error(*camera_, p_c, observed_.x(), observed_.y(), observed_.z())
-                       .template head<kRows>();
+  residual = inv_sigma_.cwiseProduct(
+      reprojection_error(*camera_, p_c, observed_.x(), observed_.y(), observed_.z())
+          .template head<kRows>());
   if (jacobians == nullptr) return true;
 
   const Eigen::Matrix<double, kRows, 3> J =
-      inv_sigma_ * reprojection_jacobian(*camera_, p_c).template topRows<kRows>();
+      inv_sigma_.asDiagonal() * reprojection_jacobian(*camera_, p_c).template topRows<kRows>();
   if (jacobians[0] != nullptr) {
     JacobianMap<kRows, 6> J_pose(jacobians[0]);
     J_pose.template leftCols<3>() = J * (-hat(rotated) * so3_left_jacobian(w));

@@ -4,22 +4,28 @@
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
+#include <cmath>
+
+#include "geometry/observation.h"
+
 namespace kys_slam {
 
 // Ceres residuals with analytic Jacobians. A pose is a block of six: the increment [rotation (rad);
 // translation (m)] of plus() from a pose the residual keeps a pointer to, so that no manifold is
 // needed and no gimbal is near.
 
-/// (u_left, v, u_right) of a landmark, or (u, v) in the left image alone, predicted minus observed,
-/// times the inverse deviation. Blocks: increment of T_c_w (6), point p_w (3).
+/// (u, v, disparity) of a landmark, or (u, v) in the left image alone, predicted minus observed,
+/// times the inverse deviations. Blocks: increment of T_c_w (6), point p_w (3).
 template <int kRows>
 class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 6, 3> {
  public:
   using Observed = Eigen::Matrix<double, kRows, 1>;  // px
   ReprojectionCost(const StereoCamera* camera, const Rigid3* T_c_w, const Observed& observed,
-                   double inv_sigma)
-      : camera_(camera), T_c_w_(T_c_w), inv_sigma_(inv_sigma) {
+                   double inv_sigma, const InformationRatio& ratio = {})
+      : camera_(camera), T_c_w_(T_c_w) {
     observed_.head<kRows>() = observed;
+    const Eigen::Vector3d all(1, std::sqrt(ratio.v), std::sqrt(ratio.disparity));
+    inv_sigma_ = inv_sigma * all.head<kRows>();
   }
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
@@ -28,7 +34,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 6, 3> {
   const StereoCamera* camera_;
   const Rigid3* T_c_w_;
   Eigen::Vector3d observed_ = Eigen::Vector3d::Zero();
-  double inv_sigma_;
+  Observed inv_sigma_;  // 1/px
 };
 
 using StereoReprojectionCost = ReprojectionCost<3>;

@@ -176,6 +176,16 @@ TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
   EXPECT_FLOAT_EQ(aligned.depth(0), found.depth(0));
   EXPECT_FLOAT_EQ(aligned.stereo_pixel(0, scales).inv_sigma, 1 / kAlignedSigma);
   EXPECT_FLOAT_EQ(aligned.stereo_pixel(1, scales).inv_sigma, 1 / (kPixelSigma * 1.44f));
+  // Only images have the noise of images: simulated features have the same in u, v and disparity.
+  EXPECT_EQ(found.stereo_pixel(0, scales).ratio.v, 1);
+  EXPECT_EQ(found.stereo_pixel(0, scales).ratio.disparity, 1);
+  const std::vector<std::uint8_t> second{0, 1};
+  const FrameFeatures restored = FrameFeatures::restore(camera, set, {90, 250}, {}, {1, 0}, 0);
+  for (const FrameFeatures& f : {found.with_image_noise(), aligned, aligned.subset(second),
+                                 aligned.with_priors({}), restored}) {
+    EXPECT_EQ(f.stereo_pixel(0, scales).ratio.v, kImageInformation.v);
+    EXPECT_EQ(f.stereo_pixel(0, scales).ratio.disparity, kImageInformation.disparity);
+  }
   int here = 0, there = 0;
   aligned.for_each_near(160.25f, 49.5f, 1, 0, 7, [&](std::size_t) { ++here; });
   aligned.for_each_near(100, 50, 1, 0, 7, [&](std::size_t) { ++there; });

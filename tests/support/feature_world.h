@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "map/frame_features.h"
+
 namespace kys_slam::testing {
 
 /// A world of points with descriptors, and what a stereo camera sees of it: features without
@@ -15,11 +17,12 @@ class FeatureWorld {
  public:
   struct Options {
     int points = 4000;
-    double length = 60;        ///< m along z
-    double half_width = 12;    ///< m
-    double half_height = 4;    ///< m
-    double pixel_noise = 0;    ///< px at octave 0, standard deviation
-    bool aligned = false;      ///< corners count as aligned with their landmarks
+    double length = 60;      ///< m along z
+    double half_width = 12;  ///< m
+    double half_height = 4;  ///< m
+    double pixel_noise = 0;  ///< px at octave 0, standard deviation
+    /// corners count as aligned with their landmarks; noise has the ratio of images then
+    bool aligned = false;
     int flipped_bits = 0;      ///< of each descriptor, at random
     double max_distance = 60;  ///< m
     int max_features = 1500;
@@ -63,6 +66,9 @@ class FeatureWorld {
                                  std::vector<std::size_t>* seen = nullptr) const {
     std::mt19937_64 random(options_.seed * 1000003u + static_cast<unsigned>(index));
     std::normal_distribution<float> noise(0, static_cast<float>(options_.pixel_noise));
+    const InformationRatio information = options_.aligned ? kImageInformation : InformationRatio{};
+    const float part_v = 1 / std::sqrt(information.v);
+    const float part_disparity = 1 / std::sqrt(information.disparity);
     StereoFrame frame;
     frame.index = index;
     frame.timestamp = 0.1 * static_cast<double>(index);
@@ -85,11 +91,11 @@ class FeatureWorld {
       k.angle = points_[i].angle;
       k.response = 30;
       k.x = static_cast<float>(pixel.x()) + sigma * noise(random);
-      k.y = static_cast<float>(pixel.y()) + sigma * noise(random);
+      k.y = static_cast<float>(pixel.y()) + part_v * sigma * noise(random);
       frame.left_features->keypoints.push_back(k);
       frame.left_features->descriptors.push_back(noisy(points_[i].descriptor, random));
       // As stereo matching does: the disparity is that of where the left keypoint lies.
-      k.x += static_cast<float>(pixel.z() - pixel.x()) + sigma * noise(random);
+      k.x += static_cast<float>(pixel.z() - pixel.x()) + part_disparity * sigma * noise(random);
       frame.right_features->keypoints.push_back(k);
       frame.right_features->descriptors.push_back(noisy(points_[i].descriptor, random));
       if (seen != nullptr) seen->push_back(i);
