@@ -21,14 +21,14 @@ namespace kys_slam {
 inline constexpr float kPixelSigma = 0.35f;
 
 /// The same for u of keypoints aligned with the patch of their landmark (LandmarkPatches).
-/// Residuals in maps of image sequences (tests/measure/evaluate_residuals): u 0.14-0.16 px, v
-/// 0.09-0.11 px, disparity 0.09-0.12 px, the same at all octaves, on rendered worlds and on KITTI;
-/// on EuRoC 0.22, 0.14, 0.12 px.
+/// Residuals in maps of image sequences (tests/measure/evaluate_residuals): u 0.13-0.14 px, v
+/// 0.09-0.11 px, disparity 0.08-0.10 px, the same at all octaves, on rendered worlds and on KITTI;
+/// on EuRoC 0.20, 0.16, 0.09 px.
 inline constexpr float kAlignedSigma = 0.175f;
 
 /// Of features found in images: standard deviations of 0.175 px for u, 0.11 px for v and 0.10 px
 /// for the disparity of an aligned keypoint. Corners that are not aligned have about the same
-/// ratio: residuals of 0.34-0.41, 0.21-0.28, 0.13-0.18 px.
+/// ratio: residuals of 0.31-0.39, 0.20-0.29, 0.12-0.17 px.
 inline constexpr InformationRatio kImageInformation{2.5f, 3.0f};
 
 /// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.

@@ -30,17 +30,17 @@ struct Sums {
 };
 
 /// Number of residuals over that of residuals less unknowns: a fit takes that share of the error.
-double inflation(const Map& map, int residuals) {
-  const double unknowns = 3.0 * static_cast<double>(map.landmarks().size()) +
-                          6.0 * static_cast<double>(map.keyframes().size());
+double inflation(int residuals, int landmarks, std::size_t keyframes) {
+  const double unknowns = 3.0 * landmarks + 6.0 * static_cast<double>(keyframes);
   return residuals > unknowns ? std::sqrt(residuals / (residuals - unknowns)) : 1;
 }
 
 void report(const Map& map) {
   std::map<std::tuple<bool, int>, Sums> table;  // by aligned, octave; -1: all octaves
-  int residuals = 0;
+  int residuals = 0, landmarks = 0;
   map.landmarks().for_each([&](LandmarkId, const Landmark& landmark) {
     if (landmark.observations.size() < 3) return;
+    ++landmarks;
     for (const Observation& o : landmark.observations) {
       const KeyFrame& keyframe = map.keyframe(o.keyframe);
       const FrameFeatures& features = *keyframe.features;
@@ -56,7 +56,7 @@ void report(const Map& map) {
       residuals += stereo ? 3 : 2;
     }
   });
-  const double factor = inflation(map, residuals);
+  const double factor = inflation(residuals, landmarks, map.keyframes().size());
   fmt::print("{} residuals; factor for what the fit takes: {:.3f}\n\n", residuals, factor);
   fmt::print("| keypoints | octave | observations | u | v | disparity |\n");
   fmt::print("| --- | --- | --- | --- | --- | --- |\n");
