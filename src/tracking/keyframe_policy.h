@@ -8,7 +8,7 @@ struct KeyFramePolicyOptions {
   int min_frames = 0;   ///< least gap of keyframes while enough is tracked
   int max_frames = 30;  ///< frames after which a busy mapper does not delay a keyframe
   /// share of the reference's landmarks below which a keyframe is made
-  double reference_ratio = 0.75;
+  double reference_ratio = 0.85;
   double starved_ratio = 0.25;  ///< share below which one is made also when the mapper is busy
   int tracked_close = 100;      ///< fewer tracked close stereo points call for a keyframe ...
   int untracked_close = 70;     ///< ... when more than this many could be added

@@ -211,7 +211,7 @@ void Tracker::judge_instances(Frame& frame, TrackResult& result) {
     const LandmarkView* landmark = replica_.landmarks().find(frame.landmarks[i]);
     if (landmark == nullptr) continue;
     const kys::Prior& prior = frame.features->prior(i);
-    terms.push_back({landmark->p_w, frame.features->stereo_pixel(i, scales_),
+    terms.push_back({landmark->p_w, pixel_of(frame, i, *landmark),
                      std::min(belief(prior), belief(landmark->prior)),
                      instances_->follows(prior) ? prior.instance : -1});
   }

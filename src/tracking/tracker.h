@@ -166,6 +166,8 @@ class Tracker {
   int match_last_frame(Frame& frame, float radius, TrackResult& result);
   void match_local_landmarks(Frame& frame, const LocalMap& local, TrackResult& result);
   int refine_pose(Frame& frame, TrackResult& result, bool expects = true) const;
+  [[nodiscard]] StereoPixel pixel_of(const Frame& frame, std::size_t feature,
+                                     const LandmarkView& landmark) const;
   [[nodiscard]] PoseObservation observation(const Frame& frame, std::size_t feature,
                                             const LandmarkView& landmark) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;

@@ -30,6 +30,8 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
            "best over second best distance without prediction");
   list.add("tracking.align", o.align,
            "keypoints are aligned with the image patches of their landmarks");
+  list.add("tracking.landmark_noise", o.landmark_noise, {0, 100}, "",
+           "variance that a landmark of one observation adds to a keypoint's (n: the n-th part)");
   list.add("tracking.acceleration", o.acceleration, {0, 1e6}, "m/s^2",
            "standard deviation about constant velocity, a prior of poses with few matches and of "
            "lost frames; 0: no prior");

@@ -286,9 +286,18 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
   return false;
 }
 
+/// A feature as an observation of a landmark, whose position is not exact either.
+StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
+                              const LandmarkView& landmark) const {
+  StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
+  const double observations = std::max<double>(1, static_cast<double>(landmark.observers.size()));
+  pixel.inv_sigma /= static_cast<float>(std::sqrt(1 + options_.landmark_noise / observations));
+  return pixel;
+}
+
 PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
                                      const LandmarkView& landmark) const {
-  const StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
+  const StereoPixel pixel = pixel_of(frame, feature, landmark);
   return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio};
 }
 

@@ -29,9 +29,9 @@ TEST(KeyFramePolicy, AFrameThatTracksWellIsNoKeyframe) {
 TEST(KeyFramePolicy, OneIsDueBelowTheShareOfTheReference) {
   const KeyFramePolicyOptions o;
   KeyFrameSituation s = calm();
-  s.inliers = 150;
-  EXPECT_FALSE(needs_keyframe(s, o)) << "0.75 exactly";
-  s.inliers = 149;
+  s.inliers = 170;
+  EXPECT_FALSE(needs_keyframe(s, o)) << "0.85 exactly";
+  s.inliers = 169;
   EXPECT_TRUE(needs_keyframe(s, o));
 }
 

@@ -376,6 +376,26 @@ TEST_F(TrackerTest, ASubmapStartsWithTheLastVelocity) {
   EXPECT_NEAR(result.T_c_w.t().norm(), 0.4, 0.1);
 }
 
+TEST_F(TrackerTest, TheGateKnowsThatALandmarkOfOneKeyframeIsAsNoisyAsAKeypoint) {
+  FeatureWorld::Options noisy;
+  noisy.aligned = true;
+  noisy.pixel_noise = kAlignedSigma;
+  const FeatureWorld world(testing::kitti_camera(), noisy);
+  // Twice the variance of a keypoint, of which the gate knows 1, 1.5 and 2: the chi-square
+  // distribution of three degrees of freedom at 7.815 times 1/2, 1.5/2 and 1.
+  const std::vector<std::pair<double, double>> expected = {{0, 0.728}, {0.5, 0.881}, {1, 0.95}};
+  for (const auto& [noise, share] : expected) {
+    TrackerOptions options;
+    options.landmark_noise = noise;
+    tracker_ = Tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), options, model_);
+    track(0, testing::all_aligned(*see(world, 0, weaving_pose(0)).features));
+    const TrackResult result =
+        track(1, testing::all_aligned(*see(world, 1, weaving_pose(0.2)).features));
+    ASSERT_GT(result.matches, 500);
+    EXPECT_NEAR(result.inliers / static_cast<double>(result.matches), share, 0.04) << noise;
+  }
+}
+
 TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
   TrackerOptions options;
   options.acceleration = 0;
