@@ -27,7 +27,8 @@ constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
 
-/// One point: its observations [begin, end) in order, its groups of four from `group` on.
+/// One point: its observations [begin, end) in order, its groups of four, where those are kept,
+/// from `group` on.
 struct SchurPoint {
   std::int32_t point;
   std::int32_t begin;
@@ -60,6 +61,7 @@ class SchurBundle {
               options.chi2_stereo} {
     number_free_poses(round);
     sort_observations(round);
+    if (!round.sparse) pack_all();
     const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
     places_ = BlockPlaces(pattern);
     if (round.sparse) sparse_.emplace(pattern);
@@ -145,10 +147,10 @@ class SchurBundle {
       if (round.active[i] != 0) ++first[all[i].point + 1];
     }
     for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
-    std::vector<std::int32_t> order(static_cast<std::size_t>(first.back()));
+    order_.resize(static_cast<std::size_t>(first.back()));
     std::vector<std::int32_t> next(first.begin(), first.end() - 1);
     for (std::size_t i = 0; i < all.size(); ++i) {
-      if (round.active[i] != 0) order[next[all[i].point]++] = static_cast<std::int32_t>(i);
+      if (round.active[i] != 0) order_[next[all[i].point]++] = static_cast<std::int32_t>(i);
     }
     const auto free_of = [&](std::int32_t i) { return free_index_[all[i].pose]; };
     const auto earlier = [&](std::int32_t a, std::int32_t b) { return free_of(a) < free_of(b); };
@@ -156,8 +158,8 @@ class SchurBundle {
     std::int32_t most = 0;
     for (std::size_t i = 0; i + 1 < first.size(); ++i) {
       if (first[i + 1] == first[i]) continue;
-      const auto begin = order.begin() + first[i];
-      const auto end = order.begin() + first[i + 1];
+      const auto begin = order_.begin() + first[i];
+      const auto end = order_.begin() + first[i + 1];
       if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
       points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1], groups});
       groups += points_.back().groups();
@@ -166,14 +168,31 @@ class SchurBundle {
     mixed_.resize(static_cast<std::size_t>(most));
     Z_.resize(static_cast<std::size_t>(kLanes * most));
     free_.resize(Z_.size());
+    packed_.resize(mixed_.size());
+  }
+
+  /// Windows keep the groups of all points.
+  void pack_all() {
+    if (points_.empty()) return;
+    groups_.resize(static_cast<std::size_t>(points_.back().group + points_.back().groups()));
+    for (const SchurPoint& point : points_) pack(point, groups_.data() + point.group);
+  }
+
+  void pack(const SchurPoint& point, ObservationLanes* to) const {
     ObservationLanes none;
     none.pose.fill(static_cast<std::int32_t>(problem_.T_c_w.size()));
-    groups_.resize(static_cast<std::size_t>(groups), none);
-    for (const SchurPoint& p : points_) {
-      for (std::int32_t k = 0; k < p.end - p.begin; ++k) {
-        pack(all[order[p.begin + k]], k % kLanes, groups_[p.group + k / kLanes]);
-      }
+    std::fill_n(to, point.groups(), none);
+    for (std::int32_t k = 0; k < point.end - point.begin; ++k) {
+      pack(problem_.observations[order_[point.begin + k]], k % kLanes, to[k / kLanes]);
     }
+  }
+
+  /// The groups of a point, until those of another are asked for. Whole maps pack them every time:
+  /// kept, they were a fifth of the memory of their adjustment.
+  const ObservationLanes* groups_of(const SchurPoint& point) const {
+    if (!groups_.empty()) return groups_.data() + point.group;
+    pack(point, packed_.data());
+    return packed_.data();
   }
 
   [[nodiscard]] BlockPattern all_blocks() const {
@@ -191,7 +210,7 @@ class SchurBundle {
     if (!points_.empty()) free_of.reserve(static_cast<std::size_t>(points_.back().end));
     for (const SchurPoint& p : points_) {
       for (std::int32_t i = 0; i < p.end - p.begin; ++i) {
-        free_of.push_back(free_index_[groups_[p.group + i / kLanes].pose[i % kLanes]]);
+        free_of.push_back(free_index_[problem_.observations[order_[p.begin + i]].pose]);
       }
     }
     // Observations by free pose, so that a row is finished before the next.
@@ -253,14 +272,17 @@ class SchurBundle {
   }
 
   /// 1/2 the sum of rho over the point's observations, the point being at p_w.
-  [[nodiscard]] double loss(const SchurPoint& point, const Eigen::Vector3d& p_w) const {
-    return cost_of(groups_.data() + point.group, point.groups(), view_, view_of(point, p_w));
+  [[nodiscard]] double loss(const SchurPoint& point, const ObservationLanes* groups,
+                            const Eigen::Vector3d& p_w) const {
+    return cost_of(groups, point.groups(), view_, view_of(point, p_w));
   }
 
   /// At the present poses and points.
   [[nodiscard]] double evaluate() const {
     double cost = 0;
-    for (const SchurPoint& point : points_) cost += loss(point, problem_.points[point.point]);
+    for (const SchurPoint& point : points_) {
+      cost += loss(point, groups_of(point), problem_.points[point.point]);
+    }
     return cost;
   }
 
@@ -271,15 +293,17 @@ class SchurBundle {
   void iterate_points() {
     for (std::size_t k = 0; k < points_.size(); ++k) {
       if (k % kPointsBetweenStops == 0 && should_stop()) return;
-      Eigen::Vector3d& p_w = problem_.points[points_[k].point];
-      double cost = loss(points_[k], p_w);
-      if (const double before = loss(points_[k], other_points_[k]); before < cost) {
+      const SchurPoint& point = points_[k];
+      const ObservationLanes* groups = groups_of(point);
+      Eigen::Vector3d& p_w = problem_.points[point.point];
+      double cost = loss(point, groups, p_w);
+      if (const double before = loss(point, groups, other_points_[k]); before < cost) {
         p_w = other_points_[k];
         cost = before;
       }
       for (int round = 0; round < kPointRounds; ++round) {
-        const Eigen::Vector3d moved = p_w + point_newton_step(points_[k], p_w);
-        const double after = loss(points_[k], moved);
+        const Eigen::Vector3d moved = p_w + point_newton_step(point, groups, p_w);
+        const double after = loss(point, groups, moved);
         if (!(after < cost)) break;
         p_w = moved;
         cost = after;
@@ -289,10 +313,10 @@ class SchurBundle {
 
   /// Gauss-Newton step of one point, the poses held.
   [[nodiscard]] Eigen::Vector3d point_newton_step(const SchurPoint& point,
+                                                  const ObservationLanes* groups,
                                                   const Eigen::Vector3d& p_w) const {
     PointNormal normal;
-    point_normal_of(groups_.data() + point.group, point.groups(), view_, view_of(point, p_w),
-                    normal);
+    point_normal_of(groups, point.groups(), view_, view_of(point, p_w), normal);
     Eigen::Matrix3d V = lower_of(normal.V);
     const Eigen::Vector3d b(normal.b);
     V.diagonal() += kPointDamping * V.diagonal().cwiseMax(Damping::kMinDiagonal);
@@ -325,7 +349,7 @@ class SchurBundle {
   void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
     const ReducedSystem system{reduced_.data(), &places_, sums_.data()};
-    const ObservationLanes* groups = groups_.data() + point.group;
+    const ObservationLanes* groups = groups_of(point);
     for (std::int32_t g = 0; g < point.groups(); ++g) {
       look_up_free(groups[g], view_, free_.data() + kLanes * g);
     }
@@ -350,11 +374,12 @@ class SchurBundle {
   }
 
   /// A point as it was eliminated.
-  [[nodiscard]] EliminatedPoint eliminated(std::size_t index, double damping) const {
+  [[nodiscard]] EliminatedPoint eliminated(std::size_t index, const ObservationLanes* groups,
+                                           double damping) const {
     if (!sparse_) return eliminated_[index];
     const SchurPoint& point = points_[index];
     PointNormal normal;
-    point_normal_of(groups_.data() + point.group, point.groups(), view_, view_of(point), normal);
+    point_normal_of(groups, point.groups(), view_, view_of(point), normal);
     return eliminated(normal, damping);
   }
 
@@ -427,11 +452,12 @@ class SchurBundle {
           pose_step_[r].dot(sums_[r].gradient());  // reduced: the point part is added below
     }
     for (std::size_t k = 0; k < points_.size(); ++k) {
-      const EliminatedPoint e = eliminated(k, damping);
       const SchurPoint& point = points_[k];
+      const ObservationLanes* groups = groups_of(point);
+      const EliminatedPoint e = eliminated(k, groups, damping);
       Eigen::Vector3d gradient;
-      moved_gradient(groups_.data() + point.group, point.groups(), view_, view_of(point),
-                     lane_steps_.data(), gradient.data());
+      moved_gradient(groups, point.groups(), view_, view_of(point), lane_steps_.data(),
+                     gradient.data());
       const Eigen::Matrix3d L_inverse = lower_of(e.L_inverse);
       const Eigen::Vector3d moved = L_inverse * gradient;  // sum of Z^T pose_step
       const Eigen::Vector3d y = L_inverse * e.b;
@@ -478,9 +504,11 @@ class SchurBundle {
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
-  std::vector<ObservationLanes> groups_;  // of all points
-  std::vector<std::int32_t> free_;        // of the point worked on
-  std::vector<MixedLanes> mixed_;         // of the point worked on
+  std::vector<std::int32_t> order_;               // of active observations, by point and free pose
+  std::vector<ObservationLanes> groups_;          // of all points of windows
+  mutable std::vector<ObservationLanes> packed_;  // of one point of a whole map
+  std::vector<std::int32_t> free_;                // of the point worked on
+  std::vector<MixedLanes> mixed_;                 // of the point worked on
   std::vector<PoseMatrix> matrices_;
 
   BlockPlaces places_;
