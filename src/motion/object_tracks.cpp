@@ -43,6 +43,9 @@ namespace {
 using State = Eigen::Matrix<double, 6, 1>;  // position (m), velocity (m/s)
 using Covariance = Eigen::Matrix<double, 6, 6>;
 
+constexpr int kRobustRounds = 10;
+constexpr double kQuarter = 9;  // chi-square at which an observation has a quarter of its weight
+
 constexpr double kFar = 100;  // m, standard deviation of a place before it is seen
 
 struct Gaussian {
@@ -325,6 +328,20 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   return is_poor(after, before) ? &second : nullptr;
 }
 
+/// A thing that was seen too far from where it was expected has a new identity. It keeps the old
+/// one where one of the two parts is poor: that part was wrong, and the priors know the name.
+void keep_names(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
+                std::vector<Track>& tracks) {
+  for (Track& next : tracks) {
+    const std::int32_t name = observation(frames, next.seen.front()).instance;
+    if (next.identity == name) continue;
+    for (Track& before : tracks) {
+      if (before.identity != name || before.seen.back().frame >= next.seen.front().frame) continue;
+      if (poor_part(frames, options, before, next) != nullptr) next.identity = name;
+    }
+  }
+}
+
 /// Joins the parts of a track before and after a restart where one of them is poor: that part keeps
 /// its frames and takes the motion of the other.
 void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
@@ -346,7 +363,8 @@ void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions
   tracks = std::move(joined);
 }
 
-/// Drops what is seen of a track too long before or after its observations of the position.
+/// Drops what is seen of a track too long before or after its observations of the position, and
+/// what is unlikely to move at its ends.
 void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options, Track& track) {
   const auto time = [&](const Seen& seen) { return frames[seen.frame].timestamp; };
   const auto placed = [&](const Seen& seen) { return is_placed(frames, seen); };
@@ -355,15 +373,26 @@ void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options
   const double begin = time(*first) - options.max_extrapolation;
   const double end = time(*last) + options.max_extrapolation;
   std::erase_if(track.seen, [&](const Seen& s) { return time(s) < begin || time(s) > end; });
+  const auto likely = [&](const Seen& s) { return !observation(frames, s).unlikely; };
+  track.seen.erase(track.seen.begin(), std::find_if(track.seen.begin(), track.seen.end(), likely));
+  track.seen.erase(std::find_if(track.seen.rbegin(), track.seen.rend(), likely).base(),
+                   track.seen.end());
 }
 
-/// Filters a track forward with each velocity in the middle of its span, then smooths it backward
-/// (Rauch, Tung, Striebel). The state after each observation, in their order.
-std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& track,
-                             const ObjectTrackOptions& options) {
+/// What is observed of a track, per frame in which it is seen.
+struct TrackData {
+  std::vector<double> times;                   // s
+  std::vector<std::optional<Place>> places;    // m
+  std::vector<std::vector<Place>> velocities;  // m/s, each in the middle of its span
+};
+
+TrackData data_of(std::span<const ObjectFrame> frames, const Track& track,
+                  const ObjectTrackOptions& options) {
   const std::size_t count = track.seen.size();
   const auto time = [&](std::size_t i) { return frames[track.seen[i].frame].timestamp; };
-  std::vector<std::vector<Place>> velocities(count);
+  TrackData data;
+  for (std::size_t i = 0; i < count; ++i) data.times.push_back(time(i));
+  data.velocities.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     const ObjectFrame& frame = frames[track.seen[i].frame];
     const auto& velocity = observation(frames, track.seen[i]).velocity;
@@ -371,14 +400,23 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
     const double middle = frame.timestamp - velocity->span / 2;
     std::size_t at = i;
     while (at > 0 && std::abs(time(at - 1) - middle) <= std::abs(time(at) - middle)) --at;
-    velocities[at].push_back(world_velocity(frame, *velocity, options));
+    data.velocities[at].push_back(world_velocity(frame, *velocity, options));
   }
-  std::vector<std::optional<Place>> places(count);
+  data.places.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     const Seen& seen = track.seen[i];
     if (!is_placed(frames, seen)) continue;
-    places[i] = world_place(frames[seen.frame], *observation(frames, seen).place, options);
+    data.places[i] = world_place(frames[seen.frame], *observation(frames, seen).place, options);
   }
+  return data;
+}
+
+/// Filters a track forward, then smooths it backward (Rauch, Tung, Striebel). The state after each
+/// observation, in their order.
+std::vector<Gaussian> smooth(const TrackData& data, const ObjectTrackOptions& options) {
+  const std::size_t count = data.times.size();
+  const auto time = [&](std::size_t i) { return data.times[i]; };
+  const auto& places = data.places;
   std::vector<Gaussian> predicted(count);
   std::vector<Gaussian> filtered(count);
   predicted[0].mean.head<3>() = (*std::find_if(places.begin(), places.end(), [](const auto& p) {
@@ -393,7 +431,7 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
     }
     filtered[i] = predicted[i];
     if (places[i]) update(filtered[i], 0, places[i]->value, places[i]->covariance);
-    for (const Place& v : velocities[i]) update(filtered[i], 3, v.value, v.covariance);
+    for (const Place& v : data.velocities[i]) update(filtered[i], 3, v.value, v.covariance);
   }
   std::vector<Gaussian> smoothed = filtered;
   for (std::size_t i = count - 1; i-- > 0;) {
@@ -407,6 +445,28 @@ std::vector<Gaussian> smooth(std::span<const ObjectFrame> frames, const Track& t
   return smoothed;
 }
 
+/// The same where some observations are wrong: each counts the less the farther it is from the
+/// states that all give together (weights of Geman and McClure). Of an object that comes into view
+/// the edge of what hides it is seen first, and moves otherwise.
+std::vector<Gaussian> smooth_robustly(const TrackData& data, const ObjectTrackOptions& options) {
+  std::vector<Gaussian> states = smooth(data, options);
+  for (int round = 0; round < kRobustRounds; ++round) {
+    TrackData weighted = data;
+    const auto weigh = [](Place& seen, const Eigen::Vector3d& value) {
+      const Eigen::Vector3d away = seen.value - value;
+      const double chi2 = away.dot(seen.covariance.ldlt().solve(away));
+      const double less = 1 + chi2 / kQuarter;
+      seen.covariance *= less * less;
+    };
+    for (std::size_t i = 0; i < states.size(); ++i) {
+      if (weighted.places[i]) weigh(*weighted.places[i], states[i].mean.head<3>());
+      for (Place& velocity : weighted.velocities[i]) weigh(velocity, states[i].mean.tail<3>());
+    }
+    states = smooth(weighted, options);
+  }
+  return states;
+}
+
 }  // namespace
 
 std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
@@ -414,6 +474,7 @@ std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
   check_options(options);
   std::vector<ObjectEstimate> estimates;
   std::vector<Track> tracks = Assigner(frames, options).run();
+  keep_names(frames, options, tracks);
   join_restarts(frames, options, tracks);
   for (Track& track : tracks) {
     trim(frames, options, track);
@@ -421,7 +482,7 @@ std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
       return !observation(frames, seen).doubtful;
     });
     if (count < options.min_observations) continue;
-    const std::vector<Gaussian> states = smooth(frames, track, options);
+    const std::vector<Gaussian> states = smooth_robustly(data_of(frames, track, options), options);
     for (std::size_t i = 0; i < states.size(); ++i) {
       const ObjectObservation& seen = observation(frames, track.seen[i]);
       ObjectEstimate estimate;

@@ -52,8 +52,8 @@ void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) 
     const double p_moving = 1 - state.p_static;
     const bool doubtful =
         p_moving < options_.min_probability || state.keypoints < options_.min_keypoints;
-    if (doubtful && p_moving < options_.keep_probability) continue;
     frame.observations.push_back(observe(state, step, doubtful));
+    frame.observations.back().unlikely = doubtful && p_moving < options_.keep_probability;
   }
 }
 

@@ -15,7 +15,8 @@ namespace kys_slam {
 
 struct ObjectOptions {
   double min_probability = 0.5;  ///< of moving; instances below start no track
-  /// of moving; an instance between the two continues a track, also before its start
+  /// of moving; an instance between the two continues a track, also before its start; one below
+  /// only between such frames
   double keep_probability = 0.2;
   int min_keypoints = 1;  ///< stereo keypoints; instances with fewer start no track
   ObjectTrackOptions tracks;

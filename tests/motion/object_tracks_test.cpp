@@ -272,6 +272,55 @@ TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
   EXPECT_NEAR(track_objects(film_behind_an_edge(10, 15)).front().velocity.z(), 8, 0.8);
 }
 
+TEST(ObjectTracks, WrongObservationsAtItsStartDoNotBendATrack) {
+  // The edge of what hides the thing gives way to it: four observations go over from one motion to
+  // the other, near enough to each other that nothing restarts.
+  std::vector<ObjectFrame> frames = film({kComing}, 30);
+  for (std::size_t k = 0; k < 16; ++k) frames[k].observations.clear();
+  for (std::size_t k = 16; k < 20; ++k) {
+    const double wrong = (20 - static_cast<double>(k)) / 4;
+    ObjectObservation& seen = frames[k].observations[0];
+    const Eigen::Matrix3d R_c_w = camera_at(static_cast<int>(k)).R().transpose();
+    seen.place->centre_c += R_c_w * Eigen::Vector3d(0, 0, -4 * wrong);
+    seen.velocity->velocity_c += R_c_w * Eigen::Vector3d(0, 0, 12 * wrong);
+  }
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 14u);
+  for (const ObjectEstimate& e : estimates) {
+    EXPECT_NEAR(e.velocity.z(), -7, 1.5) << e.frame;
+    EXPECT_LT((e.position - kComing.at(static_cast<int>(e.frame))).norm(), 1) << e.frame;
+  }
+}
+
+TEST(ObjectTracks, APoorPartFarFromTheRestKeepsTheName) {
+  std::vector<ObjectFrame> frames = film_behind_an_edge(14, 15);
+  // Too far for a restart.
+  for (std::size_t k = 14; k < 18; ++k) frames[k].observations[0].place->centre_c.z() -= 10;
+  for (const ObjectEstimate& e : track_objects(frames)) {
+    EXPECT_EQ(e.instance, kComing.instance) << e.frame;
+    EXPECT_NEAR(e.velocity.z(), -7, 0.8) << e.frame;
+  }
+  // With as many keypoints both parts are believed: two things.
+  frames = film_behind_an_edge(14, 40);
+  for (std::size_t k = 14; k < 18; ++k) frames[k].observations[0].place->centre_c.z() -= 10;
+  EXPECT_NE(track_objects(frames).back().instance, kComing.instance);
+}
+
+TEST(ObjectTracks, WhatIsUnlikelyCountsBetweenWhatIsLikelyOnly) {
+  const Thing thing;
+  std::vector<ObjectFrame> frames = film({thing}, 20);
+  for (const std::size_t k : {0u, 1u, 2u, 9u, 10u, 18u, 19u}) {
+    ObjectObservation& seen = frames[k].observations[0];
+    seen.doubtful = seen.unlikely = true;
+    seen.place.reset();
+    seen.velocity.reset();
+  }
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 15u);
+  EXPECT_EQ(estimates.front().frame, 3);
+  EXPECT_EQ(estimates.back().frame, 17);
+}
+
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   const Thing thing;
   std::vector<ObjectFrame> frames = film({thing}, 30);
