@@ -364,8 +364,9 @@ void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions
 }
 
 /// Drops what is seen of a track too long before or after its observations of the position, and
-/// what is unlikely to move at its ends.
-void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options, Track& track) {
+/// what is unlikely to move at its ends. \param goes_on  it has another part, soon after a restart
+void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options, bool goes_on,
+          Track& track) {
   const auto time = [&](const Seen& seen) { return frames[seen.frame].timestamp; };
   const auto placed = [&](const Seen& seen) { return is_placed(frames, seen); };
   const auto first = std::find_if(track.seen.begin(), track.seen.end(), placed);
@@ -375,6 +376,7 @@ void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options
   std::erase_if(track.seen, [&](const Seen& s) { return time(s) < begin || time(s) > end; });
   const auto likely = [&](const Seen& s) { return !observation(frames, s).unlikely; };
   track.seen.erase(track.seen.begin(), std::find_if(track.seen.begin(), track.seen.end(), likely));
+  if (goes_on) return;
   track.seen.erase(std::find_if(track.seen.rbegin(), track.seen.rend(), likely).base(),
                    track.seen.end());
 }
@@ -476,8 +478,12 @@ std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
   std::vector<Track> tracks = Assigner(frames, options).run();
   keep_names(frames, options, tracks);
   join_restarts(frames, options, tracks);
-  for (Track& track : tracks) {
-    trim(frames, options, track);
+  for (std::size_t k = 0; k < tracks.size(); ++k) {
+    Track& track = tracks[k];
+    const bool goes_on =
+        k + 1 < tracks.size() && tracks[k + 1].identity == track.identity &&
+        support_of(frames, tracks[k + 1]).begin - support_of(frames, track).end <= options.max_gap;
+    trim(frames, options, goes_on, track);
     const auto count = std::count_if(track.seen.begin(), track.seen.end(), [&](const Seen& seen) {
       return !observation(frames, seen).doubtful;
     });

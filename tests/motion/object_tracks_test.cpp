@@ -321,6 +321,22 @@ TEST(ObjectTracks, WhatIsUnlikelyCountsBetweenWhatIsLikelyOnly) {
   EXPECT_EQ(estimates.back().frame, 17);
 }
 
+TEST(ObjectTracks, WhatIsUnlikelyAtARestartIsNoGap) {
+  std::vector<ObjectFrame> frames = film_behind_an_edge(8, 40);
+  for (const std::size_t k : {16u, 17u}) {
+    ObjectObservation& seen = frames[k].observations[0];
+    seen.doubtful = seen.unlikely = true;
+    seen.place.reset();
+    seen.velocity.reset();
+  }
+  const auto estimates = track_objects(frames);
+  ASSERT_EQ(estimates.size(), 22u);
+  for (std::size_t i = 0; i < estimates.size(); ++i) {
+    EXPECT_EQ(estimates[i].frame, static_cast<std::int64_t>(8 + i));
+    EXPECT_EQ(estimates[i].instance, kComing.instance);
+  }
+}
+
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   const Thing thing;
   std::vector<ObjectFrame> frames = film({thing}, 30);
