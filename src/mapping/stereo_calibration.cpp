@@ -31,9 +31,10 @@ namespace {
 constexpr double kStep = 0.2;  // px between the offsets that are tried
 // The second looks around, and sets outliers aside at, the first's vertex, where that is off zero.
 constexpr int kRounds = 2;
-// Square of Huber's delta. Without images errors are about half of what kPixelSigma allows, and this
-// bends for the few per cent at depth edges, whose disparities lean towards the nearer surface. With
-// the weights of features in images it bends for most: the cost grows nearly as the errors.
+// Square of Huber's delta. Without images errors are about half of what kPixelSigma allows, and
+// this bends for the few per cent at depth edges, whose disparities lean towards the nearer
+// surface. With the weights of features in images it bends for most: the cost grows nearly as the
+// errors.
 constexpr double kHuber = 0.5;
 // Factor on the information of disparities. That of aligned keypoints is as measured
 // (kImageInformation). Corners as they are found repeat to about 0.26 px, disparities to 0.09 px of

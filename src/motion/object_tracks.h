@@ -73,8 +73,9 @@ void describe(kys::OptionList& list, ObjectTrackOptions& options);
 /// to `max_extrapolation` before or after a jump that has few keypoints takes the motion of the
 /// other part: of an object that comes into view, the edge of what hides it is seen first. Each
 /// track is a Kalman filter of constant velocity (position and velocity with covariance), smoothed
-/// at the end, where observations far from the smoothed states count less. A velocity observed over a span is that of the middle of the span. Camera poses are
-/// taken as exact. A pure function. \return one estimate per observation, by frame, then instance
+/// at the end, where observations far from the smoothed states count less. A velocity observed over
+/// a span is that of the middle of the span. Camera poses are taken as exact. A pure function.
+/// \return one estimate per observation, by frame, then instance
 std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
                                           const ObjectTrackOptions& options = {});
 
