@@ -21,7 +21,7 @@ namespace kys_slam {
 inline constexpr float kPixelSigma = 0.35f;
 
 /// The same for u of keypoints aligned with the patch of their landmark (LandmarkPatches).
-/// Residuals in maps of image sequences (tests/measure/evaluate_residuals): u 0.13-0.14 px, v
+/// Residuals in maps of image sequences (tests/measure/evaluate_residuals): u 0.13-0.15 px, v
 /// 0.09-0.11 px, disparity 0.08-0.10 px, the same at all octaves, on rendered worlds and on KITTI;
 /// on EuRoC 0.20, 0.16, 0.09 px.
 inline constexpr float kAlignedSigma = 0.175f;
