@@ -44,7 +44,8 @@ using State = Eigen::Matrix<double, 6, 1>;  // position (m), velocity (m/s)
 using Covariance = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kRobustRounds = 10;
-constexpr double kQuarter = 9;  // chi-square at which an observation has a quarter of its weight
+constexpr double kQuarterWeight =
+    9;  // chi-square at which an observation has a quarter of its weight
 
 constexpr double kFar = 100;  // m, standard deviation of a place before it is seen
 
@@ -457,7 +458,7 @@ std::vector<Gaussian> smooth_robustly(const TrackData& data, const ObjectTrackOp
     const auto weigh = [](Place& seen, const Eigen::Vector3d& value) {
       const Eigen::Vector3d away = seen.value - value;
       const double chi2 = away.dot(seen.covariance.ldlt().solve(away));
-      const double less = 1 + chi2 / kQuarter;
+      const double less = 1 + chi2 / kQuarterWeight;
       seen.covariance *= less * less;
     };
     for (std::size_t i = 0; i < states.size(); ++i) {

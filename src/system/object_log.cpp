@@ -52,8 +52,16 @@ void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) 
     const double p_moving = 1 - state.p_static;
     const bool doubtful =
         p_moving < options_.min_probability || state.keypoints < options_.min_keypoints;
+    const bool unlikely = doubtful && p_moving < options_.keep_probability;
+    // What stands makes most of the instances: they are kept only where they can be in a track.
+    if (!unlikely) {
+      last_likely_[state.instance] = timestamp;
+    } else if (const auto last = last_likely_.find(state.instance);
+               last == last_likely_.end() || timestamp - last->second > options_.tracks.max_gap) {
+      continue;
+    }
     frame.observations.push_back(observe(state, step, doubtful));
-    frame.observations.back().unlikely = doubtful && p_moving < options_.keep_probability;
+    frame.observations.back().unlikely = unlikely;
   }
 }
 

@@ -5,6 +5,8 @@
 #include <kys_slam/object.h>
 #include <kys_slam/report.h>
 
+#include <cstdint>
+#include <map>
 #include <span>
 #include <vector>
 
@@ -39,6 +41,7 @@ class ObjectLog {
  private:
   ObjectOptions options_;
   std::vector<ObjectFrame> frames_;
+  std::map<std::int32_t, double> last_likely_;  // s, of an instance that may move
 };
 
 }  // namespace kys_slam

@@ -61,6 +61,14 @@ std::vector<ObjectFrame> empty_frames(int count) {
   return frames;
 }
 
+/// What a frame shows of its first thing has no place and no velocity.
+void doubt(ObjectFrame& frame) {
+  ObjectObservation& seen = frame.observations[0];
+  seen.doubtful = true;
+  seen.place.reset();
+  seen.velocity.reset();
+}
+
 std::vector<ObjectFrame> film(const std::vector<Thing>& things, int count, unsigned seed = 1) {
   std::mt19937 random(seed);
   std::vector<ObjectFrame> frames = empty_frames(count);
@@ -294,15 +302,17 @@ TEST(ObjectTracks, WrongObservationsAtItsStartDoNotBendATrack) {
 
 TEST(ObjectTracks, APoorPartFarFromTheRestKeepsTheName) {
   std::vector<ObjectFrame> frames = film_behind_an_edge(14, 15);
-  // Too far for a restart.
-  for (std::size_t k = 14; k < 18; ++k) frames[k].observations[0].place->centre_c.z() -= 10;
+  const auto move_away = [&] {  // too far for a restart
+    for (std::size_t k = 14; k < 18; ++k) frames[k].observations[0].place->centre_c.z() -= 10;
+  };
+  move_away();
   for (const ObjectEstimate& e : track_objects(frames)) {
     EXPECT_EQ(e.instance, kComing.instance) << e.frame;
     EXPECT_NEAR(e.velocity.z(), -7, 0.8) << e.frame;
   }
   // With as many keypoints both parts are believed: two things.
   frames = film_behind_an_edge(14, 40);
-  for (std::size_t k = 14; k < 18; ++k) frames[k].observations[0].place->centre_c.z() -= 10;
+  move_away();
   EXPECT_NE(track_objects(frames).back().instance, kComing.instance);
 }
 
@@ -310,10 +320,8 @@ TEST(ObjectTracks, WhatIsUnlikelyCountsBetweenWhatIsLikelyOnly) {
   const Thing thing;
   std::vector<ObjectFrame> frames = film({thing}, 20);
   for (const std::size_t k : {0u, 1u, 2u, 9u, 10u, 18u, 19u}) {
-    ObjectObservation& seen = frames[k].observations[0];
-    seen.doubtful = seen.unlikely = true;
-    seen.place.reset();
-    seen.velocity.reset();
+    doubt(frames[k]);
+    frames[k].observations[0].unlikely = true;
   }
   const auto estimates = track_objects(frames);
   ASSERT_EQ(estimates.size(), 15u);
@@ -324,10 +332,8 @@ TEST(ObjectTracks, WhatIsUnlikelyCountsBetweenWhatIsLikelyOnly) {
 TEST(ObjectTracks, WhatIsUnlikelyAtARestartIsNoGap) {
   std::vector<ObjectFrame> frames = film_behind_an_edge(8, 40);
   for (const std::size_t k : {16u, 17u}) {
-    ObjectObservation& seen = frames[k].observations[0];
-    seen.doubtful = seen.unlikely = true;
-    seen.place.reset();
-    seen.velocity.reset();
+    doubt(frames[k]);
+    frames[k].observations[0].unlikely = true;
   }
   const auto estimates = track_objects(frames);
   ASSERT_EQ(estimates.size(), 22u);
@@ -340,15 +346,11 @@ TEST(ObjectTracks, WhatIsUnlikelyAtARestartIsNoGap) {
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   const Thing thing;
   std::vector<ObjectFrame> frames = film({thing}, 30);
-  const auto doubt = [&](std::size_t begin, std::size_t end) {
-    for (std::size_t k = begin; k < end; ++k) {
-      frames[k].observations[0].doubtful = true;
-      frames[k].observations[0].place.reset();
-      frames[k].observations[0].velocity.reset();
-    }
+  const auto doubt_from = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) doubt(frames[k]);
   };
-  doubt(0, 9);
-  doubt(22, 30);
+  doubt_from(0, 9);
+  doubt_from(22, 30);
   const auto estimates = track_objects(frames);
   // Frames 9 to 21, and 0.5 s before and after.
   ASSERT_EQ(estimates.size(), 23u);
@@ -357,7 +359,7 @@ TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   for (const ObjectEstimate& e : estimates) {
     EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
   }
-  doubt(11, 22);  // two are left
+  doubt_from(11, 22);  // two are left
   EXPECT_TRUE(track_objects(frames).empty());
 }
 
