@@ -192,6 +192,8 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
   camera.segments.reserve(segment_count);
   camera.priors.reserve(segment_count + 1);
   camera.priors.emplace_back();
+  camera.is_thing.reserve(segment_count + 1);
+  camera.is_thing.push_back(0);
   for (std::size_t k = 0; k < segment_count; ++k) {
     const PriorSegment s = load_segment(bytes_.data() + segments_at + k * pf::kSegmentSize);
     check_segment(s, index, name, expected.label_count);
@@ -201,6 +203,7 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
         kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0);
     prior.unjudged = (s.flags & pf::kNotJudged) != 0 ? 1 : 0;
     camera.priors.push_back(prior);
+    camera.is_thing.push_back((s.flags & pf::kThing) != 0 ? 1 : 0);
   }
   check_runs(camera, name);
   cameras_.push_back(std::move(camera));
@@ -299,10 +302,46 @@ void group_by_row(std::span<const Keypoint> keypoints, int width, int height,
 
 void PriorFile::lookup(CameraSide side, std::span<const Keypoint> keypoints,
                        std::span<kys::Prior> out) const {
+  std::vector<std::uint32_t> segments(keypoints.size());
+  find_segments(side, keypoints, segments, out);
+}
+
+void PriorFile::look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
+                            std::span<kys::Prior> out) const {
+  if (out.size() != keypoints.size() || distance < 1) {
+    throw std::invalid_argument("PriorFile::look_beside: one output per keypoint, distance >= 1");
+  }
+  std::fill(out.begin(), out.end(), kys::Prior{});
+  const auto camera_index = static_cast<std::size_t>(side);
+  if (camera_index >= cameras_.size()) return;
+  const std::vector<std::uint8_t>& is_thing = cameras_[camera_index].is_thing;
+  if (std::count(is_thing.begin(), is_thing.end(), 1) == 0) return;
+
+  const auto d = static_cast<float>(distance);
+  std::vector<Keypoint> beside;  // four for each keypoint
+  beside.reserve(4 * keypoints.size());
+  for (const Keypoint& k : keypoints) {
+    beside.push_back({.x = k.x - d, .y = k.y});
+    beside.push_back({.x = k.x + d, .y = k.y});
+    beside.push_back({.x = k.x, .y = k.y - d});
+    beside.push_back({.x = k.x, .y = k.y + d});
+  }
+  std::vector<std::uint32_t> segments(beside.size());
+  std::vector<kys::Prior> priors(beside.size());
+  find_segments(side, beside, segments, priors);
+  for (std::size_t n = beside.size(); n-- > 0;) {  // backwards: the first of the four remains
+    if (is_thing[segments[n]] != 0) out[n / 4] = priors[n];
+  }
+}
+
+/// Index of the segment (0: none) and prior of every keypoint.
+void PriorFile::find_segments(CameraSide side, std::span<const Keypoint> keypoints,
+                              std::span<std::uint32_t> segments, std::span<kys::Prior> out) const {
   if (out.size() != keypoints.size()) {
     throw std::invalid_argument("PriorFile::lookup: one output per keypoint");
   }
   std::fill(out.begin(), out.end(), kys::Prior{});
+  std::fill(segments.begin(), segments.end(), 0);
   const auto camera_index = static_cast<std::size_t>(side);
   if (camera_index >= cameras_.size()) return;
   const CameraView& camera = cameras_[camera_index];
@@ -323,9 +362,11 @@ void PriorFile::lookup(CameraSide side, std::span<const Keypoint> keypoints,
     std::uint32_t dynamic = 0;
     for (std::uint32_t x = 0; x < width && (q < q_end || !moving.empty());) {
       const std::uint32_t length = pf::load_checked_varint(p);
-      const kys::Prior& prior = camera.priors[pf::load_checked_varint(p)];
+      const std::uint32_t segment = pf::load_checked_varint(p);
+      const kys::Prior& prior = camera.priors[segment];
       for (; q < q_end && queries[q].x < x + length; ++q) {
         out[queries[q].index] = prior;
+        segments[queries[q].index] = segment;
         if (prior.dynamic != 0) moving.emplace_back(dynamic + queries[q].x - x, queries[q].index);
       }
       if (prior.dynamic != 0) dynamic += length;

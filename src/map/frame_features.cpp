@@ -62,7 +62,7 @@ void FrameFeatures::fill_cells() {
   cell_start_.assign(kRows * kColumns + 1, 0);
   for (std::size_t i = 0; i < n; ++i) {
     const Keypoint& k = keypoints_[i];
-    const int c = std::clamp(static_cast<int>(k.x * cell_width_inv_), 0, kColumns - 1);
+    const int c = column_of(k);
     const int r = std::clamp(static_cast<int>(k.y * cell_height_inv_), 0, kRows - 1);
     cell[i] = static_cast<std::uint16_t>(r * kColumns + c);
     ++cell_start_[cell[i] + 1u];
@@ -74,6 +74,11 @@ void FrameFeatures::fill_cells() {
   std::vector<std::uint16_t> next(cell_start_.begin(), cell_start_.end() - 1);
   for (std::size_t i = 0; i < n; ++i)
     cell_feature_[next[cell[i]]++] = static_cast<std::uint16_t>(i);
+  if (starts_per_row_ == kColumns) return;
+  std::vector<std::uint16_t> row_start;
+  row_start.reserve(kRows + 1);
+  for (std::size_t r = 0; r <= kRows; ++r) row_start.push_back(cell_start_[r * kColumns]);
+  cell_start_ = std::move(row_start);
 }
 
 FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left,
@@ -112,6 +117,7 @@ FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) cons
 FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
   if (keep.size() != size()) throw std::logic_error("a choice of features of another frame");
   FrameFeatures chosen;
+  chosen.starts_per_row_ = 1;
   chosen.bf_ = bf_;
   chosen.disparity_offset_ = disparity_offset_;
   chosen.image_noise_ = image_noise_;

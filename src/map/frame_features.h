@@ -139,6 +139,9 @@ class FrameFeatures {
   static inline const kys::Prior kNoPrior{};
 
   void fill_cells();
+  [[nodiscard]] int column_of(const Keypoint& k) const {
+    return std::clamp(static_cast<int>(k.x * cell_width_inv_), 0, kColumns - 1);
+  }
 
   std::vector<Keypoint> keypoints_;
   // Lists shared by the variants of one frame; pointers to their first elements.
@@ -151,8 +154,11 @@ class FrameFeatures {
   float disparity_offset_ = 0;  // px, contained in u_right_
   float cell_width_inv_ = 0;    // 1/px
   float cell_height_inv_ = 0;
-  std::vector<std::uint16_t> cell_start_;    // kRows*kColumns + 1 entries, row-major
-  std::vector<std::uint16_t> cell_feature_;  // feature indices grouped by cell
+  // Feature indices grouped by cell, row by row, and where each cell starts. A subset has few
+  // features and is kept for long: it has starts of rows only.
+  std::vector<std::uint16_t> cell_feature_;
+  std::vector<std::uint16_t> cell_start_;  // kRows*starts_per_row_ + 1 entries
+  int starts_per_row_ = kColumns;
 };
 
 template <typename F>
@@ -173,11 +179,15 @@ void FrameFeatures::for_each_near(float u, float v, float radius, int min_octave
   for (int r = r0; r <= r1; ++r) {
     // Cells of one row are neighbours in the list, so a row of cells is one run.
     if (c0 > c1) break;
-    const std::size_t first = cell_start_[static_cast<std::size_t>(r * kColumns + c0)];
-    const std::size_t last = cell_start_[static_cast<std::size_t>(r * kColumns + c1 + 1)];
+    const bool whole_row = starts_per_row_ == 1;
+    const int begin = r * starts_per_row_;
+    const std::size_t first = cell_start_[static_cast<std::size_t>(whole_row ? begin : begin + c0)];
+    const std::size_t last =
+        cell_start_[static_cast<std::size_t>(whole_row ? begin + 1 : begin + c1 + 1)];
     for (std::size_t k = first; k < last; ++k) {
       const std::size_t i = cell_feature_[k];
       const Keypoint& keypoint = keypoints_[i];
+      if (whole_row && (column_of(keypoint) < c0 || column_of(keypoint) > c1)) continue;
       if (keypoint.octave < min_octave || keypoint.octave > max_octave) continue;
       if (std::abs(keypoint.x - u) > radius || std::abs(keypoint.y - v) > radius) continue;
       f(i);

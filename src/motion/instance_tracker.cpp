@@ -51,6 +51,8 @@ void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
   describe(list, o.belief);
   list.add("belief.memory", o.memory, {0, 1e6}, "s",
            "without a prior file after which no priors are inherited");
+  list.add("belief.border", o.border, {0, 100}, "px",
+           "keypoints beside a moving thing are used as if they were on it; 0: none");
   list.require(o.max_matches >= o.motion.min_matches,
                "motion.max_matches must be at least motion.min_matches");
 }
@@ -152,6 +154,7 @@ std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
 
 std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
                                                        const FrameFeatures& features,
+                                                       std::span<const kys::Prior> beside,
                                                        const Rigid3& T_c_w_expected,
                                                        const Rigid3& T_last_w) {
   std::vector<kys::Prior> priors(features.priors().begin(), features.priors().end());
@@ -161,7 +164,16 @@ std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
     inherit(timestamp, features, T_c_w_expected * T_last_w.inverse(), T_last_w, priors);
   }
   start_beliefs(timestamp, priors);
+  start_beliefs(timestamp, beside);
   for (kys::Prior& prior : priors) prior = with_belief(prior);
+  on_border_.assign(features.size(), 0);
+  for (std::size_t i = 0; i < beside.size(); ++i) {
+    if (priors[i].dynamic != 0 || !follows(beside[i])) continue;
+    const kys::Prior thing = with_belief(beside[i]);
+    if (thing.dynamic == 0) continue;
+    priors[i] = thing;
+    on_border_[i] = 1;
+  }
   return priors;
 }
 
@@ -247,7 +259,7 @@ const std::vector<InstanceState>& InstanceTracker::judge(
     const kys::Prior& prior = now.features->prior(i);
     if (!follows(prior)) continue;
     std::vector<std::size_t>& members = now.keypoints[prior.instance];
-    if (now.features->has_stereo(i)) members.push_back(i);
+    if (now.features->has_stereo(i) && on_border_[i] == 0) members.push_back(i);
   }
   for (const kys::Prior& segment : segments) {
     if (find(segment) != nullptr) now.keypoints.try_emplace(segment.instance);

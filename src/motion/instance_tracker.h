@@ -41,6 +41,7 @@ struct InstanceTrackerOptions {
   /// prior of the nearest predicted keypoint
   double inherit_radius = 0.015;
   double memory = 1.5;  ///< s without a prior file after which no priors are inherited
+  int border = 2;  ///< px, keypoints beside a moving thing are used as if they were on it; 0: none
 };
 /// For check_options().
 void describe(kys::OptionList& list, InstanceTrackerOptions& options);
@@ -73,11 +74,15 @@ class InstanceTracker {
   InstanceTracker& operator=(InstanceTracker&&) = default;
 
   /// Priors of the keypoints of a frame: those of its file, or without a file those of the nearest
-  /// keypoints predicted from the last frame. Belief replaces motion.
+  /// keypoints predicted from the last frame. Belief replaces motion. A keypoint beside a thing
+  /// that moves, on what does not, gets the prior of the thing: it may be a corner where the
+  /// outline of the thing crosses an edge behind it, and such a corner moves with neither. It gives
+  /// no evidence. \param beside of things, per keypoint, or empty: PriorProvider::look_beside()
   /// \param T_c_w_expected predicted pose of the frame
   /// \param T_last_w present pose, in the map, of the last frame given to `judge`
   [[nodiscard]] std::vector<kys::Prior> assign_priors(double timestamp,
                                                       const FrameFeatures& features,
+                                                      std::span<const kys::Prior> beside,
                                                       const Rigid3& T_c_w_expected,
                                                       const Rigid3& T_last_w);
 
@@ -157,6 +162,7 @@ class InstanceTracker {
   std::unordered_map<std::int32_t, Thing*> by_instance_;  // index of things_
   std::deque<Frame> frames_;                              // latest first
   double last_file_ = -1e300;                             // s
+  std::vector<std::uint8_t> on_border_;                   // per keypoint: beside a moving thing
   std::vector<InstanceState> states_;
 };
 

@@ -120,6 +120,35 @@ TEST(FrameFeatures, FindsNeighboursAsBruteForceDoes) {
   }
 }
 
+TEST(FrameFeatures, ASubsetIsVisitedInTheOrderOfTheWhole) {
+  const StereoCamera camera = testing::kitti_camera();
+  const auto features = testing::random_features(camera, 1500, 4);
+  std::vector<std::uint8_t> keep(features->size());
+  std::vector<std::size_t> whole_index;  // by index in the subset
+  for (std::size_t i = 0; i < keep.size(); ++i) {
+    keep[i] = i % 3 == 0 ? 1 : 0;
+    if (keep[i] != 0) whole_index.push_back(i);
+  }
+  const FrameFeatures subset = features->subset(keep);
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> unit(-0.2f, 1.2f);
+  std::size_t visits = 0;
+  for (int query = 0; query < 400; ++query) {
+    const float u = unit(random) * static_cast<float>(camera.width);
+    const float v = unit(random) * static_cast<float>(camera.height);
+    const float radius = 100 * (unit(random) + 0.2f);
+    std::vector<std::size_t> expected, found;
+    features->for_each_near(u, v, radius, 0, 7, [&](std::size_t i) {
+      if (keep[i] != 0) expected.push_back(i);
+    });
+    subset.for_each_near(u, v, radius, 0, 7,
+                         [&](std::size_t i) { found.push_back(whole_index[i]); });
+    ASSERT_EQ(found, expected) << "around " << u << ", " << v << " radius " << radius;
+    visits += found.size();
+  }
+  EXPECT_GT(visits, 1000u);
+}
+
 TEST(FrameFeatures, SearchFarOutsideTheImageFindsNothing) {
   const auto features = testing::random_features(testing::kitti_camera(), 200, 3);
   for (const float far : {-1e30f, 1e30f, -5000.0f, 1e9f}) {

@@ -56,6 +56,11 @@ class PriorFile {
   void lookup(CameraSide side, std::span<const Keypoint> keypoints,
               std::span<kys::Prior> out) const;
 
+  /// Priors of things beside keypoints: of the thing `distance` px, 1 or more, to the left, right,
+  /// above or below, in this order. Default Prior where there is none.
+  void look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
+                   std::span<kys::Prior> out) const;
+
   [[nodiscard]] int width() const { return width_; }    ///< px
   [[nodiscard]] int height() const { return height_; }  ///< px
   [[nodiscard]] std::size_t camera_count() const { return cameras_.size(); }
@@ -81,8 +86,9 @@ class PriorFile {
  private:
   struct CameraView {
     std::vector<PriorSegment> segments;
-    std::vector<kys::Prior> priors;  ///< of the segments, without motion; [0] is void
-    std::size_t row_index_at = 0;    ///< offset of height + 1 row offsets in bytes_
+    std::vector<kys::Prior> priors;      ///< of the segments, without motion; [0] is void
+    std::vector<std::uint8_t> is_thing;  ///< of the segments; [0] is void
+    std::size_t row_index_at = 0;        ///< offset of height + 1 row offsets in bytes_
     std::size_t runs_at = 0;
     std::size_t runs_size = 0;
   };
@@ -90,6 +96,8 @@ class PriorFile {
   PriorFile() = default;
   void parse_header(const std::string& name, const ExpectedPriors& expected);
   void parse_camera(std::size_t index, const std::string& name, const ExpectedPriors& expected);
+  void find_segments(CameraSide side, std::span<const Keypoint> keypoints,
+                     std::span<std::uint32_t> segments, std::span<kys::Prior> out) const;
   void check_runs(const CameraView& camera, const std::string& name) const;
   [[nodiscard]] std::pair<const std::uint8_t*, const std::uint8_t*> row_bytes(
       const CameraView& camera, int y) const;
