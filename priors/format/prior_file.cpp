@@ -302,46 +302,10 @@ void group_by_row(std::span<const Keypoint> keypoints, int width, int height,
 
 void PriorFile::lookup(CameraSide side, std::span<const Keypoint> keypoints,
                        std::span<kys::Prior> out) const {
-  std::vector<std::uint32_t> segments(keypoints.size());
-  find_segments(side, keypoints, segments, out);
-}
-
-void PriorFile::look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
-                            std::span<kys::Prior> out) const {
-  if (out.size() != keypoints.size() || distance < 1) {
-    throw std::invalid_argument("PriorFile::look_beside: one output per keypoint, distance >= 1");
-  }
-  std::fill(out.begin(), out.end(), kys::Prior{});
-  const auto camera_index = static_cast<std::size_t>(side);
-  if (camera_index >= cameras_.size()) return;
-  const std::vector<std::uint8_t>& is_thing = cameras_[camera_index].is_thing;
-  if (std::count(is_thing.begin(), is_thing.end(), 1) == 0) return;
-
-  const auto d = static_cast<float>(distance);
-  std::vector<Keypoint> beside;  // four for each keypoint
-  beside.reserve(4 * keypoints.size());
-  for (const Keypoint& k : keypoints) {
-    beside.push_back({.x = k.x - d, .y = k.y});
-    beside.push_back({.x = k.x + d, .y = k.y});
-    beside.push_back({.x = k.x, .y = k.y - d});
-    beside.push_back({.x = k.x, .y = k.y + d});
-  }
-  std::vector<std::uint32_t> segments(beside.size());
-  std::vector<kys::Prior> priors(beside.size());
-  find_segments(side, beside, segments, priors);
-  for (std::size_t n = beside.size(); n-- > 0;) {  // backwards: the first of the four remains
-    if (is_thing[segments[n]] != 0) out[n / 4] = priors[n];
-  }
-}
-
-/// Index of the segment (0: none) and prior of every keypoint.
-void PriorFile::find_segments(CameraSide side, std::span<const Keypoint> keypoints,
-                              std::span<std::uint32_t> segments, std::span<kys::Prior> out) const {
   if (out.size() != keypoints.size()) {
     throw std::invalid_argument("PriorFile::lookup: one output per keypoint");
   }
   std::fill(out.begin(), out.end(), kys::Prior{});
-  std::fill(segments.begin(), segments.end(), 0);
   const auto camera_index = static_cast<std::size_t>(side);
   if (camera_index >= cameras_.size()) return;
   const CameraView& camera = cameras_[camera_index];
@@ -362,11 +326,9 @@ void PriorFile::find_segments(CameraSide side, std::span<const Keypoint> keypoin
     std::uint32_t dynamic = 0;
     for (std::uint32_t x = 0; x < width && (q < q_end || !moving.empty());) {
       const std::uint32_t length = pf::load_checked_varint(p);
-      const std::uint32_t segment = pf::load_checked_varint(p);
-      const kys::Prior& prior = camera.priors[segment];
+      const kys::Prior& prior = camera.priors[pf::load_checked_varint(p)];
       for (; q < q_end && queries[q].x < x + length; ++q) {
         out[queries[q].index] = prior;
-        segments[queries[q].index] = segment;
         if (prior.dynamic != 0) moving.emplace_back(dynamic + queries[q].x - x, queries[q].index);
       }
       if (prior.dynamic != 0) dynamic += length;
@@ -382,6 +344,54 @@ void PriorFile::find_segments(CameraSide side, std::span<const Keypoint> keypoin
       out[index].motion = motion[code];
       out[index].log_motion = log_motion[code];
     }
+  }
+}
+
+void PriorFile::look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
+                            std::span<kys::Prior> out) const {
+  if (out.size() != keypoints.size() || distance < 1) {
+    throw std::invalid_argument("PriorFile::look_beside: one output per keypoint, distance >= 1");
+  }
+  std::fill(out.begin(), out.end(), kys::Prior{});
+  const auto camera_index = static_cast<std::size_t>(side);
+  if (camera_index >= cameras_.size()) return;
+  const CameraView& camera = cameras_[camera_index];
+
+  struct Run {
+    int begin, end;
+    std::uint32_t segment;
+  };
+  std::vector<Run> things;
+  std::vector<std::size_t> row_begin{0};
+  for (int y = 0; y < height_; ++y) {
+    const std::uint8_t* p = row_bytes(camera, y).first;
+    for (int x = 0; x < width_;) {
+      const auto end = x + static_cast<int>(pf::load_checked_varint(p));
+      const std::uint32_t segment = pf::load_checked_varint(p);
+      if (camera.is_thing[segment] != 0) things.push_back({x, end, segment});
+      x = end;
+    }
+    row_begin.push_back(things.size());
+  }
+  const auto thing_at = [&](int x, int y) -> std::uint32_t {
+    if (y < 0 || y >= height_) return 0;
+    const auto row = static_cast<std::size_t>(y);
+    for (std::size_t k = row_begin[row]; k < row_begin[row + 1] && things[k].begin <= x; ++k) {
+      if (x < things[k].end) return things[k].segment;
+    }
+    return 0;
+  };
+  const auto limit = static_cast<float>(2 * pf::kMaxSide);
+  for (std::size_t i = 0; i < keypoints.size(); ++i) {
+    const Keypoint& k = keypoints[i];
+    if (!(std::abs(k.x) < limit && std::abs(k.y) < limit)) continue;  // NaN is not
+    const auto x = static_cast<int>(std::floor(k.x + 0.5F));
+    const auto y = static_cast<int>(std::floor(k.y + 0.5F));
+    std::uint32_t thing = thing_at(x - distance, y);
+    if (thing == 0) thing = thing_at(x + distance, y);
+    if (thing == 0) thing = thing_at(x, y - distance);
+    if (thing == 0) thing = thing_at(x, y + distance);
+    out[i] = camera.priors[thing];
   }
 }
 

@@ -251,18 +251,23 @@ TEST(PriorFile, ThingsBesideKeypointsAreThoseOfTheImage) {
         keypoints.push_back({.x = static_cast<float>(x), .y = static_cast<float>(y)});
       }
     }
+    const std::size_t inside = keypoints.size();
+    keypoints.push_back({.x = std::numeric_limits<float>::quiet_NaN(), .y = 3});
+    keypoints.push_back({.x = 1e30F, .y = -std::numeric_limits<float>::infinity()});
     const auto side = static_cast<CameraSide>(c);
     std::vector<kys::Prior> exact(keypoints.size()), beside(keypoints.size());
     file.lookup(side, keypoints, exact);
     file.look_beside(side, keypoints, kDistance, beside);
+    for (std::size_t i = inside; i < keypoints.size(); ++i) EXPECT_EQ(beside[i], kys::Prior{});
     int found = 0, border = 0, moving = 0;
-    for (std::size_t i = 0; i < keypoints.size(); ++i) {
+    for (std::size_t i = 0; i < inside; ++i) {
       const int x = static_cast<int>(i) % 317, y = static_cast<int>(i) / 317;
       kys::Prior expected;
       for (const auto& [dx, dy] :
            {std::pair{-kDistance, 0}, {kDistance, 0}, {0, -kDistance}, {0, kDistance}}) {
         if (!thing_at(x + dx, y + dy)) continue;
         expected = exact[static_cast<std::size_t>((y + dy) * 317 + x + dx)];
+        expected.motion = expected.log_motion = 0;
         ++found;
         border += thing_at(x, y) ? 0 : 1;
         moving += expected.dynamic;
@@ -332,6 +337,7 @@ TEST(PriorFile, HostileContentWithAValidChecksumNeverReadsOutside) {
       const PriorFile file = PriorFile::parse(with_checksum(std::move(bad)), "x");
       file.lookup(CameraSide::kLeft, keypoints, priors);
       file.lookup(CameraSide::kRight, keypoints, priors);
+      file.look_beside(CameraSide::kLeft, keypoints, 2, priors);
     } catch (const InputError&) {
     }
   }

@@ -56,8 +56,8 @@ class PriorFile {
   void lookup(CameraSide side, std::span<const Keypoint> keypoints,
               std::span<kys::Prior> out) const;
 
-  /// Priors of things beside keypoints: of the thing `distance` px, 1 or more, to the left, right,
-  /// above or below, in this order. Default Prior where there is none.
+  /// Priors, without motion, of things beside keypoints: of the thing `distance` px, 1 or more, to
+  /// the left, right, above or below, in this order. Default Prior where there is none.
   void look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
                    std::span<kys::Prior> out) const;
 
@@ -96,8 +96,6 @@ class PriorFile {
   PriorFile() = default;
   void parse_header(const std::string& name, const ExpectedPriors& expected);
   void parse_camera(std::size_t index, const std::string& name, const ExpectedPriors& expected);
-  void find_segments(CameraSide side, std::span<const Keypoint> keypoints,
-                     std::span<std::uint32_t> segments, std::span<kys::Prior> out) const;
   void check_runs(const CameraView& camera, const std::string& name) const;
   [[nodiscard]] std::pair<const std::uint8_t*, const std::uint8_t*> row_bytes(
       const CameraView& camera, int y) const;
