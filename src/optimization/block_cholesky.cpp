@@ -20,6 +20,8 @@ constexpr int kPanel = 96;  // columns eliminated in one go
 constexpr double kMaxZeros = 0.15;
 constexpr std::int32_t kSmall = 8;  // blocks
 
+constexpr std::size_t kReleased = 4096;  // blocks released in one go, about 1 MB
+
 std::int32_t tiles_of(std::int32_t rows) {
   return (rows + kTile - 1) / kTile;
 }
@@ -177,22 +179,26 @@ void BlockCholesky::place_entries(const BlockPattern& pattern) {
 
 void BlockCholesky::make_room() {
   std::int64_t largest = 0;
+  std::int64_t factor = 0;
   std::size_t updates = 0;
   std::size_t most = 0;
-  for (const Front& front : fronts_) {
+  for (Front& front : fronts_) {
     const std::int32_t rows = kBlock * front.rows();
     largest = std::max(largest, front::tile_begin(tiles_of(rows), rows));
+    front.L = factor;
+    factor += front::tile_begin(tiles_of(rows), kBlock * front.cols);
     for (const std::int32_t c : front.children) updates -= fronts_[c].update_size();
     updates += front.update_size();
     most = std::max(most, updates);
   }
+  factor_ = PageArray<TileColumn>(static_cast<std::size_t>(factor));
   work_.resize(static_cast<std::size_t>(largest));
   updates_.resize(most);
 }
 
 /// The front in work_: blocks of the matrix and what its children pass on, which are the last ones
 /// on the stack.
-void BlockCholesky::assemble(const Front& front, const Blocks& blocks) {
+void BlockCholesky::assemble(const Front& front, const Block* blocks) {
   const std::int32_t rows = kBlock * front.rows();
   const std::int64_t size = front::tile_begin(tiles_of(rows), rows);
   std::memset(work_.data(), 0, static_cast<std::size_t>(size) * sizeof(TileColumn));
@@ -234,24 +240,58 @@ BlockCholesky::Result BlockCholesky::eliminate_columns(const Front& front,
 }
 
 /// The factor's part of the front in work_, and its update on the stack.
-void BlockCholesky::keep(Front& front) {
+void BlockCholesky::keep(const Front& front) {
   const std::int32_t cols = kBlock * front.cols;
   const std::int32_t rows = kBlock * front.rows();
   const std::int32_t tiles = tiles_of(rows);
-  front.L.resize(static_cast<std::size_t>(front::tile_begin(tiles, cols)));
   for (std::int32_t t = 0; t < tiles; ++t) {
     const TileColumn* from = work_.data() + front::tile_begin(t, rows);
-    std::copy_n(from, std::min(kTile * (t + 1), cols), front.L.data() + front::tile_begin(t, cols));
+    std::copy_n(from, std::min(kTile * (t + 1), cols),
+                factor_.data() + front.L + front::tile_begin(t, cols));
   }
   kernels_.take_update(work_.data(), rows, cols, updates_.data() + updates_end_);
   updates_end_ += front.update_size();
 }
 
+std::vector<std::int32_t> BlockCholesky::use_order() {
+  std::size_t count = 0;
+  for (const Front& front : fronts_) count += front.entries.size();
+  std::vector<std::int32_t> place(count);
+  std::int32_t next = 0;
+  for (Front& front : fronts_) {
+    for (Entry& e : front.entries) {
+      place[e.block] = next;
+      e.block = next++;
+    }
+  }
+  return place;
+}
+
 BlockCholesky::Result BlockCholesky::factorise(const Blocks& blocks,
                                                const std::atomic<bool>* stop) {
+  return factorise(blocks.data(), stop, [](std::size_t) {});
+}
+
+BlockCholesky::Result BlockCholesky::factorise(PageArray<Block>& blocks,
+                                               const std::atomic<bool>* stop) {
+  std::size_t released = 0;
+  const Result result = factorise(blocks.data(), stop, [&](std::size_t used) {
+    if (used - released < kReleased) return;
+    blocks.release(released, used);
+    released = used;
+  });
+  blocks.release(0, blocks.size());
+  return result;
+}
+
+template <typename Used>
+BlockCholesky::Result BlockCholesky::factorise(const Block* blocks, const std::atomic<bool>* stop,
+                                               const Used& used) {
   updates_end_ = 0;
-  for (Front& front : fronts_) {
+  std::size_t so_far = 0;
+  for (const Front& front : fronts_) {
     assemble(front, blocks);
+    used(so_far += front.entries.size());
     const Result result = eliminate_columns(front, stop);
     if (result != Result::kDone) return result;
     keep(front);
@@ -272,7 +312,8 @@ void BlockCholesky::solve(Eigen::VectorXd& x) const {
   };
   for (const Front& front : fronts_) {
     const double* below = own(front);
-    kernels_.solve_lower(front.L.data(), kBlock * front.rows(), kBlock * front.cols, part.data());
+    kernels_.solve_lower(factor_.data() + front.L, kBlock * front.rows(), kBlock * front.cols,
+                         part.data());
     std::copy_n(part.data(), kBlock * front.cols, y.data() + kBlock * front.first);
     for (const std::int32_t row : front.below) {
       for (int k = 0; k < kBlock; ++k) y[kBlock * row + k] += *below++;
@@ -283,7 +324,7 @@ void BlockCholesky::solve(Eigen::VectorXd& x) const {
     for (const std::int32_t row : front->below) {
       for (int k = 0; k < kBlock; ++k) *below++ = y[kBlock * row + k];
     }
-    kernels_.solve_upper(front->L.data(), kBlock * front->rows(), kBlock * front->cols,
+    kernels_.solve_upper(factor_.data() + front->L, kBlock * front->rows(), kBlock * front->cols,
                          part.data());
     std::copy_n(part.data(), kBlock * front->cols, y.data() + kBlock * front->first);
   }

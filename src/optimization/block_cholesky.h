@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "optimization/front_kernels.h"
+#include "util/page_array.h"
 
 namespace kys_slam {
 
@@ -36,6 +37,15 @@ class BlockCholesky {
   /// \param blocks in the order of the pattern
   /// \param stop checked every few million operations
   Result factorise(const Blocks& blocks, const std::atomic<bool>* stop = nullptr);
+  /// The same, and blocks are released as soon as they have been used: together they take little
+  /// more memory than the factor. Call use_order() first.
+  /// \param blocks in the order of use_order()
+  Result factorise(PageArray<Block>& blocks, const std::atomic<bool>* stop = nullptr);
+  /// The order in which factorise() uses the blocks, from now on expected in it: for every block of
+  /// the pattern its place.
+  [[nodiscard]] std::vector<std::int32_t> use_order();
+  /// Gives the memory of the factor back until the next factorise().
+  void release_factor() { factor_.release(0, factor_.size()); }
   /// x -> A^-1 x, after factorise() returned kDone.
   void solve(Eigen::VectorXd& x) const;
 
@@ -57,8 +67,8 @@ class BlockCholesky {
     std::vector<std::int32_t> below;
     std::vector<Entry> entries;
     std::vector<std::int32_t> children;
-    std::vector<std::int32_t> place;   // of the rows below in the parent's front
-    std::vector<front::TileColumn> L;  // lower trapezoid
+    std::vector<std::int32_t> place;  // of the rows below in the parent's front
+    std::int64_t L = 0;               // its part of factor_, a lower trapezoid, begins here
     [[nodiscard]] std::int32_t rows() const {
       return cols + static_cast<std::int32_t>(below.size());
     }
@@ -76,13 +86,17 @@ class BlockCholesky {
   void connect_fronts();
   void place_entries(const BlockPattern& pattern);
   void make_room();
-  void assemble(const Front& front, const Blocks& blocks);
+  /// \param used is called with the number of blocks used so far, counted in their order of use
+  template <typename Used>
+  Result factorise(const Block* blocks, const std::atomic<bool>* stop, const Used& used);
+  void assemble(const Front& front, const Block* blocks);
   Result eliminate_columns(const Front& front, const std::atomic<bool>* stop);
-  void keep(Front& front);
+  void keep(const Front& front);
 
   const front::Kernels& kernels_;
-  std::vector<std::int32_t> position_;   // of a row of the matrix in the order of elimination
-  std::vector<Front> fronts_;            // children before parents
+  std::vector<std::int32_t> position_;  // of a row of the matrix in the order of elimination
+  std::vector<Front> fronts_;           // children before parents
+  PageArray<front::TileColumn> factor_;
   std::vector<front::TileColumn> work_;  // the front worked on
   std::vector<double> updates_;          // of fronts whose parent is not assembled yet, a stack
   std::size_t updates_end_ = 0;

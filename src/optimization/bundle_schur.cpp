@@ -1,14 +1,18 @@
+#include <kys_slam/util/memory.h>
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
 #include "optimization/bundle_solver.h"
 #include "optimization/damping.h"
 #include "optimization/schur_kernels.h"
+#include "util/page_array.h"
 
 // Levenberg-Marquardt on the normal equations of bundle adjustment with the points eliminated
 // (Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 6.1). The reduced system is dense
@@ -27,15 +31,15 @@ constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
 
-/// One point: its observations [begin, end) in order, its groups of four, where those are kept,
-/// from `group` on.
+/// One point: its active observations, `count` from `begin` on in order, its groups of four, where
+/// those are kept, from `group` on.
 struct SchurPoint {
   std::int32_t point;
   std::int32_t begin;
-  std::int32_t end;
+  std::int32_t count;
   std::int32_t group;
 
-  [[nodiscard]] std::int32_t groups() const { return (end - begin + kLanes - 1) / kLanes; }
+  [[nodiscard]] std::int32_t groups() const { return (count + kLanes - 1) / kLanes; }
 };
 
 /// What back-substitution and the gain ratio need of an eliminated point. Windows keep it; whole
@@ -58,23 +62,36 @@ class SchurBundle {
               problem.ratio.v,
               options.disparity_weight * problem.ratio.disparity,
               options.chi2_mono,
-              options.chi2_stereo} {
+              options.chi2_stereo},
+        active_(round.active) {
     number_free_poses(round);
-    sort_observations(round);
+    find_observations();
     if (!round.sparse) pack_all();
-    const BlockPattern pattern = round.sparse ? shared_points() : all_blocks();
-    places_ = BlockPlaces(pattern);
-    if (round.sparse) sparse_.emplace(pattern);
-    reduced_.resize(pattern.column.size());
+    if (round.sparse) {
+      pattern_ = shared_points();
+      sparse_.emplace(pattern_);
+      use_order_ = sparse_->use_order();
+      sparse_blocks_ = PageArray<Matrix6d>(pattern_.column.size());
+      reduced_ = {sparse_blocks_.data(), sparse_blocks_.size()};
+      sparse_points_ = PageArray<Eigen::Vector3d>(points_.size());
+      other_points_ = {sparse_points_.data(), sparse_points_.size()};
+    } else {
+      const BlockPattern pattern = all_blocks();
+      places_ = BlockPlaces(pattern);
+      dense_blocks_.resize(pattern.column.size());
+      reduced_ = dense_blocks_;
+      dense_points_.resize(points_.size());
+      other_points_ = dense_points_;
+    }
     sums_.resize(free_pose_.size());
     lane_steps_.resize(free_pose_.size() + 1);
     pose_damping_.resize(free_pose_.size());
     pose_step_.resize(free_pose_.size());
     if (!round.sparse) eliminated_.resize(points_.size());
-    other_points_.resize(points_.size());
     const auto size = static_cast<Eigen::Index>(6 * free_pose_.size());
     if (!round.sparse) dense_.resize(size, size);
     flat_gradient_.resize(size);
+    if (round.sparse) return_freed_memory();  // that of the analysis of the pattern
   }
 
   BundleRoundSummary solve(int iterations) {
@@ -138,37 +155,98 @@ class SchurBundle {
     view_.free = free_index_.data();
   }
 
-  /// Groups the active observations by point (counting sort) and orders those of a point by free
-  /// pose, so that sums run in the same order however the caller listed them per pose.
-  void sort_observations(const BundleRound& round) {
+  /// Finds the active observations of every point, those of a point in order of free pose, so that
+  /// sums run in the same order however the caller listed them.
+  void find_observations() {
+    if (is_ordered()) {
+      list_ordered();
+    } else {
+      sort_observations();
+    }
+    std::int32_t most = 0;
+    for (const SchurPoint& point : points_) most = std::max(most, point.groups());
+    mixed_.resize(static_cast<std::size_t>(most));
+    Z_.resize(static_cast<std::size_t>(kLanes * most));
+    free_.resize(Z_.size());
+    packed_.resize(mixed_.size());
+  }
+
+  /// Whether the active observations are grouped by point and in order of free pose already: those
+  /// of whole maps are, and need no list of their order.
+  [[nodiscard]] bool is_ordered() const {
+    std::int32_t point = -1, free = -1;
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (active_[i] == 0) continue;
+      const BundleProblem::Observation& o = problem_.observations[i];
+      const std::int32_t f = free_index_[o.pose];
+      if (o.point < point || (o.point == point && f < free)) return false;
+      point = o.point;
+      free = f;
+    }
+    return true;
+  }
+
+  void list_ordered() {
+    std::size_t points = 0;
+    std::int32_t last = -1;
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (active_[i] == 0) continue;
+      points += problem_.observations[i].point != last ? 1 : 0;
+      last = problem_.observations[i].point;
+    }
+    points_.reserve(points);
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (active_[i] == 0) continue;
+      const std::int32_t point = problem_.observations[i].point;
+      if (points_.empty() || points_.back().point != point) {
+        const std::int32_t group =
+            points_.empty() ? 0 : points_.back().group + points_.back().groups();
+        points_.push_back({point, static_cast<std::int32_t>(i), 0, group});
+      }
+      ++points_.back().count;
+    }
+  }
+
+  /// Counting sort by point.
+  void sort_observations() {
     std::vector<std::int32_t> first(problem_.points.size() + 1, 0);
     const auto& all = problem_.observations;
     for (std::size_t i = 0; i < all.size(); ++i) {
-      if (round.active[i] != 0) ++first[all[i].point + 1];
+      if (active_[i] != 0) ++first[all[i].point + 1];
     }
     for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
     order_.resize(static_cast<std::size_t>(first.back()));
     std::vector<std::int32_t> next(first.begin(), first.end() - 1);
     for (std::size_t i = 0; i < all.size(); ++i) {
-      if (round.active[i] != 0) order_[next[all[i].point]++] = static_cast<std::int32_t>(i);
+      if (active_[i] != 0) order_[next[all[i].point]++] = static_cast<std::int32_t>(i);
     }
     const auto free_of = [&](std::int32_t i) { return free_index_[all[i].pose]; };
     const auto earlier = [&](std::int32_t a, std::int32_t b) { return free_of(a) < free_of(b); };
     std::int32_t groups = 0;
-    std::int32_t most = 0;
     for (std::size_t i = 0; i + 1 < first.size(); ++i) {
       if (first[i + 1] == first[i]) continue;
       const auto begin = order_.begin() + first[i];
       const auto end = order_.begin() + first[i + 1];
       if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
-      points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1], groups});
+      points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1] - first[i], groups});
       groups += points_.back().groups();
-      most = std::max(most, points_.back().groups());
     }
-    mixed_.resize(static_cast<std::size_t>(most));
-    Z_.resize(static_cast<std::size_t>(kLanes * most));
-    free_.resize(Z_.size());
-    packed_.resize(mixed_.size());
+  }
+
+  /// Calls f(observation) for those of a point, in order.
+  template <typename F>
+  void for_each_observation(const SchurPoint& point, F&& f) const {
+    if (!order_.empty()) {
+      for (std::int32_t k = 0; k < point.count; ++k) {
+        f(problem_.observations[order_[point.begin + k]]);
+      }
+      return;
+    }
+    for (std::int32_t i = point.begin, k = 0; k < point.count; ++i) {
+      if (active_[i] == 0) continue;
+      f(problem_.observations[i]);
+      ++k;
+    }
   }
 
   /// Windows keep the groups of all points.
@@ -182,9 +260,11 @@ class SchurBundle {
     ObservationLanes none;
     none.pose.fill(static_cast<std::int32_t>(problem_.T_c_w.size()));
     std::fill_n(to, point.groups(), none);
-    for (std::int32_t k = 0; k < point.end - point.begin; ++k) {
-      pack(problem_.observations[order_[point.begin + k]], k % kLanes, to[k / kLanes]);
-    }
+    std::int32_t k = 0;
+    for_each_observation(point, [&](const BundleProblem::Observation& o) {
+      pack(o, k % kLanes, to[k / kLanes]);
+      ++k;
+    });
   }
 
   /// The groups of a point, until those of another are asked for. Whole maps pack them every time:
@@ -206,12 +286,14 @@ class SchurBundle {
 
   /// Blocks of poses that see a point together.
   [[nodiscard]] BlockPattern shared_points() const {
-    std::vector<std::int32_t> free_of;  // per observation, by point
-    if (!points_.empty()) free_of.reserve(static_cast<std::size_t>(points_.back().end));
+    std::vector<std::int32_t> free_of;      // per observation, by point
+    std::vector<std::int32_t> first_of{0};  // per point: the first of its observations
+    free_of.reserve(active_.size());
+    first_of.reserve(points_.size() + 1);
     for (const SchurPoint& p : points_) {
-      for (std::int32_t i = 0; i < p.end - p.begin; ++i) {
-        free_of.push_back(free_index_[problem_.observations[order_[p.begin + i]].pose]);
-      }
+      for_each_observation(
+          p, [&](const BundleProblem::Observation& o) { free_of.push_back(free_index_[o.pose]); });
+      first_of.push_back(static_cast<std::int32_t>(free_of.size()));
     }
     // Observations by free pose, so that a row is finished before the next.
     std::vector<std::int32_t> begin(free_pose_.size() + 1, 0);
@@ -222,7 +304,7 @@ class SchurBundle {
     std::vector<std::int32_t> point_of(static_cast<std::size_t>(begin.back()));
     std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
     for (std::size_t k = 0; k < points_.size(); ++k) {
-      for (std::int32_t i = points_[k].begin; i < points_[k].end; ++i) {
+      for (std::int32_t i = first_of[k]; i < first_of[k + 1]; ++i) {
         const std::int32_t r = free_of[i];
         if (r >= 0) point_of[next[r]++] = static_cast<std::int32_t>(k);
       }
@@ -231,8 +313,8 @@ class SchurBundle {
     std::vector<std::int32_t> seen_by(free_pose_.size(), -1);
     for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
       for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
-        const SchurPoint& point = points_[point_of[k]];
-        for (std::int32_t i = point.begin; i < point.end; ++i) {
+        const std::int32_t point = point_of[k];
+        for (std::int32_t i = first_of[point]; i < first_of[point + 1]; ++i) {
           const std::int32_t c = free_of[i];
           if (c > r) break;
           if (c < 0 || seen_by[c] == r) continue;
@@ -330,6 +412,10 @@ class SchurBundle {
   /// decrease of the cost that the linear model predicts, or a negative number or NaN if there is
   /// no such step (nothing has moved then).
   double step(double damping) {
+    if (sparse_) {  // what one stage needs takes the memory of what the others needed
+      sparse_points_.release(0, sparse_points_.size());
+      places_ = BlockPlaces(pattern_, use_order_);
+    }
     for (Matrix6d& m : reduced_) m.setZero();
     sums_.assign(sums_.size(), {});
     for (std::size_t i = 0; i < points_.size(); ++i) {
@@ -358,8 +444,8 @@ class SchurBundle {
     const EliminatedPoint e = eliminated(normal, damping);
     if (!sparse_) eliminated_[index] = e;
     const Eigen::Vector3d y = lower_of(e.L_inverse) * e.b;
-    eliminate(free_.data(), point.end - point.begin, mixed_.data(), e.L_inverse.data(), y.data(),
-              Z_.data(), system);
+    eliminate(free_.data(), point.count, mixed_.data(), e.L_inverse.data(), y.data(), Z_.data(),
+              system);
   }
 
   static EliminatedPoint eliminated(const PointNormal& normal, double damping) {
@@ -433,10 +519,12 @@ class SchurBundle {
   }
 
   bool solve_sparse() {
-    const BlockCholesky::Result result = sparse_->factorise(reduced_, options_.stop);
+    places_ = {};
+    const BlockCholesky::Result result = sparse_->factorise(sparse_blocks_, options_.stop);
     stopped_ = result == BlockCholesky::Result::kStopped;
     if (result != BlockCholesky::Result::kDone) return false;
     sparse_->solve(flat_gradient_);
+    sparse_->release_factor();
     return true;
   }
 
@@ -504,7 +592,8 @@ class SchurBundle {
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
-  std::vector<std::int32_t> order_;               // of active observations, by point and free pose
+  std::span<const std::uint8_t> active_;          // per observation
+  std::vector<std::int32_t> order_;               // of active ones, unless they are in order
   std::vector<ObservationLanes> groups_;          // of all points of windows
   mutable std::vector<ObservationLanes> packed_;  // of one point of a whole map
   std::vector<std::int32_t> free_;                // of the point worked on
@@ -512,7 +601,11 @@ class SchurBundle {
   std::vector<PoseMatrix> matrices_;
 
   BlockPlaces places_;
-  AlignedVector<Matrix6d> reduced_;  // blocks of the lower triangle, row by row
+  BlockPattern pattern_;                 // of whole maps
+  std::vector<std::int32_t> use_order_;  // of its blocks
+  std::span<Matrix6d> reduced_;          // blocks of the lower triangle, where places_ says
+  AlignedVector<Matrix6d> dense_blocks_;
+  PageArray<Matrix6d> sparse_blocks_;
   std::vector<PoseSums> sums_;
   AlignedVector<Vector6d> pose_damping_;
   AlignedVector<Vector6d> pose_step_;
@@ -523,7 +616,9 @@ class SchurBundle {
   AlignedVector<Matrix63> Z_;                // of the point worked on
   std::vector<EliminatedPoint> eliminated_;  // of windows
   std::vector<Rigid3> old_poses_;
-  std::vector<Eigen::Vector3d> other_points_;  // after a step not taken yet, or before it
+  std::span<Eigen::Vector3d> other_points_;  // after a step not taken yet, or before it
+  std::vector<Eigen::Vector3d> dense_points_;
+  PageArray<Eigen::Vector3d> sparse_points_;
 };
 
 }  // namespace

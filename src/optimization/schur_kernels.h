@@ -36,7 +36,8 @@ struct PoseMatrix {
 class BlockPlaces {
  public:
   BlockPlaces() = default;
-  explicit BlockPlaces(const BlockPattern& pattern)
+  /// \param place of every block of the pattern; empty: in the pattern's order
+  explicit BlockPlaces(const BlockPattern& pattern, const std::vector<std::int32_t>& place = {})
       : first_(pattern.rows()), begin_(pattern.rows()) {
     for (std::int32_t r = 0; r < pattern.rows(); ++r) {
       // From the row's first block to the diagonal, gaps included.
@@ -45,7 +46,8 @@ class BlockPlaces {
       begin_[r] = place_.size();
       place_.resize(place_.size() + static_cast<std::size_t>(r - first_[r]) + 1, -1);
       for (std::int32_t k = pattern.row_begin[r]; k < pattern.row_begin[r + 1]; ++k) {
-        place_[begin_[r] + static_cast<std::size_t>(column[k] - first_[r])] = k;
+        place_[begin_[r] + static_cast<std::size_t>(column[k] - first_[r])] =
+            place.empty() ? k : place[k];
       }
     }
   }

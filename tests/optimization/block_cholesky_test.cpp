@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <set>
 
@@ -108,6 +109,38 @@ TEST(BlockCholesky, ReportsWhatIsNotPositiveAndGoesOnAfterwards) {
   Eigen::VectorXd x = Eigen::VectorXd::Ones(120);
   cholesky.solve(x);
   EXPECT_LT((system.dense * x - Eigen::VectorXd::Ones(120)).norm(), 1e-11);
+}
+
+TEST(BlockCholesky, BlocksThatAreReleasedOnceUsedGiveTheSameFactor) {
+  std::set<std::pair<int, int>> pairs;
+  Random random(8);
+  for (int r = 1; r < 900; ++r) {  // more blocks than are released in one go
+    for (int c = std::max(0, r - 8); c < r; ++c) pairs.insert({r, c});
+    if (r > 20) pairs.insert({r, static_cast<int>(random.below(static_cast<std::uint64_t>(r)))});
+  }
+  const System system = make_system(900, pairs, 6);
+  ASSERT_GT(system.blocks.size(), 8000u);
+  Eigen::VectorXd expected = Eigen::VectorXd::Ones(5400);
+  BlockCholesky kept(system.pattern);
+  ASSERT_EQ(kept.factorise(system.blocks), BlockCholesky::Result::kDone);
+  kept.solve(expected);
+
+  BlockCholesky released(system.pattern);
+  const std::vector<std::int32_t> place = released.use_order();
+  std::vector<std::int32_t> sorted = place;
+  std::ranges::sort(sorted);
+  for (std::size_t k = 0; k < sorted.size(); ++k) {
+    ASSERT_EQ(sorted[k], static_cast<std::int32_t>(k)) << "every place once";
+  }
+  PageArray<BlockCholesky::Block> blocks(system.blocks.size());
+  for (int again = 0; again < 3; ++again) {
+    for (std::size_t k = 0; k < place.size(); ++k) blocks.data()[place[k]] = system.blocks[k];
+    ASSERT_EQ(released.factorise(blocks), BlockCholesky::Result::kDone);
+    Eigen::VectorXd x = Eigen::VectorXd::Ones(5400);
+    released.solve(x);
+    EXPECT_EQ(x, expected);
+    released.release_factor();
+  }
 }
 
 TEST(BlockCholesky, SameNumbersSameFactor) {
