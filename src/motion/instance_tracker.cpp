@@ -22,6 +22,8 @@ void describe(kys::OptionList& list, BeliefUpdateOptions& o) {
            "limit of the evidence of one frame");
   list.add("belief.max_log_odds", o.max_log_odds, {0.1, 20}, "nats",
            "limit of the absolute log-odds");
+  list.add("belief.max_flagged", o.max_flagged, {-20, 20}, "nats",
+           "limit of the log-odds of being static of what the prior file flags as moving");
 }
 
 void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
@@ -107,9 +109,11 @@ const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) con
   return at != by_instance_.end() ? at->second : nullptr;
 }
 
-void InstanceTracker::set_log_odds(Thing& thing, double log_odds) {
-  thing.log_odds = log_odds;
-  thing.p_static = probability(log_odds);
+/// A file that flags the thing leaves room for doubt: what starts to move is believed to stand by
+/// all that was seen of it before.
+void InstanceTracker::set_log_odds(Thing& thing, double log_odds) const {
+  thing.log_odds = thing.flagged ? std::min(log_odds, options_.belief.max_flagged) : log_odds;
+  thing.p_static = probability(thing.log_odds);
   thing.belief = kys::with_belief({}, thing.p_static);
 }
 
@@ -229,7 +233,10 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     if (!is_new && thing.timestamp == timestamp) continue;
     const double before = is_new ? 0.0 : thing.file_log_odds;
     // A file that says nothing of the thing takes nothing back.
-    if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
+    if (is_new || (from_file && prior.unjudged == 0)) {
+      thing.file_log_odds = start_.log_odds(prior);
+      thing.flagged = prior.dynamic != 0;
+    }
     if (is_new) {
       set_log_odds(thing, thing.file_log_odds);
       thing.first_seen = thing.moving_since = timestamp;

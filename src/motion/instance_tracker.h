@@ -123,6 +123,7 @@ class InstanceTracker {
     double p_static = 0.5;                    // the same as probability
     kys::Prior belief;                        // its motion, from kys::with_belief()
     double file_log_odds = 0;                 // log-odds given by the last file
+    bool flagged = false;                     // as moving, by the last file
     double timestamp = 0;                     // of log_odds
     double first_seen = 0;                    // s
     double moving_since = 0;                  // s, when p_static fell below kSurelyMoving
@@ -150,7 +151,7 @@ class InstanceTracker {
                                           const Frame& now, const Rigid3& T_c_w,
                                           std::span<const Rigid3> past) const;
   [[nodiscard]] const Thing* find(const kys::Prior& prior) const;
-  static void set_log_odds(Thing& thing, double log_odds);
+  void set_log_odds(Thing& thing, double log_odds) const;
   void update_belief(const InstanceState& state, const Rigid3& T_c_w);
 
   StereoCamera camera_;

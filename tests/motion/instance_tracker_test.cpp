@@ -245,8 +245,30 @@ TEST(InstanceTracker, AFileDoesNotOutweighWhatWasSeen) {
   Street street;
   for (int i = 0; i < 6; ++i) street.frame();
   street.judge_by_file(kParked, true);
+  const std::vector<kys::Prior> priors = street.frame();
+  EXPECT_GT(street.tracker().p_static(kParked), 0.85);
+  const auto car = std::ranges::find(priors, kParked, &kys::Prior::instance);
+  ASSERT_NE(car, priors.end());
+  EXPECT_EQ(street.tracker().weight(*car), 1.0f);
+}
+
+TEST(InstanceTracker, AFlagLeavesRoomForDoubtAsLongAsItIsThere) {
+  Street street;
+  for (int i = 0; i < 6; ++i) street.frame();
+  EXPECT_GT(street.tracker().log_odds(kParked), 5);
+  const BeliefUpdateOptions options;
+  street.judge_by_file(kParked, true);
+  for (int i = 0; i < 4; ++i) {
+    street.frame();
+    EXPECT_LE(street.tracker().log_odds(kParked), options.max_flagged);
+    EXPECT_GT(street.tracker().log_odds(kParked), 1) << "it is seen to stand";
+  }
+  street.judge_by_file(kParked, false, false);  // not judged: the flag stays
   street.frame();
-  EXPECT_GT(street.tracker().p_static(kParked), 0.9);
+  EXPECT_LE(street.tracker().log_odds(kParked), options.max_flagged);
+  street.judge_by_file(kParked, false);
+  for (int i = 0; i < 3; ++i) street.frame();
+  EXPECT_GT(street.tracker().log_odds(kParked), 5);
 }
 
 TEST(InstanceTracker, BeliefOutlivesMissingFiles) {
