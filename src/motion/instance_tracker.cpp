@@ -173,9 +173,8 @@ std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
   on_border_.assign(features.size(), 0);
   for (std::size_t i = 0; i < beside.size(); ++i) {
     if (priors[i].dynamic != 0 || !follows(beside[i])) continue;
-    const kys::Prior thing = with_belief(beside[i]);
-    if (thing.dynamic == 0) continue;
-    priors[i] = thing;
+    if (p_static(beside[i].instance) >= kSurelyMoving) continue;
+    priors[i] = with_belief(beside[i]);
     on_border_[i] = 1;
   }
   return priors;

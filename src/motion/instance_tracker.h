@@ -75,9 +75,9 @@ class InstanceTracker {
 
   /// Priors of the keypoints of a frame: those of its file, or without a file those of the nearest
   /// keypoints predicted from the last frame. Belief replaces motion. A keypoint beside a thing
-  /// that moves, on what does not, gets the prior of the thing: it may be a corner where the
-  /// outline of the thing crosses an edge behind it, and such a corner moves with neither. It gives
-  /// no evidence. \param beside of things, per keypoint, or empty: PriorProvider::look_beside()
+  /// that surely moves, on what does not, gets the prior of the thing: it may be a corner where the
+  /// outline of the thing crosses an edge behind it, which moves with neither. It is no evidence.
+  /// \param beside of things, per keypoint, or empty: PriorProvider::look_beside()
   /// \param T_c_w_expected predicted pose of the frame
   /// \param T_last_w present pose, in the map, of the last frame given to `judge`
   [[nodiscard]] std::vector<kys::Prior> assign_priors(double timestamp,
