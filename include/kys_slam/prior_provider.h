@@ -22,15 +22,6 @@ class PriorProvider {
                        std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                        std::vector<kys::Prior>& right_priors) = 0;
 
-  /// Priors, their motion may be left out, of things beside keypoints of the left image of the
-  /// frame looked up last: of the thing `distance` px to the left, right, above or below; no label
-  /// where there is none. Nothing from a provider that does not know where things end.
-  [[nodiscard]] virtual std::vector<kys::Prior> look_beside(std::span<const Keypoint> left,
-                                                            int distance) const {
-    (void)left, (void)distance;
-    return {};
-  }
-
   /// The segments of the left image of the frame looked up last, with or without keypoints; nothing
   /// if they are not known. Valid until the next look_up().
   [[nodiscard]] virtual std::span<const kys::Prior> segments() const { return {}; }

@@ -192,8 +192,6 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
   camera.segments.reserve(segment_count);
   camera.priors.reserve(segment_count + 1);
   camera.priors.emplace_back();
-  camera.is_thing.reserve(segment_count + 1);
-  camera.is_thing.push_back(0);
   for (std::size_t k = 0; k < segment_count; ++k) {
     const PriorSegment s = load_segment(bytes_.data() + segments_at + k * pf::kSegmentSize);
     check_segment(s, index, name, expected.label_count);
@@ -203,7 +201,6 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
         kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0);
     prior.unjudged = (s.flags & pf::kNotJudged) != 0 ? 1 : 0;
     camera.priors.push_back(prior);
-    camera.is_thing.push_back((s.flags & pf::kThing) != 0 ? 1 : 0);
   }
   check_runs(camera, name);
   cameras_.push_back(std::move(camera));
@@ -344,54 +341,6 @@ void PriorFile::lookup(CameraSide side, std::span<const Keypoint> keypoints,
       out[index].motion = motion[code];
       out[index].log_motion = log_motion[code];
     }
-  }
-}
-
-void PriorFile::look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
-                            std::span<kys::Prior> out) const {
-  if (out.size() != keypoints.size() || distance < 1) {
-    throw std::invalid_argument("PriorFile::look_beside: one output per keypoint, distance >= 1");
-  }
-  std::fill(out.begin(), out.end(), kys::Prior{});
-  const auto camera_index = static_cast<std::size_t>(side);
-  if (camera_index >= cameras_.size()) return;
-  const CameraView& camera = cameras_[camera_index];
-
-  struct Run {
-    int begin, end;
-    std::uint32_t segment;
-  };
-  std::vector<Run> things;
-  std::vector<std::size_t> row_begin{0};
-  for (int y = 0; y < height_; ++y) {
-    const std::uint8_t* p = row_bytes(camera, y).first;
-    for (int x = 0; x < width_;) {
-      const auto end = x + static_cast<int>(pf::load_checked_varint(p));
-      const std::uint32_t segment = pf::load_checked_varint(p);
-      if (camera.is_thing[segment] != 0) things.push_back({x, end, segment});
-      x = end;
-    }
-    row_begin.push_back(things.size());
-  }
-  const auto thing_at = [&](int x, int y) -> std::uint32_t {
-    if (y < 0 || y >= height_) return 0;
-    const auto row = static_cast<std::size_t>(y);
-    for (std::size_t k = row_begin[row]; k < row_begin[row + 1] && things[k].begin <= x; ++k) {
-      if (x < things[k].end) return things[k].segment;
-    }
-    return 0;
-  };
-  const auto limit = static_cast<float>(2 * pf::kMaxSide);
-  for (std::size_t i = 0; i < keypoints.size(); ++i) {
-    const Keypoint& k = keypoints[i];
-    if (!(std::abs(k.x) < limit && std::abs(k.y) < limit)) continue;  // NaN is not
-    const auto x = static_cast<int>(std::floor(k.x + 0.5F));
-    const auto y = static_cast<int>(std::floor(k.y + 0.5F));
-    std::uint32_t thing = thing_at(x - distance, y);
-    if (thing == 0) thing = thing_at(x + distance, y);
-    if (thing == 0) thing = thing_at(x, y - distance);
-    if (thing == 0) thing = thing_at(x, y + distance);
-    out[i] = camera.priors[thing];
   }
 }
 

@@ -70,14 +70,6 @@ bool PriorFolder::look_up(const StereoFrame& frame, std::span<const Keypoint> le
   return true;
 }
 
-std::vector<kys::Prior> PriorFolder::look_beside(std::span<const Keypoint> left,
-                                                 int distance) const {
-  if (!last_) return {};
-  std::vector<kys::Prior> priors(left.size());
-  last_->look_beside(CameraSide::kLeft, left, distance, priors);
-  return priors;
-}
-
 std::span<const kys::Prior> PriorFolder::segments() const {
   return last_ ? last_->segment_priors(CameraSide::kLeft) : std::span<const kys::Prior>();
 }

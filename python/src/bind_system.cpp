@@ -36,7 +36,6 @@ class Priors final : public PriorProvider {
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override {
     segments_ = {};
-    from_folder_ = false;
     if (given) {
       segments_ = given->segment_priors(CameraSide::kLeft);
       left_priors.resize(left.size());
@@ -53,16 +52,7 @@ class Priors final : public PriorProvider {
     }
     if (!folder || !folder->look_up(frame, left, right, left_priors, right_priors)) return false;
     segments_ = folder->segments();
-    from_folder_ = true;
     return true;
-  }
-  [[nodiscard]] std::vector<kys::Prior> look_beside(std::span<const Keypoint> left,
-                                                    int distance) const override {
-    if (from_folder_) return folder->look_beside(left, distance);
-    if (!given) return {};
-    std::vector<kys::Prior> priors(left.size());
-    given->look_beside(CameraSide::kLeft, left, distance, priors);
-    return priors;
   }
   [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
 
@@ -70,7 +60,6 @@ class Priors final : public PriorProvider {
   std::optional<PriorFile> given;
 
  private:
-  bool from_folder_ = false;  // those of the frame looked up last
   std::span<const kys::Prior> segments_;
 };
 

@@ -213,25 +213,3 @@ def test_masks_as_pictures_do_what_mode_mask_does(tmp_path):
     run(tmp_path / "pictures", street, "--masks", tmp_path / "masks", "--mode", "stock")
     assert ((tmp_path / "pictures" / "trajectory.tum").read_bytes() ==
             (tmp_path / "mode" / "trajectory.tum").read_bytes())
-
-
-def test_priors_from_memory_do_what_a_folder_of_them_does():
-    """Also beside moving things, which mode verified asks for."""
-    street = world("street-620x188-80-1")
-    folder = world("street-620x188-80-1-priors")
-    poses = {}
-    for border in (0, 2):
-        for given in (False, True):
-            sequence = kys_slam.open_sequence(street, frames=30)
-            slam = kys_slam.System(sequence.camera,
-                                   {"kys.mode": "verified", "belief.border": border},
-                                   priors=None if given else folder)
-            for frame in sequence:
-                segments = kys_slam.read_prior(folder / f"{frame.name}.kysp") if given else None
-                slam.feed(frame.left, frame.right, frame.timestamp, segments=segments,
-                          name=frame.name)
-            slam.finish()
-            poses[border, given] = slam.trajectory().poses
-    assert np.array_equal(poses[0, False], poses[0, True])
-    assert np.array_equal(poses[2, False], poses[2, True])
-    assert not np.array_equal(poses[0, True], poses[2, True])

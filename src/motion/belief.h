@@ -12,7 +12,6 @@ struct BeliefUpdateOptions {
   double change_rate = 0.2;  ///< 1/s, rate of changes between static and moving
   double max_evidence = 3;   ///< nats, limit of the evidence of one frame
   double max_log_odds = 7;   ///< nats, limit of the absolute log-odds
-  double max_flagged = 2;    ///< nats, limit of the log-odds of what the file flags as moving
 };
 /// For check_options().
 void describe(kys::OptionList& list, BeliefUpdateOptions& options);

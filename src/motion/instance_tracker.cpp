@@ -22,8 +22,6 @@ void describe(kys::OptionList& list, BeliefUpdateOptions& o) {
            "limit of the evidence of one frame");
   list.add("belief.max_log_odds", o.max_log_odds, {0.1, 20}, "nats",
            "limit of the absolute log-odds");
-  list.add("belief.max_flagged", o.max_flagged, {-20, 20}, "nats",
-           "limit of the log-odds of being static of what the prior file flags as moving");
 }
 
 void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
@@ -53,8 +51,6 @@ void describe(kys::OptionList& list, InstanceTrackerOptions& o) {
   describe(list, o.belief);
   list.add("belief.memory", o.memory, {0, 1e6}, "s",
            "without a prior file after which no priors are inherited");
-  list.add("belief.border", o.border, {0, 100}, "px",
-           "keypoints beside a moving thing are used as if they were on it; 0: none");
   list.require(o.max_matches >= o.motion.min_matches,
                "motion.max_matches must be at least motion.min_matches");
 }
@@ -109,11 +105,9 @@ const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) con
   return at != by_instance_.end() ? at->second : nullptr;
 }
 
-/// A file that flags the thing leaves room for doubt: what starts to move is believed to stand by
-/// all that was seen of it before.
-void InstanceTracker::set_log_odds(Thing& thing, double log_odds) const {
-  thing.log_odds = thing.flagged ? std::min(log_odds, options_.belief.max_flagged) : log_odds;
-  thing.p_static = probability(thing.log_odds);
+void InstanceTracker::set_log_odds(Thing& thing, double log_odds) {
+  thing.log_odds = log_odds;
+  thing.p_static = probability(log_odds);
   thing.belief = kys::with_belief({}, thing.p_static);
 }
 
@@ -158,7 +152,6 @@ std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
 
 std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
                                                        const FrameFeatures& features,
-                                                       std::span<const kys::Prior> beside,
                                                        const Rigid3& T_c_w_expected,
                                                        const Rigid3& T_last_w) {
   std::vector<kys::Prior> priors(features.priors().begin(), features.priors().end());
@@ -168,15 +161,7 @@ std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
     inherit(timestamp, features, T_c_w_expected * T_last_w.inverse(), T_last_w, priors);
   }
   start_beliefs(timestamp, priors);
-  start_beliefs(timestamp, beside);
   for (kys::Prior& prior : priors) prior = with_belief(prior);
-  on_border_.assign(features.size(), 0);
-  for (std::size_t i = 0; i < beside.size(); ++i) {
-    if (priors[i].dynamic != 0 || !follows(beside[i])) continue;
-    if (p_static(beside[i].instance) >= kSurelyMoving) continue;
-    priors[i] = with_belief(beside[i]);
-    on_border_[i] = 1;
-  }
   return priors;
 }
 
@@ -232,10 +217,7 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     if (!is_new && thing.timestamp == timestamp) continue;
     const double before = is_new ? 0.0 : thing.file_log_odds;
     // A file that says nothing of the thing takes nothing back.
-    if (is_new || (from_file && prior.unjudged == 0)) {
-      thing.file_log_odds = start_.log_odds(prior);
-      thing.flagged = prior.dynamic != 0;
-    }
+    if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
     if (is_new) {
       set_log_odds(thing, thing.file_log_odds);
       thing.first_seen = thing.moving_since = timestamp;
@@ -265,7 +247,7 @@ const std::vector<InstanceState>& InstanceTracker::judge(
     const kys::Prior& prior = now.features->prior(i);
     if (!follows(prior)) continue;
     std::vector<std::size_t>& members = now.keypoints[prior.instance];
-    if (now.features->has_stereo(i) && on_border_[i] == 0) members.push_back(i);
+    if (now.features->has_stereo(i)) members.push_back(i);
   }
   for (const kys::Prior& segment : segments) {
     if (find(segment) != nullptr) now.keypoints.try_emplace(segment.instance);

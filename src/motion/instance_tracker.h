@@ -41,7 +41,6 @@ struct InstanceTrackerOptions {
   /// prior of the nearest predicted keypoint
   double inherit_radius = 0.015;
   double memory = 1.5;  ///< s without a prior file after which no priors are inherited
-  int border = 2;  ///< px, keypoints beside a moving thing are used as if they were on it; 0: none
 };
 /// For check_options().
 void describe(kys::OptionList& list, InstanceTrackerOptions& options);
@@ -74,15 +73,11 @@ class InstanceTracker {
   InstanceTracker& operator=(InstanceTracker&&) = default;
 
   /// Priors of the keypoints of a frame: those of its file, or without a file those of the nearest
-  /// keypoints predicted from the last frame. Belief replaces motion. A keypoint beside a thing
-  /// that surely moves, on what does not, gets the prior of the thing: it may be a corner where the
-  /// outline of the thing crosses an edge behind it, which moves with neither. It is no evidence.
-  /// \param beside of things, per keypoint, or empty: PriorProvider::look_beside()
+  /// keypoints predicted from the last frame. Belief replaces motion.
   /// \param T_c_w_expected predicted pose of the frame
   /// \param T_last_w present pose, in the map, of the last frame given to `judge`
   [[nodiscard]] std::vector<kys::Prior> assign_priors(double timestamp,
                                                       const FrameFeatures& features,
-                                                      std::span<const kys::Prior> beside,
                                                       const Rigid3& T_c_w_expected,
                                                       const Rigid3& T_last_w);
 
@@ -123,7 +118,6 @@ class InstanceTracker {
     double p_static = 0.5;                    // the same as probability
     kys::Prior belief;                        // its motion, from kys::with_belief()
     double file_log_odds = 0;                 // log-odds given by the last file
-    bool flagged = false;                     // as moving, by the last file
     double timestamp = 0;                     // of log_odds
     double first_seen = 0;                    // s
     double moving_since = 0;                  // s, when p_static fell below kSurelyMoving
@@ -151,7 +145,7 @@ class InstanceTracker {
                                           const Frame& now, const Rigid3& T_c_w,
                                           std::span<const Rigid3> past) const;
   [[nodiscard]] const Thing* find(const kys::Prior& prior) const;
-  void set_log_odds(Thing& thing, double log_odds) const;
+  static void set_log_odds(Thing& thing, double log_odds);
   void update_belief(const InstanceState& state, const Rigid3& T_c_w);
 
   StereoCamera camera_;
@@ -163,7 +157,6 @@ class InstanceTracker {
   std::unordered_map<std::int32_t, Thing*> by_instance_;  // index of things_
   std::deque<Frame> frames_;                              // latest first
   double last_file_ = -1e300;                             // s
-  std::vector<std::uint8_t> on_border_;                   // per keypoint: beside a moving thing
   std::vector<InstanceState> states_;
 };
 

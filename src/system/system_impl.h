@@ -31,8 +31,7 @@ struct System::Impl {
         model(make_model(options)),
         priors(std::move(priors_in)),
         scales(options.orb.scale_factor, options.orb.levels),
-        front_end(camera, options.orb, options.stereo, model, priors.get(),
-                  options.tracking.instances.border),
+        front_end(camera, options.orb, options.stereo, model, priors.get()),
         tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay),
@@ -46,8 +45,7 @@ struct System::Impl {
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(std::vector<BackEndStep> steps);
   [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
-    return {count,         frame.timestamp, seen.features, seen.left,
-            seen.repeated, seen.segments,   seen.beside};
+    return {count, frame.timestamp, seen.features, seen.left, seen.repeated, seen.segments};
   }
   TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
   struct Place {

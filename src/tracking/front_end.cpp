@@ -54,13 +54,12 @@ bool is_masked(const GrayImage& mask, const Keypoint& keypoint) {
 }  // namespace
 
 FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-                   const kys::DistanceModel& model, PriorProvider* priors, int border)
+                   const kys::DistanceModel& model, PriorProvider* priors)
     : camera_(camera),
       scales_(orb.scale_factor, orb.levels),
       stereo_(stereo),
       model_(&model),
       prior_provider_(priors),
-      border_(model.uses_belief() ? border : 0),
       extractors_{OrbExtractor(orb), OrbExtractor(orb)} {
   check_options(stereo);
 }
@@ -97,16 +96,6 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   return true;
 }
 
-void FrontEnd::look_beside(FrontEndResult& result) const {
-  if (border_ == 0) return;
-  const std::vector<Keypoint>& keypoints = features_[0].keypoints;
-  result.beside = prior_provider_->look_beside(keypoints, border_);
-  if (!result.beside.empty() && result.beside.size() != keypoints.size()) {
-    throw InputError("priors beside keypoints: one for each keypoint, or none");
-  }
-  if (instances_raised_by_ > 0) raise(result.beside, instances_raised_by_, is_thing_);
-}
-
 FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks) {
   FrontEndResult result;
   Stopwatch watch;
@@ -130,7 +119,6 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
     result.masked += drop_features(features_[side], priors_[side],
                                    [&](std::size_t i) { return !is_masked(mask, keypoints[i]); });
   }
-  if (with_priors) look_beside(result);
   result.times.priors = watch.lap_ms();
 
   const auto view = [&](std::size_t side) {

@@ -34,7 +34,6 @@ struct FrontEndResult {
   kys::Statistics statistics;  ///< of stereo matching
   int stereo_matches = 0;
   std::vector<kys::Prior> segments;  ///< of the left image, with or without keypoints
-  std::vector<kys::Prior> beside;    ///< PriorProvider::look_beside() of the keypoints, or empty
   double prior_coverage = 0;         ///< share of keypoints with a valid label, 0..1
   std::string fault;                 ///< fault of one camera (CameraFaults); "": none
   bool repeated = false;             ///< the left image repeats that of the frame before
@@ -46,9 +45,8 @@ struct FrontEndResult {
 class FrontEnd {
  public:
   /// \param model must outlive the front end, as must `priors` (null: none)
-  /// \param border px, things this near to a keypoint are looked up when the model uses belief
   FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-           const kys::DistanceModel& model, PriorProvider* priors, int border = 0);
+           const kys::DistanceModel& model, PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
   /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
@@ -64,7 +62,6 @@ class FrontEnd {
  private:
   void extract(const StereoFrame& frame);
   bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
-  void look_beside(FrontEndResult& result) const;
 
   StereoCamera camera_;
   ScaleLevels scales_;
@@ -74,7 +71,6 @@ class FrontEnd {
   std::vector<std::uint8_t> is_thing_;  // by label
   const kys::DistanceModel* model_;
   PriorProvider* prior_provider_;
-  int border_;                              // px
   std::array<OrbExtractor, 2> extractors_;  // left, right
   std::array<FeatureSet, 2> features_;
   std::array<std::vector<kys::Prior>, 2> priors_;

@@ -44,7 +44,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
     const std::optional<ExpectedPose> motion = expected_pose(input.timestamp);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors =
-        instances_->assign_priors(input.timestamp, *features, input.beside, expected, T_last_w);
+        instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
   if (options_.align && input.left != nullptr) {

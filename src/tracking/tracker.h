@@ -36,7 +36,6 @@ struct TrackerInput {
   const ImagePyramid* left = nullptr;         ///< of the left image; null: features without images
   bool repeated = false;                      ///< the left image is that of the frame before
   std::span<const kys::Prior> segments = {};  ///< of the left image, with or without keypoints
-  std::span<const kys::Prior> beside = {};    ///< of things beside keypoints, or empty
 };
 
 enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };

@@ -486,7 +486,6 @@ void read_prior_file(Bytes input) {
   std::vector<kys::Prior> priors(keypoints.size());
   file.lookup(CameraSide::kLeft, keypoints, priors);
   file.lookup(CameraSide::kRight, keypoints, priors);
-  file.look_beside(CameraSide::kLeft, keypoints, 2, priors);
   if (static_cast<std::int64_t>(file.width()) * file.height() >= 100000) return;
   const FramePriors decoded = decode_priors(file);
   const PriorFile again = PriorFile::parse(encode_priors(decoded, "fuzz"), "again");

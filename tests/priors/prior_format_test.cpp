@@ -13,7 +13,6 @@
 #include <fstream>
 #include <limits>
 #include <random>
-#include <utility>
 
 namespace kys_slam {
 namespace {
@@ -233,54 +232,6 @@ TEST(PriorFormat, RunsThatAreGivenMustBeThoseOfTheMap) {
   EXPECT_TRUE(refused());
 }
 
-TEST(PriorFile, ThingsBesideKeypointsAreThoseOfTheImage) {
-  constexpr int kDistance = 2;
-  const FramePriors in = make_street(317, 101, 2);
-  const PriorFile file = PriorFile::parse(encode_priors(in, "x"), "x");
-  const FramePriors image = decode_priors(file);
-  for (std::size_t c = 0; c < 2; ++c) {
-    const CameraPriors& camera = image.cameras[c];
-    const auto thing_at = [&](int x, int y) {
-      if (x < 0 || y < 0 || x >= 317 || y >= 101) return false;
-      const std::uint16_t segment = camera.segment_map.at(x, y);
-      return segment > 0 && (camera.segments[segment - 1u].flags & pf::kThing) != 0;
-    };
-    std::vector<Keypoint> keypoints;
-    for (int y = 0; y < 101; ++y) {
-      for (int x = 0; x < 317; ++x) {
-        keypoints.push_back({.x = static_cast<float>(x), .y = static_cast<float>(y)});
-      }
-    }
-    const std::size_t inside = keypoints.size();
-    keypoints.push_back({.x = std::numeric_limits<float>::quiet_NaN(), .y = 3});
-    keypoints.push_back({.x = 1e30F, .y = -std::numeric_limits<float>::infinity()});
-    const auto side = static_cast<CameraSide>(c);
-    std::vector<kys::Prior> exact(keypoints.size()), beside(keypoints.size());
-    file.lookup(side, keypoints, exact);
-    file.look_beside(side, keypoints, kDistance, beside);
-    for (std::size_t i = inside; i < keypoints.size(); ++i) EXPECT_EQ(beside[i], kys::Prior{});
-    int found = 0, border = 0, moving = 0;
-    for (std::size_t i = 0; i < inside; ++i) {
-      const int x = static_cast<int>(i) % 317, y = static_cast<int>(i) / 317;
-      kys::Prior expected;
-      for (const auto& [dx, dy] :
-           {std::pair{-kDistance, 0}, {kDistance, 0}, {0, -kDistance}, {0, kDistance}}) {
-        if (!thing_at(x + dx, y + dy)) continue;
-        expected = exact[static_cast<std::size_t>((y + dy) * 317 + x + dx)];
-        expected.motion = expected.log_motion = 0;
-        ++found;
-        border += thing_at(x, y) ? 0 : 1;
-        moving += expected.dynamic;
-        break;
-      }
-      ASSERT_EQ(beside[i], expected) << x << ", " << y;
-    }
-    EXPECT_GT(border, 200);
-    EXPECT_GT(moving, 50);
-    EXPECT_LT(moving, found);
-  }
-}
-
 TEST(PriorFile, OneCameraFilesAnswerTheOtherCameraWithNothing) {
   FramePriors in = make_street(64, 32, 3);
   in.cameras.pop_back();
@@ -337,7 +288,6 @@ TEST(PriorFile, HostileContentWithAValidChecksumNeverReadsOutside) {
       const PriorFile file = PriorFile::parse(with_checksum(std::move(bad)), "x");
       file.lookup(CameraSide::kLeft, keypoints, priors);
       file.lookup(CameraSide::kRight, keypoints, priors);
-      file.look_beside(CameraSide::kLeft, keypoints, 2, priors);
     } catch (const InputError&) {
     }
   }
@@ -380,26 +330,6 @@ TEST(PriorFolder, ShowsTheSegmentsOfTheFrameLookedUpLast) {
   frame.name = "000004";
   EXPECT_FALSE(source.look_up(frame, {}, {}, left, right));
   EXPECT_TRUE(source.segments().empty());
-  fs::remove_all(folder);
-}
-
-TEST(PriorFolder, LooksBesideKeypointsInTheFrameLookedUpLast) {
-  const fs::path folder = folder_of_one(make_street(48, 24, 4));
-  const PriorFile file = PriorFile::open(folder / "000003.kysp");
-  std::vector<Keypoint> keypoints;
-  for (int x = 0; x < 48; ++x) keypoints.push_back({.x = static_cast<float>(x), .y = 13});
-  std::vector<kys::Prior> expected(keypoints.size()), left, right;
-  file.look_beside(CameraSide::kLeft, keypoints, 3, expected);
-  ASSERT_NE(expected, std::vector<kys::Prior>(keypoints.size()));
-  PriorFolder source(folder, {});
-  EXPECT_TRUE(source.look_beside(keypoints, 3).empty()) << "no frame looked up";
-  StereoFrame frame;
-  frame.name = "000003";
-  ASSERT_TRUE(source.look_up(frame, keypoints, keypoints, left, right));
-  EXPECT_EQ(source.look_beside(keypoints, 3), expected);
-  frame.name = "000004";
-  EXPECT_FALSE(source.look_up(frame, keypoints, keypoints, left, right));
-  EXPECT_TRUE(source.look_beside(keypoints, 3).empty()) << "no priors";
   fs::remove_all(folder);
 }
 

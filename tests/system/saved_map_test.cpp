@@ -6,11 +6,7 @@
 
 #include <cmath>
 #include <map>
-#include <memory>
 #include <set>
-#include <span>
-#include <tuple>
-#include <vector>
 
 #include "io/temporary_folder.h"
 #include "map/map.h"
@@ -186,39 +182,6 @@ class ParkedCar : public PriorProvider {
     for (const Keypoint& k : keypoints) priors.push_back(k.x < 400 ? car : road);
   }
 };
-
-/// Counts how often it is asked for the things beside keypoints, and how far away.
-class CountsBorders : public ParkedCar {
- public:
-  explicit CountsBorders(std::map<int, int>& asked) : asked_(&asked) {}
-  [[nodiscard]] std::vector<kys::Prior> look_beside(std::span<const Keypoint> left,
-                                                    int distance) const override {
-    ++(*asked_)[distance];
-    return std::vector<kys::Prior>(left.size());
-  }
-
- private:
-  std::map<int, int>* asked_;
-};
-
-TEST(Priors, AreLookedUpBesideKeypointsOnlyWhereTheTrackerJudgesWhatMoves) {
-  using Asked = std::map<int, int>;
-  const FeatureWorld world = road();
-  for (const auto& [mode, border, expected] :
-       {std::tuple<const char*, const char*, Asked>{"verified", "3", {{3, 2}}},
-        {"verified", "0", {}},
-        {"kys", "3", {}},
-        {"mask", "3", {}}}) {
-    Settings settings;
-    settings.set("kys.mode", mode);
-    settings.set("belief.border", border);
-    Asked asked;
-    System system(world.camera(), settings, Schedule::kSequential,
-                  std::make_unique<CountsBorders>(asked));
-    for (int i = 0; i < 2; ++i) system.feed(world.look(i, weaving_pose(0.8 * i)));
-    EXPECT_EQ(asked, expected) << mode << " " << border;
-  }
-}
 
 class MapWithBeliefs : public ::testing::Test {
  protected:

@@ -56,11 +56,6 @@ class PriorFile {
   void lookup(CameraSide side, std::span<const Keypoint> keypoints,
               std::span<kys::Prior> out) const;
 
-  /// Priors, without motion, of things beside keypoints: of the thing `distance` px, 1 or more, to
-  /// the left, right, above or below, in this order. Default Prior where there is none.
-  void look_beside(CameraSide side, std::span<const Keypoint> keypoints, int distance,
-                   std::span<kys::Prior> out) const;
-
   [[nodiscard]] int width() const { return width_; }    ///< px
   [[nodiscard]] int height() const { return height_; }  ///< px
   [[nodiscard]] std::size_t camera_count() const { return cameras_.size(); }
@@ -86,9 +81,8 @@ class PriorFile {
  private:
   struct CameraView {
     std::vector<PriorSegment> segments;
-    std::vector<kys::Prior> priors;      ///< of the segments, without motion; [0] is void
-    std::vector<std::uint8_t> is_thing;  ///< of the segments; [0] is void
-    std::size_t row_index_at = 0;        ///< offset of height + 1 row offsets in bytes_
+    std::vector<kys::Prior> priors;  ///< of the segments, without motion; [0] is void
+    std::size_t row_index_at = 0;    ///< offset of height + 1 row offsets in bytes_
     std::size_t runs_at = 0;
     std::size_t runs_size = 0;
   };

@@ -36,8 +36,6 @@ class PriorFolder : public PriorProvider {
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
                std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                std::vector<kys::Prior>& right_priors) override;
-  [[nodiscard]] std::vector<kys::Prior> look_beside(std::span<const Keypoint> left,
-                                                    int distance) const override;
   [[nodiscard]] std::span<const kys::Prior> segments() const override;
 
   /// Asks the operating system to load the file of a frame into memory; returns at once.
