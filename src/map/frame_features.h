@@ -176,18 +176,19 @@ void FrameFeatures::for_each_near(float u, float v, float radius, int min_octave
   const int c1 = std::min(kColumns - 1, column(u + radius));
   const int r0 = std::max(0, line(v - radius));
   const int r1 = std::min(kRows - 1, line(v + radius));
+  const bool whole_rows = starts_per_row_ == 1;
+  const int begin = whole_rows ? 0 : c0;
+  const int end = whole_rows ? 1 : c1 + 1;
   for (int r = r0; r <= r1; ++r) {
     // Cells of one row are neighbours in the list, so a row of cells is one run.
     if (c0 > c1) break;
-    const bool whole_row = starts_per_row_ == 1;
-    const int begin = r * starts_per_row_;
-    const std::size_t first = cell_start_[static_cast<std::size_t>(whole_row ? begin : begin + c0)];
-    const std::size_t last =
-        cell_start_[static_cast<std::size_t>(whole_row ? begin + 1 : begin + c1 + 1)];
+    const int row = r * starts_per_row_;
+    const std::size_t first = cell_start_[static_cast<std::size_t>(row + begin)];
+    const std::size_t last = cell_start_[static_cast<std::size_t>(row + end)];
     for (std::size_t k = first; k < last; ++k) {
       const std::size_t i = cell_feature_[k];
       const Keypoint& keypoint = keypoints_[i];
-      if (whole_row && (column_of(keypoint) < c0 || column_of(keypoint) > c1)) continue;
+      if (whole_rows && (column_of(keypoint) < c0 || column_of(keypoint) > c1)) continue;
       if (keypoint.octave < min_octave || keypoint.octave > max_octave) continue;
       if (std::abs(keypoint.x - u) > radius || std::abs(keypoint.y - v) > radius) continue;
       f(i);

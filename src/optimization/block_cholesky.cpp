@@ -198,7 +198,8 @@ void BlockCholesky::make_room() {
 
 /// The front in work_: blocks of the matrix and what its children pass on, which are the last ones
 /// on the stack.
-void BlockCholesky::assemble(const Front& front, const Block* blocks) {
+template <typename BlockOf>
+void BlockCholesky::assemble(const Front& front, const BlockOf& block_of) {
   const std::int32_t rows = kBlock * front.rows();
   const std::int64_t size = front::tile_begin(tiles_of(rows), rows);
   std::memset(work_.data(), 0, static_cast<std::size_t>(size) * sizeof(TileColumn));
@@ -206,7 +207,7 @@ void BlockCholesky::assemble(const Front& front, const Block* blocks) {
     TileColumn* to =
         work_.data() + front::tile_begin(kBlock * e.row / kTile, rows) + kBlock * e.col;
     const std::int32_t row = kBlock * e.row % kTile;
-    const Block& block = blocks[e.block];
+    const Block& block = block_of(e);
     for (int c = 0; c < kBlock; ++c) {
       for (int r = 0; r < kBlock; ++r) {
         to[c].row[row + r] = e.transposed ? block(c, r) : block(r, c);
@@ -253,45 +254,44 @@ void BlockCholesky::keep(const Front& front) {
   updates_end_ += front.update_size();
 }
 
-std::vector<std::int32_t> BlockCholesky::use_order() {
+std::vector<std::int32_t> BlockCholesky::use_order() const {
   std::size_t count = 0;
   for (const Front& front : fronts_) count += front.entries.size();
   std::vector<std::int32_t> place(count);
   std::int32_t next = 0;
-  for (Front& front : fronts_) {
-    for (Entry& e : front.entries) {
-      place[e.block] = next;
-      e.block = next++;
-    }
+  for (const Front& front : fronts_) {
+    for (const Entry& e : front.entries) place[e.block] = next++;
   }
   return place;
 }
 
 BlockCholesky::Result BlockCholesky::factorise(const Blocks& blocks,
                                                const std::atomic<bool>* stop) {
-  return factorise(blocks.data(), stop, [](std::size_t) {});
+  return factorise([&](const Entry& e) -> const Block& { return blocks[e.block]; }, [] {}, stop);
 }
 
 BlockCholesky::Result BlockCholesky::factorise(PageArray<Block>& blocks,
                                                const std::atomic<bool>* stop) {
+  std::size_t used = 0;
   std::size_t released = 0;
-  const Result result = factorise(blocks.data(), stop, [&](std::size_t used) {
+  const auto next = [&](const Entry&) -> const Block& { return blocks.data()[used++]; };
+  const auto release = [&] {
     if (used - released < kReleased) return;
     blocks.release(released, used);
     released = used;
-  });
+  };
+  const Result result = factorise(next, release, stop);
   blocks.release(0, blocks.size());
   return result;
 }
 
-template <typename Used>
-BlockCholesky::Result BlockCholesky::factorise(const Block* blocks, const std::atomic<bool>* stop,
-                                               const Used& used) {
+template <typename BlockOf, typename Used>
+BlockCholesky::Result BlockCholesky::factorise(const BlockOf& block_of, const Used& used,
+                                               const std::atomic<bool>* stop) {
   updates_end_ = 0;
-  std::size_t so_far = 0;
   for (const Front& front : fronts_) {
-    assemble(front, blocks);
-    used(so_far += front.entries.size());
+    assemble(front, block_of);
+    used();
     const Result result = eliminate_columns(front, stop);
     if (result != Result::kDone) return result;
     keep(front);

@@ -38,12 +38,11 @@ class BlockCholesky {
   /// \param stop checked every few million operations
   Result factorise(const Blocks& blocks, const std::atomic<bool>* stop = nullptr);
   /// The same, and blocks are released as soon as they have been used: together they take little
-  /// more memory than the factor. Call use_order() first.
+  /// more memory than the factor.
   /// \param blocks in the order of use_order()
   Result factorise(PageArray<Block>& blocks, const std::atomic<bool>* stop = nullptr);
-  /// The order in which factorise() uses the blocks, from now on expected in it: for every block of
-  /// the pattern its place.
-  [[nodiscard]] std::vector<std::int32_t> use_order();
+  /// The order in which blocks are used: for every block of the pattern its place.
+  [[nodiscard]] std::vector<std::int32_t> use_order() const;
   /// Gives the memory of the factor back until the next factorise().
   void release_factor() { factor_.release(0, factor_.size()); }
   /// x -> A^-1 x, after factorise() returned kDone.
@@ -86,10 +85,12 @@ class BlockCholesky {
   void connect_fronts();
   void place_entries(const BlockPattern& pattern);
   void make_room();
-  /// \param used is called with the number of blocks used so far, counted in their order of use
-  template <typename Used>
-  Result factorise(const Block* blocks, const std::atomic<bool>* stop, const Used& used);
-  void assemble(const Front& front, const Block* blocks);
+  /// \param block_of the block of an entry, asked for in the order of use
+  /// \param used is called when the blocks asked for so far are not needed any more
+  template <typename BlockOf, typename Used>
+  Result factorise(const BlockOf& block_of, const Used& used, const std::atomic<bool>* stop);
+  template <typename BlockOf>
+  void assemble(const Front& front, const BlockOf& block_of);
   Result eliminate_columns(const Front& front, const std::atomic<bool>* stop);
   void keep(const Front& front);
 

@@ -187,14 +187,7 @@ class SchurBundle {
   }
 
   void list_ordered() {
-    std::size_t points = 0;
-    std::int32_t last = -1;
-    for (std::size_t i = 0; i < active_.size(); ++i) {
-      if (active_[i] == 0) continue;
-      points += problem_.observations[i].point != last ? 1 : 0;
-      last = problem_.observations[i].point;
-    }
-    points_.reserve(points);
+    points_.reserve(problem_.points.size());
     for (std::size_t i = 0; i < active_.size(); ++i) {
       if (active_[i] == 0) continue;
       const std::int32_t point = problem_.observations[i].point;

@@ -3,8 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <cstdint>
-#include <numeric>
+#include <cstddef>
 #include <utility>
 
 namespace kys_slam {
