@@ -10,30 +10,22 @@ is the literal one. Feature files are made when a run needs them, and removed af
 does. A run that is there, of the same programs with the same arguments, is not made again: stop it
 and start it again as you like. `stock` reads no priors and runs once per traffic. Written after
 every drive: DIR/drives.md (mean, and difference to stock on the same seed), DIR/drives.csv (all). A run
-that fails is a row with its reason; then the exit status is 2.
+that fails is a row with its reason; then the exit status is 2. Also written: DIR/drives-ratios.md, ATE over that of
+`stock` and of `mask`, geometric mean over the sequences of a data set and the seeds. Runs that are
+elsewhere (--join, drives.csv of other folders) are in the tables too.
 """
 import argparse
 import glob
 import hashlib
 import json
-import math
 import os
 import sys
 import time
 
-import numpy as np
-from scipy import stats
-
-from paired import CONFIDENCE, mean
+from drive_tables import RUN_HEADER, join_runs, ratio_table, read_runs, run_table, sequence_table
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, digest, find_program, read_json,
                   remove, write_text)
 from inputs import reading, run, whole  # runs knows where it is
-from tables import Table, show
-
-RUN_HEADER = ["sequence", "traffic", "perception", "mode", "seed", "frames", "lost", "ATE m",
-              "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share", "failed"]
-HEADER = ["sequence", "traffic", "perception", "mode", "seeds", "ATE m", "less stock, m", "E_t %",
-          "E_R deg/100m", "frames lost", "loops", "failed"]
 
 
 class Drive:
@@ -136,41 +128,6 @@ def run_drive(drive, modes, options, announce):
     return rows
 
 
-def interval(values):
-    """Mean with its 95 % confidence interval; of one value: the value."""
-    if not values:
-        return "-"
-    if len(values) == 1:
-        return f"{values[0]:+.3f}"
-    half = stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(
-        len(values))
-    return f"{np.mean(values):+.3f} +- {half:.3f}"
-
-
-def summarise(rows):
-    """One line per sequence, traffic, perception and mode."""
-    groups, stock = {}, {}
-    for row in rows:
-        groups.setdefault(tuple(row[:4]), []).append(row)
-        if row[3] == "stock":
-            stock[(row[0], row[1], row[4])] = row[7]
-    table = []
-    for (sequence, traffic, perception, mode), group in groups.items():
-        less = [r[7] - stock[(sequence, traffic, r[4])] for r in group
-                if r[7] is not None and stock.get((sequence, traffic, r[4])) is not None]
-        table.append([sequence, traffic, "-" if mode == "stock" else perception, mode, len(group),
-                      show(mean([r[7] for r in group]), 3),
-                      "" if mode == "stock" else interval(less),
-                      show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
-                      *(sum(r[k] or 0 for r in group) for k in (6, 11)),
-                      sum(bool(r[15]) for r in group)])
-    return table
-
-
-def table_of(rows):
-    return Table("drives", "Drives with traffic, simulated features", HEADER, summarise(rows))
-
-
 def sequences_of(truth):
     kitti = [os.path.basename(p)[:-4] for p in sorted(glob.glob(os.path.join(truth, "kitti", "*.txt")))]
     euroc = [os.path.basename(p).split(".")[0]
@@ -193,6 +150,8 @@ def parse(arguments):
                         default=["stock", "panoptic", "kys", "kys:kys.normalize=false", "mask"])
     parser.add_argument("--seeds", type=words, default=["1", "2", "3"])
     parser.add_argument("--frames", type=whole(1), help="number of frames of each sequence (default: all)")
+    parser.add_argument("--join", nargs="+", default=[], metavar="CSV",
+                        help="tables of runs (drives.csv) whose rows are added to the tables")
     parser.add_argument("--bin", default="build/release/bin")
     parser.add_argument("--keep", action="store_true", help="do not remove feature files")
     return parser.parse_args(arguments)
@@ -206,7 +165,17 @@ def main():
     def announce(text):
         print(f"[{time.monotonic() - begin:7.0f} s] {text}", file=sys.stderr, flush=True)
 
+    others = [row for path in options.join for row in read_runs(path)]
     rows = []
+
+    def write_tables():
+        joined = join_runs(rows, others)
+        tables = [sequence_table(joined), ratio_table(joined)]
+        write_text(os.path.join(options.output, "drives.csv"), run_table(joined).comma_separated())
+        for table in tables:
+            write_text(os.path.join(options.output, table.name + ".md"), table.markdown())
+        return tables
+
     for sequence in options.sequences or sequences_of(options.truth):
         for traffic in options.traffic:
             for seed in options.seeds:
@@ -214,13 +183,9 @@ def main():
                     modes = [m for m in options.modes if number == 0 or m.split(":")[0] != "stock"]
                     drive = Drive(options.truth, sequence, traffic, perception, seed, options)
                     rows += run_drive(drive, modes, options, announce)
-                    text = lambda v: f"{v:.6g}" if isinstance(v, float) else "" if v is None else v
-                    write_text(os.path.join(options.output, "drives.csv"),
-                               Table("drives", "Runs", RUN_HEADER,
-                                     [list(map(text, r)) for r in rows]).comma_separated())
-                    write_text(os.path.join(options.output, "drives.md"),
-                               table_of(rows).markdown())
-    print(table_of(rows).markdown(), end="")
+                    write_tables()
+    for table in write_tables():
+        print(table.markdown())
     failed = sum(bool(row[-1]) for row in rows)
     announce(f"done; {failed} of {len(rows)} runs failed" if failed else "done")
     return 2 if failed else 0
