@@ -1,6 +1,7 @@
 #include "mapping/stereo_calibration.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -15,7 +16,7 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
   list.add("calibration.enabled", o.enabled,
            "estimate a constant offset of all disparities from the map");
   list.add("calibration.keyframes", o.keyframes, {2, 1e9}, "",
-           "keyframes in the map at the first estimate; the second is at twice that");
+           "keyframes in the map at the first estimate; others at 2 and 8 times that");
   list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
            "by which it must differ from zero to be applied");
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
@@ -29,6 +30,12 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
 namespace {
 
 constexpr double kStep = 0.2;  // px between the offsets that are tried
+constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
+constexpr std::size_t kWindow = 4;  // the last estimate uses the newest: times `keyframes`
+// What the last estimate must differ by from an offset that is there: standard deviations from
+// noise, since the systematic error is in both.
+constexpr double kRefinement = 2;
+constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 // The second looks around, and sets outliers aside at, the first's vertex, where that is off zero.
 constexpr int kRounds = 2;
 // Square of Huber's delta. Without images errors are about half of what kPixelSigma allows, and
@@ -52,10 +59,16 @@ struct Whole {
   BundleProblem problem;
 };
 
-Whole whole_map(const Map& map, int min_observers) {
+/// \param newest number of keyframes used, the latest ones
+Whole whole_map(const Map& map, int min_observers, std::size_t newest) {
   Whole whole;
   whole.problem.camera = map.camera();
+  std::size_t older = map.keyframes().size() - std::min(map.keyframes().size(), newest);
   map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    if (older > 0) {
+      --older;
+      return;
+    }
     whole.poses.push_back(id);
     whole.problem.T_c_w.push_back(keyframe.T_c_w);
     whole.problem.pose_fixed.push_back(keyframe.parent.valid() ? 0 : 1);
@@ -179,8 +192,8 @@ std::optional<Parabola> profile(BundleProblem problem, double disparity_weight,
 }  // namespace
 
 DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
-                                          const std::atomic<bool>* stop) {
-  Whole whole = whole_map(map, options.min_observers);
+                                          const std::atomic<bool>* stop, std::size_t newest) {
+  Whole whole = whole_map(map, options.min_observers, newest);
   drop_coarse_disparities(map, whole);
   const double weight = disparity_weight(map, whole);
   DisparityOffset result;
@@ -200,11 +213,12 @@ DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibratio
 }
 
 bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
-  if (!options_.enabled || looks_ >= 2) return false;
-  const int wanted = options_.keyframes << looks_;
-  if (static_cast<int>(map.keyframes().size()) < wanted) return false;
-  ++looks_;
-  const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
+  if (!options_.enabled || looks_ >= kLooks.size()) return false;
+  const auto unit = static_cast<std::size_t>(options_.keyframes);
+  if (map.keyframes().size() < unit * kLooks[looks_]) return false;
+  const bool last = ++looks_ == kLooks.size();
+  const DisparityOffset found =
+      estimate_disparity_offset(map, options_, stop, last ? kWindow * unit : kAll);
   const double total = map.disparity_offset() + found.offset;
   const double sigma = std::hypot(found.sigma, options_.systematic);
   if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;
@@ -214,12 +228,13 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   const auto offset = static_cast<float>(significant ? total : 0);
   if (!significant && map.disparity_offset() == 0) return false;
   // One that is there already is not moved by less than the estimate is sure of.
-  if (significant && map.disparity_offset() != 0 && std::abs(found.offset) < sigma) return false;
+  const double least = last ? kRefinement * found.sigma : sigma;
+  if (significant && map.disparity_offset() != 0 && std::abs(found.offset) < least) return false;
 
   map.set_disparity_offset(offset);
   // All landmarks, those with one stereo view as well: what stayed behind would mislead the
   // tracker.
-  Whole whole = whole_map(map, 1);
+  Whole whole = whole_map(map, 1, kAll);
   BundleOptions refine;
   refine.iterations = 10;
   refine.refine_iterations = 10;

@@ -4,6 +4,8 @@
 #include <kys_slam/check_options.h>
 
 #include <atomic>
+#include <cstddef>
+#include <limits>
 
 #include "map/map.h"
 
@@ -11,7 +13,7 @@ namespace kys_slam {
 
 struct StereoCalibrationOptions {
   bool enabled = true;
-  int keyframes = 20;         ///< in the map at the first estimate; the second is at twice that
+  int keyframes = 20;         ///< in the map at the first estimate
   double significance = 2.5;  ///< standard deviations by which the offset must differ
   /// px, standard deviation of the estimate in addition to that from noise: patches that contain
   /// two surfaces have biased disparities. The first estimates on 9 rendered sequences with zero
@@ -39,11 +41,18 @@ struct DisparityOffset {
 /// costs; if it is not near zero, the same again around it. Costs are robust and use disparities of
 /// fine octaves only: at depth edges patches contain two surfaces, with a bias to the nearer one
 /// that grows with the octave. The noise level comes from the residuals.
-DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
-                                          const std::atomic<bool>* stop = nullptr);
+/// \param newest number of keyframes used, the latest ones
+DisparityOffset estimate_disparity_offset(
+    const Map& map, const StereoCalibrationOptions& options,
+    const std::atomic<bool>* stop = nullptr,
+    std::size_t newest = std::numeric_limits<std::size_t>::max());
 
 /// Decides when to estimate, applies a significant offset to the map, and adjusts the whole map
-/// then. It estimates twice, which bounds the cost. The second estimate can revert the first.
+/// then. It estimates three times, which bounds the cost: from the whole map when it has 1 and 2
+/// times `keyframes`, and from the newest 4 times `keyframes` when it has 8 times that. The first
+/// keyframes are close together, and where the lens distortion is not exact the error is not the
+/// same everywhere: the last estimate is the better one, and a mean with those before is worse. A
+/// later estimate can revert an earlier one.
 class StereoCalibration {
  public:
   explicit StereoCalibration(const StereoCalibrationOptions& options)
@@ -53,7 +62,7 @@ class StereoCalibration {
 
  private:
   StereoCalibrationOptions options_;
-  int looks_ = 0;
+  std::size_t looks_ = 0;
 };
 
 }  // namespace kys_slam

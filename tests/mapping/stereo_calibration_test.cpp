@@ -114,6 +114,33 @@ TEST(StereoCalibration, AnOffsetPutInOnThinEvidenceIsTakenBack) {
   EXPECT_LT(worst_position_error(map), 0.05) << "m";
 }
 
+TEST(StereoCalibration, AnEstimateFromTheNewestKeyframesIsOfTheseAlone) {
+  const Map map = map_with_error(0.3f, 3);
+  const DisparityOffset all = estimate_disparity_offset(map, {});
+  const DisparityOffset newest = estimate_disparity_offset(map, {}, nullptr, kKeyFrames / 2);
+  EXPECT_GT(newest.sigma, all.sigma);
+  EXPECT_NE(newest.offset, all.offset);
+  EXPECT_LT(std::abs(newest.offset + 0.3), 3 * newest.sigma);
+  const DisparityOffset more = estimate_disparity_offset(map, {}, nullptr, 10 * kKeyFrames);
+  EXPECT_EQ(more.offset, all.offset);
+}
+
+TEST(StereoCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
+  Map map = map_with_error(0.3f, 5);
+  map.set_disparity_offset(-0.21f);
+  StereoCalibrationOptions options;
+  options.keyframes = 2;  // the last estimate is due at 16
+  options.systematic = 0.1;
+  StereoCalibration calibration(options);
+  EXPECT_FALSE(calibration.update(map));
+  EXPECT_FALSE(calibration.update(map));
+  EXPECT_FLOAT_EQ(map.disparity_offset(), -0.21f);
+  EXPECT_TRUE(calibration.update(map));
+  EXPECT_NEAR(map.disparity_offset(), -0.3, 0.05);
+  map.check_consistency();
+  EXPECT_FALSE(calibration.update(map)) << "there are three estimates";
+}
+
 TEST(StereoCalibration, AnAccurateRigIsLeftAlone) {
   Map map = map_with_error(0, 6);
   StereoCalibration calibration({});
