@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Sets everything up, renders a simulated street with a truck ahead and other traffic, makes priors
-# from its exact perception, and tracks it three times: with poses that most matches agree on, with
-# poses that most of the image area agrees on, and with priors. Then once around a block: a loop to
-# close. Draws all of it.
+# Installs what is needed, renders a simulated street with a truck ahead and other traffic, makes priors
+# from exact perception, and tracks the street three times: with the pose with most inlier matches, with
+# the pose with most inlier image area, and with priors. Then it tracks a drive around a block, which
+# ends in a loop. Plots all runs; results are in runs/demo-*.
 #   tools/demo.sh [FRAMES]     default 100
 set -euo pipefail
 cd "$(dirname "$0")/.."

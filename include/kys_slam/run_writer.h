@@ -43,9 +43,10 @@ struct RunOutcome {
 RunOutcome summarise_run(const System& system, const RunInfo& info);
 
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
-/// ground_truth.tum (when there is any), frames.csv, summary.json, config.yaml, map.ply. All but
-/// summary.json's `timing_ms`, `process`, `peak_memory_mb` and frames.csv's columns `ms_*` and
-/// `resident_mb` depend on input and settings alone.
+/// ground_truth.tum (when there is any), frames.csv, objects.csv, summary.json, config.yaml,
+/// map.ply, graph.csv. All but summary.json's `timing_ms`, `process`, `peak_memory_mb` and
+/// frames.csv's columns `ms_*` and `resident_mb` depend on input and settings alone.
+///
 /// \throws InputError when a file cannot be written, after all others have been.
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
                Schedule schedule, const RunInfo& info, const RunOutcome& outcome);

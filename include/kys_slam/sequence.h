@@ -96,26 +96,29 @@ class Sequence : public FrameSource {
 
 /// Opens a sequence in one of the KITTI layouts. The content of the folder decides which:
 /// - KITTI odometry: image_0/ and image_1/ (else image_2/ and image_3/; options.pair), calib.txt,
-/// times.txt;
-///   ground truth in poses.txt, else in ../../poses/NAME.txt
+///   times.txt; ground truth in poses.txt, else in ../../poses/NAME.txt
 /// - KITTI Tracking: the folder is ROOT/image_02/0001, its right images in ROOT/image_03/0001,
 ///   ROOT/calib/0001.txt, ground truth from ROOT/oxts/0001.txt; 10 Hz
-/// - Virtual KITTI 2: Scene01/clone with frames/rgb/Camera_{0,1}, intrinsic.txt, extrinsic.txt; 10
-/// Hz \throws InputError naming the file and what is wrong with it.
+/// - Virtual KITTI 2: Scene01/clone with frames/rgb/Camera_{0,1}, intrinsic.txt, extrinsic.txt;
+///   10 Hz
+///
+/// \throws InputError naming the file and what is wrong with it.
 std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
 /// Opens an EuRoC or TUM-VI sequence: the folder that holds mav0/, or mav0/ itself. TUM-VI has
 /// dso/camchain.yaml in place of sensor.yaml files. Images are rectified and paired by time stamp;
 /// images without a partner are left out and counted. Ground truth is converted from the body to
-/// the rectified left camera. \throws InputError naming the file and what is wrong with it.
+/// the rectified left camera.
+/// \throws InputError naming the file and what is wrong with it.
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
 /// True when the folder has the EuRoC layout, by the names of its sub-folders.
 bool is_euroc_folder(const std::filesystem::path& folder);
 
-/// Opens a sequence folder of any layout above. \throws InputError as those functions do.
+/// Opens a sequence folder of any layout above.
+/// \throws InputError as those functions do.
 std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
                                         const SequenceOptions& options = {});
 

@@ -45,31 +45,34 @@ void describe(OptionList& list, ModeOptions& o) {
   list.add("kys.alpha", o.alpha, {0, 1}, "",
            "semantic: weight of the Hamming against the semantic distance");
   list.add("kys.eta1", o.eta[0], {kSmallest, kLimit}, "",
-           "panoptic, kys: factor when the classes differ");
+           "panoptic, kys, verified: factor when the classes differ");
   list.add("kys.eta2", o.eta[1], {0, kLimit}, "",
-           "panoptic, kys: what a semantic distance of s_max adds to eta1");
+           "panoptic, kys, verified: added to eta1 for a semantic distance of s_max");
   list.add("kys.eta3", o.eta[2], {0, kLimit}, "",
-           "panoptic, kys: what the discrepancy of the scales adds");
+           "panoptic, kys, verified: added for the largest discrepancy of the scales");
   list.add("kys.gamma", o.gamma, {kSmallest, kLimit}, "",
-           "panoptic, kys: factor when the classes are the same");
+           "panoptic, kys, verified: factor when the classes are the same");
   list.add("kys.s_max", o.s_max, {kSmallest, kLimit}, "bits",
-           "panoptic, kys: semantic distance that counts as 1");
+           "panoptic, kys, verified: semantic distance that counts as 1");
   list.add("kys.normalize", o.normalize,
-           "panoptic, kys: factors are divided by gamma, so that thresholds keep their meaning");
+           "panoptic, kys, verified: factors are divided by gamma, so that thresholds keep their "
+           "meaning");
   list.add("kys.lambda_cross_class", o.lambda[0], {0, kLimit}, "",
-           "kys: weight of ln(1 + motion), classes differ");
+           "kys, verified: weight of ln(1 + motion), classes differ");
   list.add("kys.lambda_cross_instance", o.lambda[1], {0, kLimit}, "",
-           "kys: the same, one class, instances differ");
-  list.add("kys.lambda_same_instance", o.lambda[2], {0, kLimit}, "", "kys: the same, one instance");
-  list.add("kys.gates", o.gates, "kys: pairs with motion above a gate are rejected");
+           "kys, verified: weight of ln(1 + motion), one class, instances differ");
+  list.add("kys.lambda_same_instance", o.lambda[2], {0, kLimit}, "",
+           "kys, verified: weight of ln(1 + motion), one instance");
+  list.add("kys.gates", o.gates, "kys, verified: pairs with motion above a gate are rejected");
   list.add("kys.gate_stereo", o.gate_stereo, {0, kLimit}, "",
            "kys: largest motion, 0 to 100, that is matched between the cameras");
   list.add("kys.gate_temporal", o.gate_temporal, {0, kLimit}, "",
            "kys: largest motion, 0 to 100, that is matched between frames");
   list.add("kys.continuous", o.continuous,
-           "kys: false: gates only, pairs that pass keep the Hamming distance");
+           "kys, verified: when false, gates only: pairs that pass keep the Hamming distance");
   list.add("kys.gate_belief", o.gate_belief, {0, 1}, "",
-           "verified: largest probability of moving that is matched between frames");
+           "verified: largest probability of moving that is matched between frames, in place of "
+           "kys.gate_temporal");
 }
 
 void ModeOptions::check() const {

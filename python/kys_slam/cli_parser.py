@@ -14,14 +14,14 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run left.mp4 right.mp4 --calibration camchain.yaml
   kys-slam run left/ right/ --calibration camchain.yaml --rate 20
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
-  kys-slam run recording.bag --view                      what it sees, while it runs
+  kys-slam run recording.bag --view                      shows observations and map while it runs
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
-  kys-slam report RUN [RUN ...]                          one page to read or send
+  kys-slam report RUN [RUN ...]                          one HTML page of several runs
 """
 
 
-# Values of options: what is outside their range is refused with the option's name.
+# Values of options: a value outside its range is rejected, with the option's name.
 
 def _whole(low: int):
     def whole_number(text: str) -> int:
@@ -56,7 +56,7 @@ def _add_run(commands) -> None:
         "run", help="track a recording",
         description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
         "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
-        "by side, a ROS bag, or a feature file. What it is, is seen from what it holds.")
+        "by side, a ROS bag, or a feature file. The content of the input decides its kind.")
     p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
     camera = p.add_argument_group("camera")
     camera.add_argument("--calibration", nargs="+", metavar="FILE",

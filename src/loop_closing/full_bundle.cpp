@@ -11,9 +11,10 @@ namespace kys_slam {
 void describe(kys::OptionList& list, FullBundleOptions& o) {
   list.add("full_bundle.enabled", o.enabled, "bundle adjustment of the whole map after a loop");
   list.add("full_bundle.min_delay", o.min_delay, {0, 1e9}, "keyframes",
-           "after which its result is applied ...");
+           "keyframes after which the result of a full bundle adjustment is applied, plus one per "
+           "full_bundle.keyframes_per_step");
   list.add("full_bundle.keyframes_per_step", o.keyframes_per_step, {1, 1e9}, "",
-           "... plus one per this many keyframes of the map");
+           "keyframes of the map per additional keyframe of delay (full_bundle.min_delay)");
   describe(list, o.bundle, "full_bundle.");
 }
 

@@ -15,8 +15,8 @@ namespace kys_slam {
 
 struct FullBundleOptions {
   bool enabled = true;
-  int min_delay = 5;            ///< keyframes from its start until the result is applied ...
-  int keyframes_per_step = 20;  ///< ... and one more per this many keyframes of the map
+  int min_delay = 5;            ///< keyframes from its start until the result is applied
+  int keyframes_per_step = 20;  ///< keyframes of the map per additional keyframe of delay
   BundleOptions bundle;
 };
 /// For check_options().

@@ -17,16 +17,17 @@ void describe(kys::OptionList& list, PlaceVerificationOptions& o) {
   list.add("place.descriptor_distance", o.descriptor_distance, {1, 1e6}, "bits",
            "largest distance of a match without prediction");
   list.add("place.descriptor_ratio", o.descriptor_ratio, {0.1, 10}, "",
-           "best over second best distance");
+           "largest best over second best distance of a match without prediction");
   list.add("place.min_descriptor_matches", o.min_descriptor_matches, {3, 60000}, "",
-           "such matches below which the place is rejected");
+           "matches without prediction below which the place is rejected");
   list.add("place.min_aligned", o.min_aligned, {3, 60000}, "",
            "inliers of the alignment below which the place is rejected");
   list.add("place.wide_radius", o.wide_radius, {0.5, 1000}, "px",
            "search radius after the alignment, octave 0");
-  list.add("place.narrow_radius", o.narrow_radius, {0.5, 1000}, "px", "after the first refinement");
+  list.add("place.narrow_radius", o.narrow_radius, {0.5, 1000}, "px",
+           "search radius after the first refinement, octave 0");
   list.add("place.search_distance", o.search_distance, {1, 1e6}, "bits",
-           "largest distance of a match there");
+           "largest distance of a match with prediction");
   list.add("place.min_inliers", o.min_inliers, {3, 60000}, "",
            "inlier landmarks of the refined pose below which the place is rejected");
   list.add("place.min_share", o.min_share, {0, 1}, "",
@@ -34,10 +35,10 @@ void describe(kys::OptionList& list, PlaceVerificationOptions& o) {
   list.add("place.min_area", o.min_area, {0, 1}, "",
            "least share of the image area with landmarks in view that has matches");
   list.add("place.min_observers", o.min_observers, {0, 1000}, "",
-           "least number of keyframes of the place that ...");
+           "least number of keyframes of the place that observe place.min_observed inliers");
   list.add("place.min_observed", o.min_observed, {0, 60000}, "",
-           "... observe at least this many of the inliers");
-  list.add("place.seed", o.seed, {0, 1e9}, "", "of the samples of the alignment");
+           "inliers that each of place.min_observers keyframes observes at least");
+  list.add("place.seed", o.seed, {0, 1e9}, "", "seed of the random samples of the alignment");
   const kys::OptionList::Fixed fixed(list);
   list.add("place.first_window", o.first_window, {0, 1000});
   list.add("place.window", o.window, {0, 1000});
@@ -45,8 +46,8 @@ void describe(kys::OptionList& list, PlaceVerificationOptions& o) {
 
 namespace {
 
-/// Standard deviations are taken to be twice those of pixels alone: the map a frame is compared
-/// with bends a little over what it sees, and no local adjustment has brought the two together yet.
+/// Standard deviations are twice those of pixels alone: the map at the place has errors of its own,
+/// and no bundle adjustment has aligned it with the frame yet.
 constexpr float kSharpness = 0.5f;
 
 StereoPixel pixel_of(const FrameFeatures& features, std::size_t i, const ScaleLevels& scales) {

@@ -24,8 +24,8 @@ struct PlaceVerificationOptions {
   int min_inliers = 40;             ///< landmarks that fit the refined pose
   double min_share = 0.1;           ///< inliers as a share of the landmarks predicted in view
   double min_area = 0.45;           ///< share of the image area with landmarks predicted in view
-  int min_observers = 2;            ///< keyframes of the place that ...
-  int min_observed = 10;            ///< ... each observe this many of the inlier landmarks
+  int min_observers = 2;            ///< keyframes of the place that observe min_observed inliers
+  int min_observed = 10;            ///< inlier landmarks that each of these keyframes observes
   std::uint64_t seed = 1;           ///< of the RANSAC samples of the alignment
 };
 /// For check_options().

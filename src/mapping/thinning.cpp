@@ -6,8 +6,8 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, ThinningOptions& o) {
   list.add("mapping.thin_after", o.patience, {0, 1e9}, "keyframes",
-           "since one last shared landmarks with the newest, after which its features without a "
-           "landmark are removed; 0: never");
+           "keyframes since a keyframe last shared landmarks with the newest one, after which its "
+           "features without a landmark are removed; 0: never");
 }
 
 void Thinning::continue_map(const Map& map) {

@@ -9,7 +9,7 @@ namespace kys_slam {
 
 namespace {
 
-// Rotation and translation of a pose that nothing holds: it says nothing about any instance.
+// Standard deviations of a pose without observations: it gives no information about any instance.
 constexpr double kUnknownRotation = 1;      // rad
 constexpr double kUnknownTranslation = 10;  // m
 

@@ -329,8 +329,9 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   return is_poor(after, before) ? &second : nullptr;
 }
 
-/// A thing that was seen too far from where it was expected has a new identity. It keeps the old
-/// one where one of the two parts is poor: that part was wrong, and the priors know the name.
+/// A thing that is observed too far from its expected position has a new identity. It keeps the old
+/// one when one of the two parts is poor: that part was wrong, and the identity in the priors is
+/// right.
 void keep_names(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
                 std::vector<Track>& tracks) {
   for (Track& next : tracks) {

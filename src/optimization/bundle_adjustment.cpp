@@ -105,8 +105,8 @@ std::vector<std::uint8_t> inliers(const std::vector<std::uint8_t>& outlier) {
   return result;
 }
 
-/// Poses that may move and have too few of the active observations go back to where they were, and
-/// give up those. Returns whether there are new ones.
+/// Free poses with too few active observations get their initial value again, and their
+/// observations become inactive. Returns whether there are new poses of this kind.
 bool fix_unconstrained(BundleProblem& problem, const BundleOptions& options,
                        const std::vector<Rigid3>& before, std::vector<std::uint8_t>& active,
                        std::vector<std::uint8_t>& unconstrained) {

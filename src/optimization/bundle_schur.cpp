@@ -361,10 +361,10 @@ class SchurBundle {
     return cost;
   }
 
-  /// After a step, every point by itself goes where the moved poses see it best (Jeong et al.,
+  /// After a step, optimises every point alone, with the new poses fixed (Jeong et al.,
   /// "Pushing the envelope of modern methods for bundle adjustment", 2012, Sec. 4: embedded point
-  /// iterations). The linear model is poor for the few points of little parallax; without this they
-  /// get steps refused that were good for all others.
+  /// iterations). The linear model is poor for the few points with little parallax; without this
+  /// they cause the rejection of steps that are good for all other points.
   void iterate_points() {
     for (std::size_t k = 0; k < points_.size(); ++k) {
       if (k % kPointsBetweenStops == 0 && should_stop()) return;

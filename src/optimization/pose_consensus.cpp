@@ -30,7 +30,8 @@ void describe(kys::OptionList& list, ConsensusOptions& o) {
   list.add("tracking.cell_evidence", o.cell_evidence, {0.01, 100}, "nats",
            "evidence of one cell of the static scene for a pose, against the priors of instances");
   list.add("tracking.consensus_samples", o.samples, {0, 100000}, "", "number of other poses tried");
-  list.add("tracking.consensus_seed", o.seed, {0, 1e9}, "", "of these samples");
+  list.add("tracking.consensus_seed", o.seed, {0, 1e9}, "",
+           "seed of the random samples of other poses");
   const kys::OptionList::Fixed fixed(list);
   list.add("tracking.consensus_clear", o.clear, {1, 1000});
   list.add("tracking.consensus_reach", o.reach, {0.1, 1000});
@@ -42,19 +43,19 @@ namespace {
 
 constexpr std::size_t kSample = 3;
 constexpr std::size_t kRefined = 5;    // samples that are refined
-constexpr int kRefinements = 4;        // of one sample, while its support grows
+constexpr int kRefinements = 4;        // largest number per sample
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
-constexpr double kSureMembers = 4;     // observations from which cells and things count in full
+constexpr double kSureMembers = 4;     // observations from which a cell or a thing has full weight
 constexpr std::size_t kPanel = 6;      // observations of a cell or a thing that judge a sample
-constexpr double kStands = 0.5;        // share of its observations that fit, of a thing that stands
-constexpr double kKept = 0.95;         // share of the support that the last refinement has to keep
+constexpr double kStands = 0.5;        // least share of fitting observations of a static thing
+constexpr double kKept = 0.95;         // least support after the last refinement over that before
 constexpr double kImpossible =
-    0.25;  // factor on the support of a pose that no acceleration explains
+    0.25;  // factor on the support of a pose with an impossible acceleration
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 using CellMembers = std::vector<std::vector<std::size_t>>;
 
-/// The cells of the observations and what each observation stands for.
+/// The cells of the observations, and the weight of each observation in cells.
 class SceneCells {
  public:
   SceneCells(const StereoCamera& camera, std::span<const PoseObservation> observations,
@@ -97,28 +98,29 @@ class SceneCells {
     double cells = 0;  ///< that it is worth where it stands still
   };
 
-  /// What each observation is worth to a pose that it fits, in cells.
+  /// Weight of each observation in the support of a pose that it fits, in cells.
   [[nodiscard]] const std::vector<double>& worth() const { return worth_; }
-  /// A few observations of each cell and thing that speak for all, and what those are worth.
+  /// A few observations that represent each cell and thing, and their weights, in cells.
   [[nodiscard]] const std::vector<std::size_t>& panel() const { return panel_; }
   [[nodiscard]] const std::vector<double>& panel_worth() const { return panel_worth_; }
-  /// Of the fixed scene, in cells.
+  /// Area of the fixed scene, in cells.
   [[nodiscard]] double area() const { return area_; }
   /// Observations of each occupied cell.
   [[nodiscard]] const CellMembers& members() const { return members_; }
   [[nodiscard]] const std::vector<Thing>& things() const { return things_; }
   /// Whether an observation can be used and is of the fixed scene.
   [[nodiscard]] bool is_fixed(std::size_t i) const { return fixed_[i] != 0; }
-  /// In a fit in which cells weigh the same.
+  /// Weight of an observation in a fit in which all cells have the same weight.
   [[nodiscard]] float weight(std::size_t i) const { return weight_[i]; }
 
  private:
-  /// One observation may be wrong, and lie on the edge of something that moves.
+  /// Weight of a cell or a thing, 0..1. Few observations may be wrong, or on the edge of a moving
+  /// object.
   static double say_of(std::size_t members) {
     return std::min(1.0, static_cast<double>(members) / kSureMembers);
   }
 
-  /// Observations that are worth `cells` together.
+  /// Adds observations with the weight `cells` in total.
   void add(const std::vector<std::size_t>& members, double cells) {
     const std::size_t n = members.size();
     for (const std::size_t i : members) worth_[i] = cells / static_cast<double>(n);
@@ -161,15 +163,15 @@ class Consensus {
 
   [[nodiscard]] double area() const { return scene_.area(); }
 
-  /// Acceleration that leads to a pose from the expected motion, m/s^2; 0 where nothing is
-  /// expected.
+  /// Acceleration that leads to a pose from the expected motion, m/s^2; 0 without an expected
+  /// motion.
   [[nodiscard]] double acceleration(const Rigid3& T_c_w) const {
     if (!expected_) return 0;
     const Eigen::Vector3d step = T_c_w.inverse_t() - expected_->T_c_w.inverse_t();
     return step.norm() / expected_->reach;
   }
 
-  /// 1 for the motion expected, falling to kImpossible for one that no vehicle can make.
+  /// 1 for the expected motion; decreases to kImpossible with the acceleration.
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
     const double ratio = acceleration(T_c_w) / options_.max_acceleration;
     return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
@@ -185,7 +187,7 @@ class Consensus {
     return sum;
   }
 
-  /// What speaks for a pose: the area that supports it, less where it is no likely motion.
+  /// A pose with its support: the area of its inliers, times its plausibility.
   [[nodiscard]] Rival judged(const Rigid3& T_c_w) const {
     const double sum = support(errors_at(T_c_w), scene_.worth(), options_.tolerance);
     return {T_c_w, sum * plausibility(T_c_w)};
@@ -209,7 +211,8 @@ class Consensus {
     return best;
   }
 
-  /// The pose that the fixed scene alone gives; none where there are no things or too little else.
+  /// The pose from the fixed scene alone; none without things, or when the fixed scene is too
+  /// small.
   [[nodiscard]] std::optional<Rival> fixed_scene(const Rigid3& T_c_w) const {
     if (scene_.things().empty()) return std::nullopt;
     std::vector<PoseObservation> fixed;
@@ -222,7 +225,7 @@ class Consensus {
     return judged(result.T_c_w);
   }
 
-  /// Local optimisation: over what is near, as long as that gains support.
+  /// Local optimisation over the observations near the pose, while the support increases.
   [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
     Rival best = judged(T_c_w);
     for (int k = 0; k < kRefinements; ++k) {
@@ -234,8 +237,9 @@ class Consensus {
     return best;
   }
 
-  /// The pose that won, refined over the observations that fit it. Each has full weight unless that
-  /// loses support: much of a mover can be within the bounds of the true pose as well.
+  /// The best pose, refined over the observations that fit it. Each has full weight, unless that
+  /// reduces the support: many observations of a moving object can be within the bounds of the true
+  /// pose too.
   [[nodiscard]] PoseResult final_pose(const Rival& rival) const {
     PoseResult result = optimize_near(rival.T_c_w, 1, false);
     if (judged(result.T_c_w).support < kKept * rival.support) {
@@ -245,7 +249,8 @@ class Consensus {
   }
 
   /// Optimises over the observations within `factor` times their bound of `T_c_w`; the result is
-  /// indexed like all observations. `balanced`: cells weigh the same, not observations.
+  /// indexed like all observations. `balanced`: all cells have the same weight, not all
+  /// observations.
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
     std::vector<double> errors = errors_at(T_c_w);
     for (const SceneCells::Thing& thing : scene_.things()) {
@@ -341,8 +346,8 @@ class Consensus {
     return errors;
   }
 
-  /// Sum of what observations are worth, each the less the worse it fits: all of it where it fits
-  /// exactly, nothing from `factor` times its bound.
+  /// Sum of the weights of the observations, each reduced by its error: the full weight for error
+  /// 0, 0 from `factor` times its bound.
   [[nodiscard]] static double support(const std::vector<double>& errors,
                                       const std::vector<double>& worth, double factor) {
     double sum = 0;
@@ -352,7 +357,7 @@ class Consensus {
     return std::max(sum, 0.0);
   }
 
-  /// Whether a thing stands still to a pose: many of its observations fit.
+  /// Whether a thing is static under a pose: many of its observations fit.
   [[nodiscard]] bool is_static(const std::vector<double>& errors,
                                const SceneCells::Thing& thing) const {
     const double bound = options_.tolerance * options_.tolerance;
@@ -395,7 +400,7 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   }
   const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
-  result.contested = consensus.area() == 0 ||  // nothing but things that can move
+  result.contested = consensus.area() == 0 ||  // only things that can move
                      explained < (1 - options.contested) * consensus.area() ||
                      consensus.acceleration(result.pose.T_c_w) > options.doubtful_acceleration;
   if (!scene && !result.contested) return result;

@@ -10,8 +10,8 @@ struct KeyFramePolicyOptions {
   /// share of the reference's landmarks below which a keyframe is made
   double reference_ratio = 0.85;
   double starved_ratio = 0.25;  ///< share below which one is made also when the mapper is busy
-  int tracked_close = 100;      ///< fewer tracked close stereo points call for a keyframe ...
-  int untracked_close = 70;     ///< ... when more than this many could be added
+  int tracked_close = 100;      ///< close stereo points tracked: with fewer a keyframe is needed
+  int untracked_close = 70;     ///< if more than this many close points can be added
   int min_inliers = 15;         ///< with fewer, no keyframe is made
   /// landmarks in a frame below which addable points call for a keyframe; 0: off
   int scarce = 100;

@@ -14,20 +14,21 @@
 namespace kys_slam {
 namespace {
 
-// A predicted pose is doubted when the share that it fits of the matches that led to it has fallen
-// below the part kFallen of the last frame's, and one that no camera can have come to when it is
-// below kDoubtfulShare.
+// A predicted pose is doubtful when its inlier share falls below kFallen times that of the last
+// frame. A pose that needs an impossible acceleration is doubtful when the share is below
+// kDoubtfulShare.
 constexpr double kDoubtfulShare = 0.4;
 constexpr double kFallen = 0.5;
 
 // m/s^2, of the camera; no vehicle brakes with 10.
 constexpr double kImpossible = 15;
 
-// It gives way to one that fits this share of the keyframe's matches: with what moves in front of
-// the camera a pose fits many, but not all.
+// A doubtful pose is replaced by one that fits this share of the keyframe's matches. A pose that
+// follows a moving object fits fewer.
 constexpr double kExplained = 0.8;
 
-// Where the share alone raises doubt, the keyframe is asked by every n-th of its landmarks first.
+// When the pose is doubtful by its share only, every n-th landmark of the keyframe is searched
+// first.
 constexpr std::size_t kSampled = 4;
 
 // Something moves along with the camera when at least this share of the other matches fits a camera
@@ -35,17 +36,17 @@ constexpr std::size_t kSampled = 4;
 constexpr double kMovesAlong = 0.5;
 constexpr double kStays = 0.5;
 
-// The expected pose joins the observations where they leave the camera's place this much of the
-// uncertainty that it has without them.
+// The expected pose is used as a prior when the position from the observations is more uncertain
+// than this share of the uncertainty of the expected position.
 constexpr double kStarved = 0.5;
 
-// s; the motion model goes on so long where frames are lost.
+// s; the motion model is used for this long while frames are lost.
 constexpr double kLongestGuess = 0.5;
 
-// s; a velocity as old as that still helps where a sub-map starts.
+// s; oldest velocity that is used at the start of a sub-map.
 constexpr double kOldestVelocity = 2;
 
-// nats; what is believed of a thing was judged by earlier poses, which may have been wrong.
+// nats; the belief about a thing comes from earlier poses, which may have been wrong.
 constexpr double kMaxVote = 3;
 
 /// Gives matched features their landmarks; returns how many.
@@ -78,8 +79,9 @@ bool Tracker::predict(Frame& frame, TrackResult& result) {
   return true;
 }
 
-/// A camera that turns back at once is far from where it was expected: what is found there fits by
-/// chance. Without a prediction nearly all of the keyframe fits, or what does is far away as well.
+/// After a sudden reversal the camera is far from the expected pose, and the matches found there
+/// fit by chance. A search without a prediction then fits nearly all of the keyframe, or leads to a
+/// pose that is far away as well.
 void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
   Frame unexpected = frame;
   TrackResult alternative;
@@ -102,9 +104,9 @@ void Tracker::replace_misfit(Frame& frame, TrackResult& result) {
   result.statistics += alternative.statistics;
 }
 
-/// No camera can have come to the pose found: it may be that of a thing that moves along with the
-/// camera, which a search near the prediction favours. The whole local map, searched without a
-/// prediction, decides where it fits at least this share of its matches.
+/// For a pose that needs an impossible acceleration: it may follow a thing that moves along with
+/// the camera, which a search near the prediction prefers. The whole local map is searched without
+/// a prediction. Its pose is used when it fits at least `least_share` of the matches.
 bool Tracker::replace_jump(Frame& frame, TrackResult& result, double least_share) {
   Frame unexpected = frame;
   TrackResult alternative;
@@ -120,7 +122,7 @@ bool Tracker::replace_jump(Frame& frame, TrackResult& result, double least_share
   return true;
 }
 
-/// What was predicted otherwise takes the place of the prediction.
+/// Replaces the prediction by another one.
 void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const TrackResult& found) {
   share_ = other.landmark_count() / static_cast<double>(found.matches);
   frame = std::move(other);
@@ -128,7 +130,7 @@ void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const Trac
   result.overruled = found.overruled;
 }
 
-/// Constant velocity since the last frame with a pose, for as long as that means something.
+/// Pose by constant velocity since the last frame with a pose; none when that frame is too old.
 std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
   if (!velocity_ || !last_) return std::nullopt;
   const double interval = timestamp - last_->timestamp;
@@ -137,7 +139,8 @@ std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
   const double age = last_->timestamp - velocity_->timestamp;
   if (age > kOldestVelocity) return std::nullopt;
   const double reach = interval * (interval + age);
-  // Time stamps jitter more than vehicles do: only missing frames make a longer step.
+  // The jitter of time stamps is larger than real changes of the velocity: the step is longer only
+  // when frames are missing.
   if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, reach};
   if (options_.acceleration <= 0) return std::nullopt;
   const Rigid3& step = velocity_->T_c_last;
@@ -145,7 +148,7 @@ std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
   return ExpectedPose{longer * last_->T_c_w, reach};
 }
 
-/// Constant velocity, and the last frame's landmarks searched where it puts them.
+/// Searches the landmarks of the last frame where constant velocity predicts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
   const ExpectedPose expected = *expected_pose(frame.timestamp);
   const auto since = static_cast<float>(frame.index - last_->index);
@@ -206,7 +209,7 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
     query.v = static_cast<float>(pixel.y());
     query.u_right = static_cast<float>(pixel.z());
     query.radius = radius * scales_.scale[seen.octave];
-    // Things grow when one drives towards them.
+    // Things appear larger when the camera approaches them.
     query.min_octave = moving && forward < 0 ? 0 : seen.octave - (moving ? 0 : 1);
     query.max_octave =
         moving && forward > 0 ? scales_.levels() - 1 : seen.octave + (moving ? 0 : 1);
@@ -226,13 +229,14 @@ int Tracker::match_last_frame(Frame& frame, float radius, TrackResult& result) {
 }
 
 /// No velocity, or it was wrong: the reference keyframe's landmarks by descriptor alone, starting
-/// from the last pose. With `every` n, every n-th of the landmarks, whatever pose they lead to: so
-/// few would rather fit by chance where the camera is expected.
+/// from the last pose. With `every` n, every n-th of the landmarks, without the prior of the
+/// expected pose: with so few matches that prior would decide the pose.
 bool Tracker::predict_by_reference(Frame& frame, TrackResult& result, std::size_t every) {
   const KeyFrameView& reference = replica_.keyframes().at(reference_);
   std::vector<DescriptorQuery> queries;
   std::vector<LandmarkId> landmarks;
-  // What the keyframe's feature lies on, as its descriptor; how it moves, as last seen.
+  // Class and instance are those of the keyframe's feature, like its descriptor; motion is that of
+  // the latest observation.
   std::vector<kys::Prior> priors(reference.landmarks.size());
   std::size_t known = 0;
   for (std::size_t i = 0; i < reference.landmarks.size(); ++i) {
@@ -286,7 +290,7 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
   return false;
 }
 
-/// A feature as an observation of a landmark, whose position is not exact either.
+/// A feature as an observation of a landmark; includes the noise of the landmark's position.
 StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
                               const LandmarkView& landmark) const {
   StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
@@ -301,8 +305,8 @@ PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
   return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio};
 }
 
-/// Pose from the frame's landmarks; outliers lose theirs. Returns the inliers. Unless it `expects`
-/// the camera to go on as it did, all poses are alike to it.
+/// Pose from the frame's landmarks; outliers lose their landmark. Returns the number of inliers.
+/// Without `expects` the expected pose is not used.
 int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const {
   result.held = false;
   std::vector<PoseObservation> observations;
@@ -329,7 +333,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
     const double reach = expected->reach;
     const PosePrior prior{expected->T_c_w, options_.acceleration * reach,
                           options_.turn_acceleration * reach};
-    // A camera that turns back at once is not where it was expected: predict() tells.
+    // After a sudden reversal the camera is not at the expected pose; predict() detects that.
     const double away = distance(consensus.pose.T_c_w, expected->T_c_w);
     const bool doubtful =
         consensus.pose.inliers < kDoubtfulShare * static_cast<double>(observations.size()) &&
@@ -349,7 +353,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
   return consensus.pose.inliers;
 }
 
-/// Whether the camera can have come to the frame's pose from its last motion.
+/// Whether the frame's pose is possible after the last motion.
 bool Tracker::is_expected(const Frame& frame) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected || options_.acceleration <= 0) return false;
@@ -357,10 +361,9 @@ bool Tracker::is_expected(const Frame& frame) const {
   return away <= options_.consensus.max_acceleration * expected->reach;
 }
 
-/// Whether a pose found without the prediction can be that of the camera. Where something that
-/// moves fills the image its landmarks alone may be found, as many as one likes; better no pose for
-/// as long as the motion model spans. A time stamp may be wrong by as much as a frame: the step may
-/// be twice as long as expected.
+/// Whether a pose found without the prediction is possible. When a moving object fills the image,
+/// all matches may be on it. Then the frame has no pose, for as long as the motion model is used. A
+/// time stamp may be wrong by up to one frame, so the step may be twice as long as expected.
 bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
   if (options_.acceleration <= 0 || !is_jump(frame, 1)) return true;
   result.jumped = true;
@@ -368,8 +371,8 @@ bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
   return false;
 }
 
-/// Whether no camera can have come to the frame's pose from its last motion, be it as many expected
-/// `steps` further.
+/// Whether the frame's pose is impossible after the last motion, with a tolerance of `steps` times
+/// the expected step.
 bool Tracker::is_jump(const Frame& frame, double steps) const {
   const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
   if (!expected) return false;
@@ -377,8 +380,8 @@ bool Tracker::is_jump(const Frame& frame, double steps) const {
   return away > kImpossible * expected->reach + steps * distance(expected->T_c_w, last_->T_c_w);
 }
 
-/// What a match says about the pose by being on a thing that can move. The frame knows better than
-/// the landmark, which speaks where the frame has no prior.
+/// Instance of a match on a thing that can move, and the log-odds that it is static. The prior of
+/// the frame is used; that of the landmark when the frame has none.
 Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
   const kys::Prior& prior = keypoint.label != kys::kVoidLabel ? keypoint : landmark;
   if (start_.mobility(prior.label) == kys::Mobility::kFixed || prior.instance < 0) return {};
@@ -386,7 +389,7 @@ Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const
   return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
 }
 
-/// A landmark's prior with belief as it is now; kept for as long as `kept` lives.
+/// A landmark's prior with the present belief; valid as long as `kept` exists.
 const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
                                     std::deque<kys::Prior>& kept) const {
   if (!instances_) return &landmark.prior;
@@ -436,7 +439,7 @@ void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRe
     const LandmarkView& landmark = replica_.landmarks().at(id);
     const auto view = predict_view(camera_, scales_, frame.T_c_w, centre, landmark);
     if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
-    // The straighter the view, the better the prediction.
+    // The prediction is better when the angle between the two views is small.
     const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
     queries.push_back(
         query_for(*view, radius, scales_, landmark.descriptor, *prior_of(landmark, priors)));

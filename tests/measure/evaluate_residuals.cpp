@@ -29,7 +29,8 @@ struct Sums {
   }
 };
 
-/// Number of residuals over that of residuals less unknowns: a fit takes that share of the error.
+/// Correction of residuals after a fit: the square root of the number of residuals over the degrees
+/// of freedom (residuals less unknowns).
 double inflation(int residuals, int landmarks, std::size_t keyframes) {
   const double unknowns = 3.0 * landmarks + 6.0 * static_cast<double>(keyframes);
   return residuals > unknowns ? std::sqrt(residuals / (residuals - unknowns)) : 1;
@@ -57,7 +58,8 @@ void report(const Map& map) {
     }
   });
   const double factor = inflation(residuals, landmarks, map.keyframes().size());
-  fmt::print("{} residuals; factor for what the fit takes: {:.3f}\n\n", residuals, factor);
+  fmt::print("{} residuals; factor for the degrees of freedom of the fit: {:.3f}\n\n", residuals,
+             factor);
   fmt::print("| keypoints | octave | observations | u | v | disparity |\n");
   fmt::print("| --- | --- | --- | --- | --- | --- |\n");
   for (const auto& [key, sums] : table) {
@@ -70,8 +72,9 @@ void report(const Map& map) {
 
 int run(int argc, char** argv) {
   CLI::App app{
-      "Residuals of a saved map: root mean square of u, v and disparity, px of the octave, times "
-      "the factor that makes up for the fit, of landmarks with three observers and more."};
+      "Residuals of a saved map, landmarks with at least three observers: root mean square of u, v "
+      "and disparity, px of the octave. They are multiplied by a factor that corrects for the "
+      "degrees of freedom of the fit."};
   std::string file;
   app.add_option("MAP", file, "map saved by a run (--save-map)")->required();
   if (const auto status = parse_command_line(app, argc, argv)) return *status;

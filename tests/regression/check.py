@@ -13,7 +13,7 @@ import argparse
 import os
 import sys
 
-from harness import (SKIPPED, Absent, Failure, Workplace, compare, is_exact, load, make_input,
+from harness import (SKIPPED, Absent, BuildFolder, Failure, compare, is_exact, load, make_input,
                      read_results, report, run)
 
 FAULT = "stereo.added_disparity=5"
@@ -49,7 +49,7 @@ def main():
     parser.add_argument("case")
     parser.add_argument("--broken", action="store_true")
     arguments = parser.parse_args()
-    place = Workplace(arguments.build)
+    place = BuildFolder(arguments.build)
     case = load(arguments.case)
     try:
         if "expected" not in case:

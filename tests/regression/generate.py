@@ -6,14 +6,14 @@
 import sys
 import time
 
-from harness import Absent, Failure, Workplace, case_names, is_generated, load, make_input, report
+from harness import Absent, BuildFolder, Failure, case_names, is_generated, load, make_input, report
 
 
 def main():
     if len(sys.argv) != 2:
         print(__doc__, file=sys.stderr)
         return 2
-    place = Workplace(sys.argv[1])
+    place = BuildFolder(sys.argv[1])
     start = time.monotonic()
 
     def announce(text):

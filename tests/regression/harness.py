@@ -36,7 +36,7 @@ def load(name):
 # --- input -------------------------------------------------------------------------------------
 
 
-class Workplace:
+class BuildFolder:
     """Where programs are, and where generated input and results go."""
 
     def __init__(self, build):

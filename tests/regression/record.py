@@ -21,7 +21,7 @@ import subprocess
 import sys
 import time
 
-from harness import (FOLDER, SOURCE, Absent, Failure, Workplace, case_names, largest_difference, load,
+from harness import (FOLDER, SOURCE, Absent, BuildFolder, Failure, case_names, largest_difference, load,
                      make_input, read_results, report, run, spread)
 
 SEEDS = [1, 2, 3, 4, 5]
@@ -162,7 +162,7 @@ def main():
     if unknown:
         report(f"no case {', '.join(sorted(unknown))}; there are {', '.join(case_names())}")
         return 2
-    place = Workplace(os.path.abspath(arguments.build))
+    place = BuildFolder(os.path.abspath(arguments.build))
     start = time.monotonic()
 
     def announce(text):

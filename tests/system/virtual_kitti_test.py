@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "regression"))
 import harness  # noqa: E402
 import virtual_kitti  # noqa: E402
 
-PLACE = harness.Workplace(os.environ["KYS_BUILD"])
+PLACE = harness.BuildFolder(os.environ["KYS_BUILD"])
 FRAMES, MIDDLE = 30, 15
 CASE = {"input": {"world": "street", "size": "620x188", "frames": FRAMES, "priors": True},
         # By votes the truck ahead captures the tracker: only priors that are right free it.

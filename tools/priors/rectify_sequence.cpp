@@ -1,5 +1,5 @@
 // rectify_sequence: the rectified images of a sequence as PNG, as input of perception networks.
-// Priors live in the rectified geometry.
+// Priors are in the geometry of the rectified images.
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/run_main.h>

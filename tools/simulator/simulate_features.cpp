@@ -60,7 +60,7 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
   std::printf("%s: %zu frames, %zu landmarks", printable(output).c_str(), frames,
               world.landmark_count());
   if (o.traffic != Traffic::kNone || !o.objects.empty()) {
-    std::printf(", movers cover %.1f %% of the image",
+    std::printf(", moving objects cover %.1f %% of the image",
                 100 * mover_share / static_cast<double>(frames));
   }
   std::printf("\n");

@@ -99,8 +99,9 @@ int run(int argc, char** argv) {
               kys_slam::printable(write_options.output.string()).c_str(), world.times.size(),
               world.name.c_str());
   if (figures.moving >= 0) {
-    std::printf("movers cover %.1f %% of the left images, what can move and stands %.1f %%\n",
-                100 * figures.moving, 100 * figures.standing);
+    std::printf(
+        "moving objects cover %.1f %% of the left images, static objects that can move %.1f %%\n",
+        100 * figures.moving, 100 * figures.standing);
   }
   return 0;
 }

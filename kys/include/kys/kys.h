@@ -1,6 +1,7 @@
 #pragma once
 
-// The whole library.
+// All headers of the library but matcher.h, which is for C++11, and option_list.h, which
+// mode_options.h includes.
 #include <kys/belief.h>
 #include <kys/descriptor.h>
 #include <kys/distance.h>

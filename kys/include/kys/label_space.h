@@ -59,8 +59,8 @@ class LabelSpace {
 /// `longest` characters from ! to ~.
 bool is_label_space_name(std::string_view name, std::size_t longest = 32);
 
-/// Names of the label spaces that are part of the library: "ade20k_150", "coco_panoptic_133",
-/// "vkitti2".
+/// Names of the label spaces that are part of the library: "ade20k_150", "cityscapes_19",
+/// "coco_panoptic_133", "vkitti2".
 const std::vector<std::string>& builtin_label_spaces();
 
 /// Reads a class file and a table file (formats: README.md). Throws Error naming file and line when

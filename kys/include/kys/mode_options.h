@@ -43,21 +43,21 @@ struct ModeOptions {
   double tau = 110;    ///< mode soft_filter: bits of S from which a pair is rejected
   double alpha = 0.7;  ///< mode semantic: weight of d, 1 - alpha that of S
 
-  // Modes panoptic and kys.
+  // Modes panoptic, kys and verified.
   std::array<double, 3> eta{0.70, 0.20, 0.10};  ///< cross-class base, weight of S / S_max, of scale
   double gamma = 0.75;                          ///< base of same-class pairs
   double s_max = 155;     ///< bits of S that correspond to 1; S is not clipped
   bool normalize = true;  ///< divide the structural factor by gamma (the paper does not)
 
-  // Mode kys.
+  // Modes kys and verified.
   std::array<double, 3> lambda{0.08, 0.05, 0.02};  ///< cross-class, cross-instance, same-instance
   bool gates = true;                               ///< reject pairs with mu above a gate
-  double gate_stereo = 8;                          ///< largest mu, 0..100, matched left to right
-  double gate_temporal = 20;  ///< largest mu, 0..100, matched in other contexts
+  double gate_stereo = 8;     ///< mode kys: largest mu, 0..100, matched left to right
+  double gate_temporal = 20;  ///< mode kys: largest mu, 0..100, matched in other contexts
   bool continuous = true;     ///< false: gates only, other pairs keep d
 
-  // Mode verified: the structure, lambda and continuous of kys, with
-  double gate_belief = 0.7;  ///< largest 1 - p_static, 0..1, matched between frames
+  /// Mode verified: largest 1 - p_static, 0..1, matched between frames. It replaces gate_temporal.
+  double gate_belief = 0.7;
 
   /// Throws Error naming the key of an invalid value.
   void check() const;

@@ -29,7 +29,7 @@ struct ExpectedPriors {
 /// One segment of one camera's panoptic map.
 struct PriorSegment {
   std::uint16_t label = 0;    ///< dense class index in the label space
-  std::uint16_t flags = 0;    ///< prior_format::kThing | kDynamic | kRadialOnly
+  std::uint16_t flags = 0;    ///< prior_format::kThing | kDynamic | kRadialOnly | kNotJudged
   std::int32_t instance = 0;  ///< identity over time, disjoint between cameras
   float scale = 0;            ///< a_k, px^2 m^2 (Eq. 3); 0 without depth
   float score = 0;            ///< m_k, 0..100 (Eq. 8)

@@ -197,9 +197,8 @@ class Writer {
     std::string readme = readme_text(world_, options_.command, truth_);
     if (truth_) {
       readme += fmt::sprintf(
-          "\nOf the left images movers cover %.1f %% on average, things that can move and stand "
-          "%.1f "
-          "%%.\n",
+          "\nMoving objects cover %.1f %% of the left images on average, static objects that can "
+          "move %.1f %%.\n",
           100 * figures.moving, 100 * figures.standing);
     }
     write_file_atomic(folder_ / "README", readme);
