@@ -134,3 +134,16 @@ def output_full_disk(f, programs):
         result = programs.finish(programs.start("run_stereo_kitti", ["--list-settings"],
                                                 stdout=full))
     refused(result, "standard output")
+
+
+@case
+def output_standard_descriptors_are_closed(f, programs):
+    """What is said is lost, and nothing of it is in a file."""
+    for closed in ((0,), (1,), (2,), (0, 1, 2)):
+        def close(closed=closed):
+            for fd in closed:
+                os.close(fd)
+        shutil.rmtree(f.output, ignore_errors=True)
+        passed(programs.run("run_stereo_kitti", f.sequence, "--output", f.output, before=close))
+        summary = complete(f)
+        expect(summary["complete"], summary)
