@@ -147,3 +147,13 @@ def output_standard_descriptors_are_closed(f, programs):
         passed(programs.run("run_stereo_kitti", f.sequence, "--output", f.output, before=close))
         summary = complete(f)
         expect(summary["complete"], summary)
+
+
+@case
+def output_map_without_keyframes(f, programs):
+    """Of a run that ended before its first keyframe: nothing to find the camera in."""
+    with open(f.image(0), "r+b") as image:
+        image.truncate(20)
+    refused(programs.kitti(f, "--save-map", f("m.map")), "000000.png")
+    refused(programs.kitti(f, "--start", "1", "--load-map", f("m.map"), "--localize-only"),
+            f("m.map"), "holds no keyframes")
