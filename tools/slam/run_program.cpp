@@ -284,6 +284,30 @@ void explain_mistake(const std::filesystem::path& path) {
   }
 }
 
+/// A run that ended before its first keyframe does not replace a map that exists by an empty one.
+void save_map(const System& system, const RunOutcome& outcome, const std::filesystem::path& file,
+              const std::filesystem::path& output) {
+  if (outcome.keyframes_made == 0 && path_exists(file) && system.snapshot().keyframes.empty()) {
+    spdlog::warn("{} is left as it was: this run has no keyframes", printable(file.string()));
+    return;
+  }
+  save_map_or_beside(system, file, output);
+}
+
+/// The same of results and a run that ended before its first frame.
+/// \returns whether there are results of this run
+bool write_results(const System& system, const Settings& settings, Schedule schedule,
+                   const RunInfo& info, const RunOutcome& outcome,
+                   const std::filesystem::path& output) {
+  if (system.reports().empty() && path_exists(output / "summary.json")) {
+    spdlog::warn("the results in {} are left as they were: this run has no frames",
+                 printable(output.string()));
+    return false;
+  }
+  write_run(output, system, settings, schedule, info, outcome);
+  return true;
+}
+
 FrameInput open_input(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
@@ -332,11 +356,14 @@ int run(const RunProgram& program, const Arguments& a) {
   if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = summarise_run(system, info); });
-  failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
+  bool has_results = true;
+  failures.guard([&] {
+    has_results = write_results(system, settings, schedule, info, outcome, output);
+  });
   if (!a.save_map.empty()) {
-    failures.guard([&] { save_map_or_beside(system, a.save_map, output); });
+    failures.guard([&] { save_map(system, outcome, a.save_map, output); });
   }
-  if (!a.quiet) {
+  if (!a.quiet && has_results) {
     failures.guard([&] {
       print_text(describe_run(system, info, outcome) +
                  fmt::format("\nresults in {}\n", printable(output.string())));

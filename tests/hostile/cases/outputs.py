@@ -9,6 +9,11 @@ from harness import (FRAMES, OUTPUTS, Result, as_nobody, case, complete, expect,
                      refused)
 
 
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
 @case
 def output_one_file_is_a_folder(f, programs):
     for name in ("frames.csv", "trajectory.tum"):
@@ -157,3 +162,20 @@ def output_map_without_keyframes(f, programs):
     refused(programs.kitti(f, "--save-map", f("m.map")), "000000.png")
     refused(programs.kitti(f, "--start", "1", "--load-map", f("m.map"), "--localize-only"),
             f("m.map"), "holds no keyframes")
+
+
+@case
+def output_of_a_run_without_frames(f, programs):
+    """It ends before its first keyframe: what an earlier run left is still there."""
+    passed(programs.kitti(f, "--save-map", f("m.map")))
+    kept = [f("m.map"), *(os.path.join(f.output, name) for name in OUTPUTS)]
+    before = [read(path) for path in kept]
+    with open(f.image(0), "r+b") as image:
+        image.truncate(20)
+    for more in ([], ["--overwrite"]):
+        result = programs.kitti(f, "--save-map", f("m.map"), *more)
+        expect(result.status == 2, f"status {result.status}: {result.err}")
+        for part in ("000000.png", "m.map is left as it was", "the results in"):
+            expect(part in result.err, f"{part!r} is not in {result.err!r}")
+        for path, text in zip(kept, before):
+            expect(read(path) == text, f"{path} was replaced")
