@@ -205,6 +205,10 @@ void track(System& system, FrameSource& frames, const Arguments& a, const Pace& 
     const Waiting waiting("finishing the map",
                           a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
     system.finish();
+    if (guard.requested() && info.complete) {  // the last optimisation was left out
+      info.complete = false;
+      info.end_reason = "interrupted";
+    }
   });
   info.wall_s = wall.elapsed_ms() / 1000;
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
