@@ -312,6 +312,15 @@ bool write_results(const System& system, const Settings& settings, Schedule sche
   return true;
 }
 
+/// A sequence with something wrong in it is told of that, also where other files are in its folder.
+bool looks_like_sequence(const std::filesystem::path& path) {
+  std::error_code ignored;
+  for (const char* part : {"image_0", "image_2", "frames", "mav0", "cam0"}) {
+    if (std::filesystem::is_directory(path / part, ignored)) return true;
+  }
+  return false;
+}
+
 FrameInput open_input(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
@@ -320,7 +329,7 @@ FrameInput open_input(const RunProgram& program, const Arguments& a) {
   try {
     return open_frame_input(a.sequence, options, program.open);
   } catch (const InputError&) {
-    explain_mistake(a.sequence);
+    if (!looks_like_sequence(a.sequence)) explain_mistake(a.sequence);
     throw;
   }
 }
