@@ -21,8 +21,8 @@ std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 /// when there are none, and for two files of one frame (3.png and 003.png, 3.png and 3.jpg).
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
-/// Pairs left and right images by the digits their stems end in; every image must have its partner
-/// in the other camera. Time stamps are 0.
+/// Pairs left and right images by the numbers in their names; every image must have its partner in
+/// the other camera. Time stamps are 0.
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
 

@@ -170,6 +170,29 @@ TEST_F(BadKitti, Times) {
   expect_refused({"times.txt"});
 }
 
+TEST_F(BadKitti, ImagesArePairedByAllNumbersInTheirNames) {
+  const auto rename = [&](const char* camera, const char* pattern) {
+    fs::remove_all(sequence_ / camera);
+    write_images(sequence_ / camera, pattern, 6, 10);
+  };
+  rename("image_0", "%06d_10.png");
+  rename("image_1", "%06d_10.png");
+  fs::remove(sequence_ / "image_0/000003_10.png");
+  fs::remove(sequence_ / "image_1/000004_10.png");
+  expect_refused({"000004_10.png", "image_1"});
+  rename("image_0", "%06d_10.png");
+  rename("image_1", "%06d_10.png");
+  fs::remove(sequence_ / "image_0/000000_10.png");
+  fs::remove(sequence_ / "image_1/000001_10.png");
+  expect_refused({"000001_10.png", "image_1"});
+  // The number of the camera may be in the names.
+  rename("image_0", "cam0_%06d.png");
+  rename("image_1", "cam1_%06d.png");
+  fs::remove(sequence_ / "image_0/cam0_000005.png");
+  fs::remove(sequence_ / "image_1/cam1_000005.png");
+  EXPECT_EQ(open_kitti_sequence(sequence_)->frame_count(), 5);
+}
+
 TEST_F(BadKitti, RightCamera) {
   fs::rename(sequence_ / "image_1/000002.png", sequence_ / "image_1/000009.png");
   expect_refused({"000002.png", "image_1"});
