@@ -3,6 +3,7 @@
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/text_table.h>
 
@@ -35,8 +36,8 @@ std::vector<std::string> numbers_of(const fs::path& image) {
   return numbers;
 }
 
-/// Whether image `i` of both cameras is of one frame: all numbers in the names are the same, but for
-/// one before the last that tells the cameras apart, and is the same in all names of a camera.
+/// Whether image `i` of both cameras is of one frame: all numbers in the names are the same, but
+/// for one before the last that tells the cameras apart, and is the same in all names of a camera.
 bool same_frame(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
                 std::size_t i) {
   const std::vector<std::string> a = numbers_of(left[i]), b = numbers_of(right[i]);
@@ -101,6 +102,17 @@ std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& 
     frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
   }
   return frames;
+}
+
+void require_consecutive(const std::vector<Sequence::Frame>& frames) {
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    const auto before = parse_int(numbers_of(frames[i - 1].left).back());
+    const auto number = parse_int(numbers_of(frames[i].left).back());
+    if (!before || !number || *number - *before == 1) continue;
+    throw InputError(frames[i].left.string() + ": follows " +
+                     frames[i - 1].left.filename().string() +
+                     ", but frames of this layout have to be consecutive");
+  }
 }
 
 std::vector<double> kitti_calibration_row(const fs::path& file,

@@ -26,6 +26,10 @@ std::vector<std::filesystem::path> list_images(const std::filesystem::path& fold
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
 
+/// For layouts whose frames have no times but a rate. Names without a number are not looked at.
+/// \throws InputError naming the image after a gap in the numbers that names end in
+void require_consecutive(const std::vector<Sequence::Frame>& frames);
+
 /// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:". The first of
 /// `names` that the file has counts.
 /// \throws InputError when the file or the name is missing, the count is wrong, or there are two

@@ -270,6 +270,26 @@ TEST(KittiTracking, GroundTruthFromOxtsIsOfTheLeftCamera) {
   }
 }
 
+TEST(KittiTracking, FramesThatAreMissingAreAnError) {
+  const TemporaryFolder folder;
+  const fs::path root = folder / "training";
+  write_text(root / "calib/0001.txt", kKittiCalibration);
+  const fs::path virtual_root = folder / "Scene01/clone";
+  for (const auto& [left, right] :
+       {std::pair{root / "image_02/0001", root / "image_03/0001"},
+        {virtual_root / "frames/rgb/Camera_0", virtual_root / "frames/rgb/Camera_1"}}) {
+    for (const fs::path& camera : {left, right}) {
+      write_images(camera, "%06d.png", 6, 10);
+      fs::remove(camera / "000003.png");
+      fs::remove(camera / "000004.png");
+    }
+  }
+  expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); },
+                     {"image_02/0001/000005.png", "000002.png", "consecutive"});
+  expect_input_error([&] { open_kitti_sequence(virtual_root); },
+                     {"Camera_0/000005.png", "consecutive"});
+}
+
 TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   const TemporaryFolder folder;
   const fs::path root = folder / "Scene01/clone";
