@@ -44,8 +44,8 @@ TEST(EvaluateTrajectory, PrintsATableOrJson) {
 }
 
 TEST(EvaluateTrajectory, AStepThatNoPairHasGivesNoFigures) {
-  const std::string files = "--reference " + kData + "reference.tum --estimate " + kData +
-                            "estimate.tum --rpe 1000";
+  const std::string files =
+      "--reference " + kData + "reference.tum --estimate " + kData + "estimate.tum --rpe 1000";
   const Finished table = evaluate_trajectory(files);
   EXPECT_EQ(table.status, 0) << table.output;
   EXPECT_EQ(table.output.find("0.000000"), std::string::npos) << table.output;

@@ -86,7 +86,7 @@ Evaluation evaluate(const Arguments& arguments) {
 
 nlohmann::ordered_json to_json(const Statistics& s) {
   if (s.count == 0) {
-    return {{"count", 0},      {"rmse", nullptr}, {"mean", nullptr}, {"median", nullptr},
+    return {{"count", 0},     {"rmse", nullptr}, {"mean", nullptr}, {"median", nullptr},
             {"std", nullptr}, {"min", nullptr},  {"max", nullptr}};
   }
   return {{"count", s.count}, {"rmse", s.rmse}, {"mean", s.mean}, {"median", s.median},

@@ -370,9 +370,8 @@ int run(const RunProgram& program, const Arguments& a) {
   RunOutcome outcome;
   failures.guard([&] { outcome = summarise_run(system, info); });
   bool has_results = true;
-  failures.guard([&] {
-    has_results = write_results(system, settings, schedule, info, outcome, output);
-  });
+  failures.guard(
+      [&] { has_results = write_results(system, settings, schedule, info, outcome, output); });
   if (!a.save_map.empty()) {
     failures.guard([&] { save_map(system, outcome, a.save_map, output); });
   }
