@@ -374,6 +374,13 @@ TEST(Euroc, BadInput) {
   expect_refused({"cam0/sensor.yaml", "intrinsics", "finite"});
   write_text(root / "mav0/cam0/sensor.yaml", "a: [1, 2");
   expect_refused({"cam0/sensor.yaml"});
+  const std::string sound = sensor_yaml("0.0", "50.0, 50.0, 29.5, 19.5");
+  write_text(root / "mav0/cam0/sensor.yaml", sound + "\nresolution: [60, 40]\n");
+  expect_refused({"cam0/sensor.yaml", "the key 'resolution' is there twice"});
+  std::string scaled = sound;
+  scaled.replace(scaled.find("0.0, 0.0, 0.0, 1.0]"), 19, "0.0, 0.0, 0.0, 2.0]");
+  write_text(root / "mav0/cam0/sensor.yaml", scaled);
+  expect_refused({"cam0/sensor.yaml", "last row of 'T_BS'"});
   fs::remove(root / "mav0/cam1/sensor.yaml");
   expect_refused({"cam1/sensor.yaml"});
   write_text(root / "mav0/cam1/sensor.yaml", sensor_yaml("-0.1", "50.0, 50.0, 29.5, 19.5"));
