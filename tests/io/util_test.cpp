@@ -8,8 +8,8 @@
 #include <kys_slam/util/progress.h>
 #include <kys_slam/util/read_bytes.h>
 #include <signal.h>
-#include <sys/stat.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <atomic>
 #include <chrono>
