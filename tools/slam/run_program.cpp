@@ -351,7 +351,12 @@ int run(const RunProgram& program, const Arguments& a) {
                        : a.output;
   if (!a.overwrite) check_not_of_another_run(output, info);
   make_output_folder(output);
-  if (!a.save_map.empty()) check_writable(a.save_map);
+  if (!a.save_map.empty()) {
+    if (is_same_path(a.save_map, a.sequence)) {
+      throw InputError("--save-map " + a.save_map.string() + ": is the input");
+    }
+    check_writable(a.save_map);
+  }
   Priors priors = open_priors(a, input, settings);
 
   // Images are small: handing their rows out to threads costs more than it gains, and the cores

@@ -179,3 +179,15 @@ def output_of_a_run_without_frames(f, programs):
             expect(part in result.err, f"{part!r} is not in {result.err!r}")
         for path, text in zip(kept, before):
             expect(read(path) == text, f"{path} was replaced")
+
+
+@case
+def output_is_the_input(f, programs):
+    path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
+    refused(programs.run("simulate_features", path, "--output", path, "--quiet"), "is the input")
+    features = f("path.features")
+    passed(programs.run("simulate_features", path, "--output", features, "--quiet"))
+    before = read(features)
+    refused(programs.run("run_stereo_kitti", features, "--output", f.output, "--quiet", "--save-map",
+                         features), "--save-map", "is the input")
+    expect(read(features) == before, "the input is overwritten")
