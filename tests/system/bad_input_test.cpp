@@ -97,7 +97,8 @@ TEST_F(BadInput, ADamagedSequenceIsNotTakenForSomethingElse) {
     fs::create_directories(mav0 / camera / "data");
     write_text(mav0 / camera / "data.csv", "not a row\n");
   }
-  expect_refusal("run_stereo_euroc", {mav0.string(), "--output", output().string()}, {"data.csv:1"});
+  expect_refusal("run_stereo_euroc", {mav0.string(), "--output", output().string()},
+                 {"data.csv:1"});
   Command command("run_stereo_euroc", {mav0.string(), "--output", output().string()});
   command.wait();
   EXPECT_EQ(command.err().find("to run_stereo_euroc"), std::string::npos) << command.err();
