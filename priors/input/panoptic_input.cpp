@@ -26,6 +26,13 @@ fs::path first_png(const fs::path& folder) {
   return files.front();
 }
 
+/// Two channels leave blue at 0; of COCO's ids, which are any colours, it is the third byte.
+bool has_blue(const fs::path& image) {
+  const RgbImage rgb = read_rgb(image);
+  return std::any_of(rgb.data(), rgb.data() + rgb.size(),
+                     [](const RgbPixel& pixel) { return pixel[2] != 0; });
+}
+
 /// The colours of Virtual KITTI 2.0.3's class pictures (colors.txt; the same in every scene).
 struct VkittiClass {
   RgbPixel colour;
@@ -115,8 +122,9 @@ PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, const std::str
 PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
                                PanopticEncoding encoding)
     : folder_(std::move(folder)), labels_(&labels), encoding_(encoding) {
-  while (!folder_.has_filename() && folder_.has_parent_path()) folder_ = folder_.parent_path();
   if (!is_folder(folder_)) throw InputError(folder_.string() + ": is not a folder");
+  folder_ = fs::absolute(folder_).lexically_normal();  // "." has a name, too
+  while (!folder_.has_filename() && folder_.has_relative_path()) folder_ = folder_.parent_path();
   const fs::path beside = folder_.parent_path() / (folder_.filename().string() + ".json");
   const bool json = path_exists(beside);
   if (encoding_ == PanopticEncoding::kAuto) {
@@ -125,6 +133,10 @@ PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
                 : is_vkitti_instances(first)           ? PanopticEncoding::kVkitti
                 : read_image_info(first).channels >= 3 ? PanopticEncoding::kTwoChannel
                                                        : PanopticEncoding::kClassMap;
+    if (encoding_ == PanopticEncoding::kTwoChannel && has_blue(first)) {
+      throw InputError(beside.string() + ": missing; the colours of " + first.string() +
+                       " are ids of COCO panoptic");
+    }
   }
   if (encoding_ == PanopticEncoding::kCoco) {
     if (!json) throw InputError(beside.string() + ": missing; COCO panoptic needs it");

@@ -86,6 +86,7 @@ std::unique_ptr<Sequence> open_kitti_tracking(const fs::path& folder,
   const fs::path calibration = root / "calib" / (name + ".txt");
   if (!path_exists(calibration)) throw InputError(calibration.string() + ": no such file");
   content.frames = pair_by_name(folder, root / "image_03" / name);
+  require_consecutive(content.frames);
   for (std::size_t i = 0; i < content.frames.size(); ++i) {
     content.frames[i].timestamp = static_cast<double>(i) / kFrameRate;
   }

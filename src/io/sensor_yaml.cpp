@@ -86,6 +86,9 @@ RawCamera read_camera(const std::filesystem::path& path) {
   if (!T_BS.IsMap()) file.fail("'T_BS' has no 'data'");
   const std::vector<double> T = file.numbers(T_BS["data"], "T_BS.data");
   if (T.size() != 16) file.fail("'T_BS' is not a 4x4 matrix");
+  if (T[12] != 0 || T[13] != 0 || T[14] != 0 || T[15] != 1) {
+    file.fail("the last row of 'T_BS' is not 0 0 0 1");
+  }
   const auto T_b_s = rigid_from_row_major(T.data());
   if (!T_b_s) file.fail("'T_BS' is not a rigid transformation");
   camera.T_b_s = *T_b_s;

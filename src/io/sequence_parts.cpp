@@ -3,6 +3,7 @@
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/text_table.h>
 
@@ -20,12 +21,40 @@ void describe(kys::OptionList& list, SequenceOptions& o) {
 namespace fs = std::filesystem;
 namespace {
 
-/// The digits a stem ends in: "rgb_00012" -> "00012".
-std::string frame_number(const fs::path& image) {
-  const std::string stem = image.stem().string();
-  std::size_t begin = stem.size();
-  while (begin > 0 && stem[begin - 1] >= '0' && stem[begin - 1] <= '9') --begin;
-  return stem.substr(begin);
+/// The digits a stem ends in, and those before: "000012_10" -> "000012", "10". The last is "" when
+/// the stem does not end in digits.
+std::vector<std::string> numbers_of(const fs::path& image) {
+  std::vector<std::string> numbers;
+  bool inside = false;
+  for (const char c : image.stem().string()) {
+    const bool digit = c >= '0' && c <= '9';
+    if (digit && !inside) numbers.emplace_back();
+    if (digit) numbers.back() += c;
+    inside = digit;
+  }
+  if (!inside) numbers.emplace_back();
+  return numbers;
+}
+
+/// Whether image `i` of both cameras is of one frame: all numbers in the names are the same, but
+/// for one before the last that tells the cameras apart, and is the same in all names of a camera.
+bool same_frame(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
+                std::size_t i) {
+  const std::vector<std::string> a = numbers_of(left[i]), b = numbers_of(right[i]);
+  if (a.back() != b.back()) return false;
+  if (a.size() != b.size()) return true;
+  const auto constant = [&](const std::vector<fs::path>& images, std::size_t k,
+                            const std::string& number) {
+    for (const fs::path& image : {images.front(), images.back()}) {
+      const std::vector<std::string> numbers = numbers_of(image);
+      if (k >= numbers.size() || numbers[k] != number) return false;
+    }
+    return true;
+  };
+  for (std::size_t k = 0; k + 1 < a.size(); ++k) {
+    if (a[k] != b[k] && !(constant(left, k, a[k]) && constant(right, k, b[k]))) return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -67,12 +96,23 @@ std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& 
   }
   std::vector<Sequence::Frame> frames;
   for (std::size_t i = 0; i < left_images.size(); ++i) {
-    if (frame_number(left_images[i]) != frame_number(right_images[i])) {
+    if (!same_frame(left_images, right_images, i)) {
       throw InputError(left_images[i].string() + ": no image of this number in " + right.string());
     }
     frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
   }
   return frames;
+}
+
+void require_consecutive(const std::vector<Sequence::Frame>& frames) {
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    const auto before = parse_int(numbers_of(frames[i - 1].left).back());
+    const auto number = parse_int(numbers_of(frames[i].left).back());
+    if (!before || !number || *number - *before == 1) continue;
+    throw InputError(frames[i].left.string() + ": follows " +
+                     frames[i - 1].left.filename().string() +
+                     ", but frames of this layout have to be consecutive");
+  }
 }
 
 std::vector<double> kitti_calibration_row(const fs::path& file,

@@ -21,10 +21,14 @@ std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 /// when there are none, and for two files of one frame (3.png and 003.png, 3.png and 3.jpg).
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
-/// Pairs left and right images by the digits their stems end in; every image must have its partner
-/// in the other camera. Time stamps are 0.
+/// Pairs left and right images by the numbers in their names; every image must have its partner in
+/// the other camera. Time stamps are 0.
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
+
+/// For layouts whose frames have no times but a rate. Names without a number are not looked at.
+/// \throws InputError naming the image after a gap in the numbers that names end in
+void require_consecutive(const std::vector<Sequence::Frame>& frames);
 
 /// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:". The first of
 /// `names` that the file has counts.

@@ -80,6 +80,7 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   content.layout = "Virtual KITTI 2";
   const fs::path images = folder / "frames" / "rgb";
   content.frames = pair_by_name(images / "Camera_0", images / "Camera_1");
+  require_consecutive(content.frames);
   read_intrinsics(folder / "intrinsic.txt", content.camera);
   const ImageInfo info = read_image_info(content.frames.front().left);
   content.camera.width = info.width;

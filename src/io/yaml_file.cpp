@@ -5,13 +5,15 @@
 #include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
+#include <set>
 #include <sstream>
+#include <vector>
 
 namespace kys_slam {
 namespace {
 
 constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
-constexpr int kMaxDepth = 16;
+constexpr std::size_t kMaxDepth = 16;
 constexpr int kMaxValues = 20000;
 
 /// Goes through a document without making anything of it.
@@ -19,26 +21,39 @@ class PlainTree : public YAML::EventHandler {
  public:
   void OnDocumentStart(const YAML::Mark&) override {}
   void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { value(mark, "", anchor); }
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override {
+    value(mark, "", anchor);
+    next();
+  }
   void OnAlias(const YAML::Mark& mark, YAML::anchor_t) override {
     throw YAML::ParserException(mark, "aliases are not allowed");
   }
   void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
-                const std::string&) override {
+                const std::string& text) override {
     value(mark, tag, anchor);
+    if (at_key() && !levels_.back().keys.insert(text).second) {
+      throw YAML::ParserException(mark, "the key '" + text + "' is there twice");
+    }
+    next();
   }
   void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                        YAML::EmitterStyle::value) override {
-    enter(mark, tag, anchor);
+    enter(mark, tag, anchor, false);
   }
-  void OnSequenceEnd() override { --depth_; }
+  void OnSequenceEnd() override { leave(); }
   void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                   YAML::EmitterStyle::value) override {
-    enter(mark, tag, anchor);
+    enter(mark, tag, anchor, true);
   }
-  void OnMapEnd() override { --depth_; }
+  void OnMapEnd() override { leave(); }
 
  private:
+  struct Level {
+    bool map = false;
+    bool value = false;  // of a map: after a key
+    std::set<std::string> keys;
+  };
+
   void value(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) {
     if (anchor != 0) throw YAML::ParserException(mark, "anchors are not allowed");
     // "?" and "!" stand for values without a tag, plain and quoted; OpenCV marks its matrices.
@@ -47,12 +62,23 @@ class PlainTree : public YAML::EventHandler {
     }
     if (++values_ > kMaxValues) throw YAML::ParserException(mark, "too many values");
   }
-  void enter(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) {
+  void enter(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor, bool map) {
     value(mark, tag, anchor);
-    if (++depth_ > kMaxDepth) throw YAML::ParserException(mark, "nested too deeply");
+    if (levels_.size() >= kMaxDepth) throw YAML::ParserException(mark, "nested too deeply");
+    levels_.push_back({map, false, {}});
+  }
+  void leave() {
+    levels_.pop_back();
+    next();
+  }
+  [[nodiscard]] bool at_key() const {
+    return !levels_.empty() && levels_.back().map && !levels_.back().value;
+  }
+  void next() {
+    if (!levels_.empty()) levels_.back().value = !levels_.back().value;
   }
 
-  int depth_ = 0;
+  std::vector<Level> levels_;
   int values_ = 0;
 };
 

@@ -11,6 +11,7 @@
 
 #include "system/private_access.h"
 #include "system/settings_data.h"
+#include "system/system_options.h"
 
 namespace kys_slam {
 
@@ -55,7 +56,7 @@ void check_features(const FrameInput& input, const Settings& settings,
                     const std::filesystem::path& path) {
   if (input.has_images) return;
   const OrbOptions& orb = PrivateAccess::data(settings).orb;
-  const std::string wanted = settings.get("control.label_space");
+  const std::string wanted = label_space_name(settings.get("control.label_space"));
   if (!input.label_space.empty() && input.label_space != wanted) {
     throw InputError(fmt::format("{}: its priors have labels of {}; control.label_space says {}",
                                  path.string(), input.label_space, wanted));

@@ -129,9 +129,9 @@ std::string objects_csv(const System& system, const std::string& label_space) {
   const std::vector<FrameReport> reports = system.reports();
   for (const ObjectEstimate& o : objects) {
     const FrameReport& report = reports.at(static_cast<std::size_t>(o.frame));
-    text +=
-        fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, csv_field(report.name),
-                    report.timestamp, o.instance, labels.at(o.label).name, o.p_moving, o.keypoints);
+    text += fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, csv_field(report.name),
+                        report.timestamp, o.instance, csv_field(labels.at(o.label).name),
+                        o.p_moving, o.keypoints);
     text += fmt::format(",{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f},{:.4f}\n", o.position.x(),
                         o.position.y(), o.position.z(), o.velocity.x(), o.velocity.y(),
                         o.velocity.z(), std::sqrt(o.velocity_covariance.trace()));

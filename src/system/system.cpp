@@ -49,6 +49,9 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   Impl& s = *impl_;
   if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
   Map map = kys_slam::load_map(file, label_space_name(s.options.control.label_space));
+  if (localize_only && map.keyframes().empty()) {
+    throw InputError(file.string() + ": holds no keyframes");
+  }
   if (!(map.camera() == s.camera)) {
     throw InputError(file.string() + ": the map was made with another camera (" +
                      describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");

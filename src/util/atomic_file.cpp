@@ -22,6 +22,17 @@ namespace {
   throw InputError("cannot write " + path.string() + ": " + std::strerror(error));
 }
 
+/// What can be replaced: nothing, or a regular file. A device or a pipe would be gone.
+void check_target(const fs::path& path) {
+  if (!path.has_filename()) fail(path, EISDIR);
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0) return;
+  if (S_ISDIR(status.st_mode)) fail(path, EISDIR);
+  if (!S_ISREG(status.st_mode)) {
+    throw InputError("cannot write " + path.string() + ": not a regular file");
+  }
+}
+
 constexpr std::string_view kEnding = ".kys-tmp";
 
 /// A temporary file beside its target; removed unless committed. It is locked while it is in use,
@@ -98,7 +109,7 @@ void remove_left_files(const fs::path& folder) {
 }  // namespace
 
 void write_file_atomic(const fs::path& path, std::span<const std::uint8_t> bytes, Durable durable) {
-  if (!path.has_filename()) fail(path, EISDIR);
+  check_target(path);
   TemporaryFile file(path);
   file.write(bytes.data(), bytes.size());
   file.commit(durable);
@@ -123,9 +134,7 @@ void make_output_folder(const fs::path& folder) {
 }
 
 void check_writable(const fs::path& path) {
-  if (!path.has_filename()) fail(path, EISDIR);
-  struct stat status {};
-  if (::stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode)) fail(path, EISDIR);
+  check_target(path);
   const TemporaryFile file(path);
 }
 

@@ -1,3 +1,4 @@
+#include <fcntl.h>
 #include <kys/error.h>
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
@@ -101,6 +102,14 @@ bool stdout_complete(std::string_view program) {
   return false;
 }
 
+/// A closed standard descriptor would become that of the next file or pipe, and messages would go
+/// there.
+void open_standard_descriptors() {
+  for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; ++fd) {
+    if (::fcntl(fd, F_GETFD) < 0) ::open("/dev/null", O_RDWR);  // takes the lowest that is free
+  }
+}
+
 }  // namespace
 
 const char* version_text() {
@@ -163,6 +172,7 @@ void print_text(std::string_view text) noexcept {
 }
 
 int run_main(std::string_view program, const std::function<int()>& body) noexcept {
+  open_standard_descriptors();
   std::set_terminate(on_terminate);
   ::signal(SIGPIPE, SIG_IGN);
   ::signal(SIGXFSZ, SIG_IGN);

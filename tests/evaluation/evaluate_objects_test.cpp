@@ -286,7 +286,29 @@ TEST_F(ObjectFiles, RunsAreRead) {
   EXPECT_LT((run.frames.at(6).T_g_c.t() - camera_at(2).t()).norm(), 1e-6);
 }
 
+TEST_F(ObjectFiles, NamesMayHaveBlanksCommasAndQuotes) {
+  write_text(folder_ / "objects.csv",
+             "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
+             "4,left 4,0.0,7,\"van, or \"\"bus\"\"\",0.9,33,1,2,3,4,5,6,0.25\n"
+             "5,\"left, 5\",0.1,8,traffic light,1,34,1.5,2,3,4,5,6,0.25\n");
+  write_text(folder_ / "frames.csv",
+             "index,name,timestamp\n4,left 4,0\n5,\"left, 5\",0.1\n6,left 6,0.2\n");
+  const ObjectRun run = read_object_run(folder_.path());
+  ASSERT_EQ(run.objects.size(), 2u);
+  EXPECT_EQ(run.objects[0].instance, 7);
+  EXPECT_EQ(run.objects[0].kind, "van, or \"bus\"");
+  EXPECT_EQ(run.objects[1].instance, 8);
+  EXPECT_EQ(run.objects[1].kind, "traffic light");
+  EXPECT_EQ(run.frames.at(5).timestamp, 0.1);
+}
+
 TEST_F(ObjectFiles, DamagedRunsAreRefused) {
+  const std::string row = "4,000004,0.0,65540,car,0.9,33,1,2,3,4,5,6,0.25\n";
+  write_text(folder_ / "objects.csv",
+             "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n" +
+                 row + row);
+  expect_input_error([&] { read_object_run(folder_.path()); },
+                     {"objects.csv:3", "instance 65540 twice in frame 4"});
   write_text(folder_ / "objects.csv", "frame,name\n4,000004\n");
   expect_input_error([&] { read_object_run(folder_.path()); }, {"objects.csv", "columns"});
   write_text(folder_ / "objects.csv", "");
@@ -305,6 +327,12 @@ TEST_F(ObjectFiles, SimulatorsTruth) {
              // Turned by -90 degrees about y: x forward is the ground truth's z.
              "4,0,12,car,3,1,5,1.6,20,0,-0.7071067811865476,0,0.7071067811865476,0,0,8,"
              "0.5,0,0.75,4,2,1.5,99,1234,98,1200\n");
+  EXPECT_EQ(read_true_objects(folder_ / "truth.csv", {{4, {0.0005, {}, {}}}}).size(), 1u);
+  expect_input_error(
+      [&] {
+        read_true_objects(folder_ / "truth.csv", {{4, {0.4, {}, {}}}});
+      },
+      {"truth.csv:2", "frame 4 at another time"});
   const auto truth = read_true_objects(folder_ / "truth.csv", {});
   ASSERT_EQ(truth.size(), 1u);
   EXPECT_EQ(truth[0].frame, 4);
@@ -405,6 +433,10 @@ TEST_F(ObjectFiles, WhatIsThereTwiceIsRefused) {
   write_text(folder_ / "frames.csv",
              "index,name,timestamp\n4,000004,0\n4,000004,0.1\n6,000006,0.2\n");
   expect_input_error([&] { read_object_run(folder_.path()); }, {"frames.csv:3", "second time"});
+  write_text(folder_ / "frames.csv",
+             "index,name,timestamp\n4,000004,0\n5,000005,0.2\n6,000006,0.1\n");
+  expect_input_error([&] { read_object_run(folder_.path()); },
+                     {"frames.csv:4", "time stamps do not increase"});
 }
 
 }  // namespace

@@ -43,6 +43,19 @@ TEST(EvaluateTrajectory, PrintsATableOrJson) {
   EXPECT_EQ(evaluate_trajectory("--help").status, 0);
 }
 
+TEST(EvaluateTrajectory, AStepThatNoPairHasGivesNoFigures) {
+  const std::string files =
+      "--reference " + kData + "reference.tum --estimate " + kData + "estimate.tum --rpe 1000";
+  const Finished table = evaluate_trajectory(files);
+  EXPECT_EQ(table.status, 0) << table.output;
+  EXPECT_EQ(table.output.find("0.000000"), std::string::npos) << table.output;
+  EXPECT_NE(table.output.find("E_R [deg] per 1000 frames             -"), std::string::npos)
+      << table.output;
+  const Finished json = evaluate_trajectory(files + " --json");
+  EXPECT_EQ(json.status, 0);
+  EXPECT_NE(json.output.find("\"rmse\": null"), std::string::npos) << json.output;
+}
+
 TEST(EvaluateTrajectory, BadInputIsOneLineAndStatusTwo) {
   const TemporaryFolder folder;
   write_text(folder / "bad.tum", "1 0 0 0 0 0 0 1\n2 0 0 nan 0 0 0 1\n");

@@ -170,6 +170,29 @@ TEST_F(BadKitti, Times) {
   expect_refused({"times.txt"});
 }
 
+TEST_F(BadKitti, ImagesArePairedByAllNumbersInTheirNames) {
+  const auto rename = [&](const char* camera, const char* pattern) {
+    fs::remove_all(sequence_ / camera);
+    write_images(sequence_ / camera, pattern, 6, 10);
+  };
+  rename("image_0", "%06d_10.png");
+  rename("image_1", "%06d_10.png");
+  fs::remove(sequence_ / "image_0/000003_10.png");
+  fs::remove(sequence_ / "image_1/000004_10.png");
+  expect_refused({"000004_10.png", "image_1"});
+  rename("image_0", "%06d_10.png");
+  rename("image_1", "%06d_10.png");
+  fs::remove(sequence_ / "image_0/000000_10.png");
+  fs::remove(sequence_ / "image_1/000001_10.png");
+  expect_refused({"000001_10.png", "image_1"});
+  // The number of the camera may be in the names.
+  rename("image_0", "cam0_%06d.png");
+  rename("image_1", "cam1_%06d.png");
+  fs::remove(sequence_ / "image_0/cam0_000005.png");
+  fs::remove(sequence_ / "image_1/cam1_000005.png");
+  EXPECT_EQ(open_kitti_sequence(sequence_)->frame_count(), 5);
+}
+
 TEST_F(BadKitti, RightCamera) {
   fs::rename(sequence_ / "image_1/000002.png", sequence_ / "image_1/000009.png");
   expect_refused({"000002.png", "image_1"});
@@ -245,6 +268,26 @@ TEST(KittiTracking, GroundTruthFromOxtsIsOfTheLeftCamera) {
     expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); },
                        {"calib/0001.txt", std::string(row, 6), "no rotation"});
   }
+}
+
+TEST(KittiTracking, FramesThatAreMissingAreAnError) {
+  const TemporaryFolder folder;
+  const fs::path root = folder / "training";
+  write_text(root / "calib/0001.txt", kKittiCalibration);
+  const fs::path virtual_root = folder / "Scene01/clone";
+  for (const auto& [left, right] :
+       {std::pair{root / "image_02/0001", root / "image_03/0001"},
+        {virtual_root / "frames/rgb/Camera_0", virtual_root / "frames/rgb/Camera_1"}}) {
+    for (const fs::path& camera : {left, right}) {
+      write_images(camera, "%06d.png", 6, 10);
+      fs::remove(camera / "000003.png");
+      fs::remove(camera / "000004.png");
+    }
+  }
+  expect_input_error([&] { open_kitti_sequence(root / "image_02/0001"); },
+                     {"image_02/0001/000005.png", "000002.png", "consecutive"});
+  expect_input_error([&] { open_kitti_sequence(virtual_root); },
+                     {"Camera_0/000005.png", "consecutive"});
 }
 
 TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
@@ -331,6 +374,13 @@ TEST(Euroc, BadInput) {
   expect_refused({"cam0/sensor.yaml", "intrinsics", "finite"});
   write_text(root / "mav0/cam0/sensor.yaml", "a: [1, 2");
   expect_refused({"cam0/sensor.yaml"});
+  const std::string sound = sensor_yaml("0.0", "50.0, 50.0, 29.5, 19.5");
+  write_text(root / "mav0/cam0/sensor.yaml", sound + "\nresolution: [60, 40]\n");
+  expect_refused({"cam0/sensor.yaml", "the key 'resolution' is there twice"});
+  std::string scaled = sound;
+  scaled.replace(scaled.find("0.0, 0.0, 0.0, 1.0]"), 19, "0.0, 0.0, 0.0, 2.0]");
+  write_text(root / "mav0/cam0/sensor.yaml", scaled);
+  expect_refused({"cam0/sensor.yaml", "last row of 'T_BS'"});
   fs::remove(root / "mav0/cam1/sensor.yaml");
   expect_refused({"cam1/sensor.yaml"});
   write_text(root / "mav0/cam1/sensor.yaml", sensor_yaml("-0.1", "50.0, 50.0, 29.5, 19.5"));

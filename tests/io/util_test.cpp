@@ -9,6 +9,7 @@
 #include <kys_slam/util/read_bytes.h>
 #include <signal.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <atomic>
 #include <chrono>
@@ -32,6 +33,15 @@ TEST(AtomicFile, ReplacesWholeFilesAndLeavesNothingBehind) {
     files += entry.is_regular_file() ? 1 : 0;
   }
   EXPECT_EQ(files, 1);
+}
+
+TEST(AtomicFile, WhatIsNoRegularFileIsNotReplaced) {
+  const TemporaryFolder folder;
+  const auto pipe = folder / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  expect_input_error([&] { write_file_atomic(pipe, "x"); }, {"pipe", "not a regular file"});
+  expect_input_error([&] { check_writable(pipe); }, {"pipe", "not a regular file"});
+  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
 }
 
 TEST(AtomicFile, FailureHalfWayLeavesTheOldFile) {

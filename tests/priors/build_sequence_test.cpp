@@ -334,6 +334,20 @@ TEST_F(BuildSequenceTest, BadInputsAreNamed) {
   EXPECT_NE(message().find("pan.json: is not a COCO panoptic file"), std::string::npos);
 }
 
+TEST_F(BuildSequenceTest, TheListOfSegmentsIsFoundBesideTheFolderAndMissed) {
+  for (const char* way : {"pan", "pan/", "pan/.", "flow/../pan"}) {
+    EXPECT_NO_THROW((void)PanopticReader(root_ / way, labels_).read("000000", 310, 94)) << way;
+  }
+  fs::remove(root_ / "pan.json");
+  try {
+    const PanopticReader reader(root_ / "pan", labels_);
+    ADD_FAILURE() << "taken for two channels";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("pan.json: missing; the colours"), std::string::npos)
+        << error.what();
+  }
+}
+
 TEST_F(BuildSequenceTest, NumbersThatAreNoIdsAreRefused) {
   for (const auto& [id, category] : {std::pair{"1.5", "3"},
                                      {"4294967297", "3"},

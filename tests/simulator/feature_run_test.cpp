@@ -111,6 +111,9 @@ TEST_F(FeatureRun, PriorsInTheFileCountAsPriors) {
   const auto summary = run("run_stereo_kitti", {"--overwrite"});
   EXPECT_EQ(summary["mode"], "verified");
   EXPECT_EQ(summary["frames_tracked"], kFrames);
+  run("run_stereo_kitti",
+      {"--overwrite", "--set",
+       "control.label_space=" + std::string(KYS_SOURCE_DIR) + "/kys/data/coco_panoptic_133"});
   run("run_stereo_kitti", {"--set", "kys.normalize=false", "--overwrite"});
   EXPECT_NE(read_text(output_ / "trajectory.tum"), without) << "priors change nothing";
   run("run_stereo_kitti", {"--mode", "stock", "--overwrite"});

@@ -479,9 +479,9 @@ TEST(Writing, BadInputIsRefusedInOneLineAndLeavesNothing) {
   fs::create_directories(scratch / "full" / "old");
   EXPECT_TRUE(is_one_line(
       expect_refused("street --output " + (scratch / "full").string() + small, "not empty").error));
-  for (const std::string bad :
-       {"--frames many", "--frames 99999999", "--size 100000x100000",
-        "--size 99999999999999999999x9", "--seed -1", "--seed 1e99", "--jobs 0", "--bogus"}) {
+  for (const std::string bad : {"--frames many", "--frames 99999999", "--size 100000x100000",
+                                "--size 99999999999999999999x9", "--size 4294967420x48",
+                                "--seed -1", "--seed 1e99", "--jobs 0", "--bogus"}) {
     const std::string option = bad.substr(0, bad.find(' '));
     EXPECT_TRUE(is_one_line(expect_refused("street " + bad + " --output " + out, option).error));
   }

@@ -84,6 +84,26 @@ TEST_F(BadInput, WhatIsGivenInPlaceOfASequenceIsNamed) {
   says(work_ / "flight" / "mav0" / "cam0", "run_stereo_euroc");
 }
 
+TEST_F(BadInput, ADamagedSequenceIsNotTakenForSomethingElse) {
+  write_text(sequence() / "calib.txt", "P0: 1 2 3\n");
+  write_text(sequence() / "000000.kysp", "");
+  expect_refused({"calib.txt"});
+  fs::remove(sequence() / "000000.kysp");
+  write_text(sequence() / "summary.json", "{}");
+  write_text(sequence() / "trajectory.tum", "");
+  expect_refused({"calib.txt"});
+  const fs::path mav0 = work_ / "flight" / "mav0";
+  for (const char* camera : {"cam0", "cam1"}) {
+    fs::create_directories(mav0 / camera / "data");
+    write_text(mav0 / camera / "data.csv", "not a row\n");
+  }
+  expect_refusal("run_stereo_euroc", {mav0.string(), "--output", output().string()},
+                 {"data.csv:1"});
+  Command command("run_stereo_euroc", {mav0.string(), "--output", output().string()});
+  command.wait();
+  EXPECT_EQ(command.err().find("to run_stereo_euroc"), std::string::npos) << command.err();
+}
+
 TEST_F(BadInput, CalibrationIsMissing) {
   fs::remove(sequence() / "calib.txt");
   expect_refused({"calib.txt"});

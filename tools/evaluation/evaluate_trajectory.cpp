@@ -85,6 +85,10 @@ Evaluation evaluate(const Arguments& arguments) {
 }
 
 nlohmann::ordered_json to_json(const Statistics& s) {
+  if (s.count == 0) {
+    return {{"count", 0},     {"rmse", nullptr}, {"mean", nullptr}, {"median", nullptr},
+            {"std", nullptr}, {"min", nullptr},  {"max", nullptr}};
+  }
   return {{"count", s.count}, {"rmse", s.rmse}, {"mean", s.mean}, {"median", s.median},
           {"std", s.std},     {"min", s.min},   {"max", s.max}};
 }
@@ -113,6 +117,10 @@ void print_json(const Evaluation& e, const Arguments& a) {
 }
 
 void print_row(const char* name, const Statistics& s) {
+  if (s.count == 0) {
+    std::printf("%-26s %12s %12s %12s %12s %12s %12s\n", name, "-", "-", "-", "-", "-", "-");
+    return;
+  }
   std::printf("%-26s %12.6f %12.6f %12.6f %12.6f %12.6f %12.6f\n", name, s.rmse, s.mean, s.median,
               s.std, s.min, s.max);
 }

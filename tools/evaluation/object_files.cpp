@@ -45,28 +45,62 @@ Eigen::Vector3d vector_at(const TextTable& table, const TextRow& row, std::size_
   return v;
 }
 
+/// A row of a CSV file as TextTable reads it, split at its commas instead: names have blanks, and
+/// commas between quotes.
+TextRow csv_row(const TextRow& row) {
+  const char* const begin = row.fields.front().data();
+  const char* const end = row.fields.back().data() + row.fields.back().size();
+  const std::string_view line(begin, static_cast<std::size_t>(end - begin));
+  TextRow out{row.line, {}};
+  bool quoted = false;
+  for (std::size_t first = 0, i = 0; i <= line.size(); ++i) {
+    if (i < line.size() && line[i] == '"') quoted = !quoted;
+    if (i < line.size() && (line[i] != ',' || quoted)) continue;
+    std::string_view field = line.substr(first, i - first);
+    while (field.starts_with(' ')) field.remove_prefix(1);
+    while (field.ends_with(' ')) field.remove_suffix(1);
+    out.fields.push_back(field);
+    first = i + 1;
+  }
+  return out;
+}
+
+/// The text of a field that may be between quotes.
+std::string unquoted(std::string_view field) {
+  if (field.size() < 2 || !field.starts_with('"') || !field.ends_with('"')) {
+    return std::string(field);
+  }
+  std::string text;
+  for (std::size_t i = 1; i + 1 < field.size(); ++i) {
+    if (field[i] == '"') ++i;  // two stand for one
+    text += field[i];
+  }
+  return text;
+}
+
 std::vector<EstimatedObject> read_estimates(const fs::path& path) {
   const TextTable table(path);
   if (table.rows().empty() || table.rows().front().fields.front() != "frame") {
     throw InputError(path.string() + ": does not begin with the columns of a run's objects.csv");
   }
   std::vector<EstimatedObject> objects;
+  std::set<std::pair<int, int>> seen;
   for (std::size_t i = 1; i < table.rows().size(); ++i) {
-    // A name or class may have blanks in it: columns are counted from the end.
-    const TextRow& row = table.rows()[i];
+    const TextRow row = csv_row(table.rows()[i]);
     expect_columns(table, row, 14);
-    const std::size_t last = row.fields.size();
     EstimatedObject o;
     o.frame = small_integer(table, row, 0);
     o.instance = small_integer(table, row, 3);
-    for (std::size_t k = 4; k + 9 < last; ++k) {
-      o.kind += (o.kind.empty() ? "" : " ") + std::string(row.fields[k]);
+    if (!seen.emplace(o.frame, o.instance).second) {
+      table.fail(row, "instance " + std::to_string(o.instance) + " twice in frame " +
+                          std::to_string(o.frame));
     }
-    o.p_moving = table.number(row, last - 9);
-    o.keypoints = small_integer(table, row, last - 8);
-    o.position = vector_at(table, row, last - 7);
-    o.velocity = vector_at(table, row, last - 4);
-    o.sigma_v = table.number(row, last - 1);
+    o.kind = unquoted(row.fields[4]);
+    o.p_moving = table.number(row, 5);
+    o.keypoints = small_integer(table, row, 6);
+    o.position = vector_at(table, row, 7);
+    o.velocity = vector_at(table, row, 10);
+    o.sigma_v = table.number(row, 13);
     objects.push_back(o);
   }
   return objects;
@@ -81,10 +115,13 @@ std::map<int, FramePoses> read_frames(const fs::path& folder) {
                      " lines, but trajectory.kitti has " + std::to_string(poses.size()));
   }
   std::map<int, FramePoses> frames;
+  double last_time = 0;
   for (std::size_t k = 0; k < poses.size(); ++k) {
-    const TextRow& row = table.rows()[k + 1];
+    const TextRow row = csv_row(table.rows()[k + 1]);
     expect_columns(table, row, 3);
     const FramePoses pose{table.number(row, 2), poses[k], poses[k]};
+    if (k > 0 && pose.timestamp <= last_time) table.fail(row, "time stamps do not increase");
+    last_time = pose.timestamp;
     if (!frames.emplace(small_integer(table, row, 0), pose).second) {
       table.fail(row, "a frame for the second time");
     }
@@ -124,7 +161,8 @@ Eigen::Vector3d half_of(const TextTable& table, const TextRow& row, double lengt
   return size / 2;
 }
 
-std::vector<TrueObject> read_simulator(const TextTable& table) {
+std::vector<TrueObject> read_simulator(const TextTable& table,
+                                       const std::map<int, FramePoses>& frames) {
   std::vector<TrueObject> objects;
   for (std::size_t i = 1; i < table.rows().size(); ++i) {
     const TextRow& row = table.rows()[i];
@@ -133,6 +171,11 @@ std::vector<TrueObject> read_simulator(const TextTable& table) {
     const std::size_t shift = row.fields.size() - kSimulatorColumns;
     TrueObject o;
     o.frame = small_integer(table, row, 0);
+    if (const auto frame = frames.find(o.frame);
+        frame != frames.end() &&
+        std::abs(table.number(row, 1) - frame->second.timestamp) > kSameTime) {
+      table.fail(row, "the run has frame " + std::to_string(o.frame) + " at another time");
+    }
     o.object = small_integer(table, row, 2);
     o.kind = row.fields[3];
     o.moving = table.integer(row, 5 + shift) != 0;
@@ -250,7 +293,8 @@ std::vector<TrueObject> read_any_objects(const TextTable& table,
                                          const std::map<int, FramePoses>& frames) {
   if (table.rows().empty()) throw InputError(table.path().string() + ": is empty");
   const auto& first = table.rows().front().fields;
-  if (first.size() == kSimulatorColumns && first[2] == "object") return read_simulator(table);
+  if (first.size() == kSimulatorColumns && first[2] == "object")
+    return read_simulator(table, frames);
   if (first.size() >= kVirtualColumns && first[1] == "cameraID") {
     return read_virtual_kitti(table, frames);
   }

@@ -74,8 +74,11 @@ int run(int argc, char** argv) {
   expected.width = sequence.camera.width;
   expected.height = sequence.camera.height;
   expected.calibration_hash = calibration_hash(sequence.camera);
-  expected.label_space = label_space;
-  if (!label_space.empty()) expected.label_count = kys::load_label_space(label_space).size();
+  if (!label_space.empty()) {  // may be a path; files have the name
+    const kys::LabelSpace labels = kys::load_label_space(label_space);
+    expected.label_space = labels.name();
+    expected.label_count = labels.size();
+  }
   LabelCounts counts;
   std::size_t bad = 0, missing = 0, bytes = 0;
   double labelled = 0, pixels = 0;

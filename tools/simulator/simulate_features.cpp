@@ -1,5 +1,6 @@
 #include <kys_slam/error.h>
 #include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -162,6 +163,9 @@ int run(int argc, char** argv) {
   }
   o.labelled = a.perception != "none";
   if (o.labelled) perception_level(a.perception);  // refuses what it does not know
+  for (const std::string& input : {a.trajectory, a.objects}) {
+    if (is_same_path(a.output, input)) throw InputError("--output " + a.output + ": is the input");
+  }
   check_writable(a.output);
   const FeaturePath path = read_feature_path(a.trajectory, o);
   if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));

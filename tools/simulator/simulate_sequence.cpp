@@ -1,8 +1,11 @@
 #include <kys_slam/error.h>
+#include <kys_slam/util/parse_number.h>
 
+#include <algorithm>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <limits>
 
 #include "common/command_line.h"
 #include "simulator/images/sequence_writer.h"
@@ -14,14 +17,22 @@ std::atomic<bool> interrupted{false};
 
 // WxH
 void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& options) {
-  int used = 0;
-  if (std::sscanf(text.c_str(), "%dx%d%n", &options.width, &options.height, &used) != 2 ||
-      used != static_cast<int>(text.size())) {
+  const std::size_t middle = std::min(text.find('x'), text.size());
+  const auto width = kys_slam::parse_int(std::string_view(text).substr(0, middle));
+  const auto height =
+      kys_slam::parse_int(std::string_view(text).substr(std::min(middle + 1, text.size())));
+  if (!width || !height) {
     throw kys_slam::InputError("--size " + text + ": must look like 1241x376");
   }
-  if (options.width <= 0 || options.height <= 0) {
+  if (*width <= 0 || *height <= 0) {
     throw kys_slam::InputError("--size " + text + ": must be positive");
   }
+  constexpr std::int64_t kLargest = std::numeric_limits<int>::max();
+  if (*width > kLargest || *height > kLargest) {
+    throw kys_slam::InputError("--size " + text + ": is too large");
+  }
+  options.width = static_cast<int>(*width);
+  options.height = static_cast<int>(*height);
 }
 
 // What makes these files again. --jobs and --quiet are left out: they change nothing in them.

@@ -205,6 +205,10 @@ void track(System& system, FrameSource& frames, const Arguments& a, const Pace& 
     const Waiting waiting("finishing the map",
                           a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);
     system.finish();
+    if (guard.requested() && info.complete) {  // the last optimisation was left out
+      info.complete = false;
+      info.end_reason = "interrupted";
+    }
   });
   info.wall_s = wall.elapsed_ms() / 1000;
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
@@ -284,6 +288,39 @@ void explain_mistake(const std::filesystem::path& path) {
   }
 }
 
+/// A run that ended before its first keyframe does not replace a map that exists by an empty one.
+void save_map(const System& system, const RunOutcome& outcome, const std::filesystem::path& file,
+              const std::filesystem::path& output) {
+  if (outcome.keyframes_made == 0 && path_exists(file) && system.snapshot().keyframes.empty()) {
+    spdlog::warn("{} is left as it was: this run has no keyframes", printable(file.string()));
+    return;
+  }
+  save_map_or_beside(system, file, output);
+}
+
+/// The same of results and a run that ended before its first frame.
+/// \returns whether there are results of this run
+bool write_results(const System& system, const Settings& settings, Schedule schedule,
+                   const RunInfo& info, const RunOutcome& outcome,
+                   const std::filesystem::path& output) {
+  if (system.reports().empty() && path_exists(output / "summary.json")) {
+    spdlog::warn("the results in {} are left as they were: this run has no frames",
+                 printable(output.string()));
+    return false;
+  }
+  write_run(output, system, settings, schedule, info, outcome);
+  return true;
+}
+
+/// A sequence with something wrong in it is told of that, also where other files are in its folder.
+bool looks_like_sequence(const std::filesystem::path& path) {
+  std::error_code ignored;
+  for (const char* part : {"image_0", "image_2", "frames", "mav0", "cam0"}) {
+    if (std::filesystem::is_directory(path / part, ignored)) return true;
+  }
+  return false;
+}
+
 FrameInput open_input(const RunProgram& program, const Arguments& a) {
   SequenceOptions options;
   options.start = a.start;
@@ -292,7 +329,7 @@ FrameInput open_input(const RunProgram& program, const Arguments& a) {
   try {
     return open_frame_input(a.sequence, options, program.open);
   } catch (const InputError&) {
-    explain_mistake(a.sequence);
+    if (!looks_like_sequence(a.sequence)) explain_mistake(a.sequence);
     throw;
   }
 }
@@ -314,7 +351,12 @@ int run(const RunProgram& program, const Arguments& a) {
                        : a.output;
   if (!a.overwrite) check_not_of_another_run(output, info);
   make_output_folder(output);
-  if (!a.save_map.empty()) check_writable(a.save_map);
+  if (!a.save_map.empty()) {
+    if (is_same_path(a.save_map, a.sequence)) {
+      throw InputError("--save-map " + a.save_map.string() + ": is the input");
+    }
+    check_writable(a.save_map);
+  }
   Priors priors = open_priors(a, input, settings);
 
   // Images are small: handing their rows out to threads costs more than it gains, and the cores
@@ -332,11 +374,13 @@ int run(const RunProgram& program, const Arguments& a) {
   if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
   failures.guard([&] { outcome = summarise_run(system, info); });
-  failures.guard([&] { write_run(output, system, settings, schedule, info, outcome); });
+  bool has_results = true;
+  failures.guard(
+      [&] { has_results = write_results(system, settings, schedule, info, outcome, output); });
   if (!a.save_map.empty()) {
-    failures.guard([&] { save_map_or_beside(system, a.save_map, output); });
+    failures.guard([&] { save_map(system, outcome, a.save_map, output); });
   }
-  if (!a.quiet) {
+  if (!a.quiet && has_results) {
     failures.guard([&] {
       print_text(describe_run(system, info, outcome) +
                  fmt::format("\nresults in {}\n", printable(output.string())));

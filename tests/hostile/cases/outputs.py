@@ -9,6 +9,11 @@ from harness import (FRAMES, OUTPUTS, Result, as_nobody, case, complete, expect,
                      refused)
 
 
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
 @case
 def output_one_file_is_a_folder(f, programs):
     for name in ("frames.csv", "trajectory.tum"):
@@ -134,3 +139,55 @@ def output_full_disk(f, programs):
         result = programs.finish(programs.start("run_stereo_kitti", ["--list-settings"],
                                                 stdout=full))
     refused(result, "standard output")
+
+
+@case
+def output_standard_descriptors_are_closed(f, programs):
+    """What is said is lost, and nothing of it is in a file."""
+    for closed in ((0,), (1,), (2,), (0, 1, 2)):
+        def close(closed=closed):
+            for fd in closed:
+                os.close(fd)
+        shutil.rmtree(f.output, ignore_errors=True)
+        passed(programs.run("run_stereo_kitti", f.sequence, "--output", f.output, before=close))
+        summary = complete(f)
+        expect(summary["complete"], summary)
+
+
+@case
+def output_map_without_keyframes(f, programs):
+    """Of a run that ended before its first keyframe: nothing to find the camera in."""
+    with open(f.image(0), "r+b") as image:
+        image.truncate(20)
+    refused(programs.kitti(f, "--save-map", f("m.map")), "000000.png")
+    refused(programs.kitti(f, "--start", "1", "--load-map", f("m.map"), "--localize-only"),
+            f("m.map"), "holds no keyframes")
+
+
+@case
+def output_of_a_run_without_frames(f, programs):
+    """It ends before its first keyframe: what an earlier run left is still there."""
+    passed(programs.kitti(f, "--save-map", f("m.map")))
+    kept = [f("m.map"), *(os.path.join(f.output, name) for name in OUTPUTS)]
+    before = [read(path) for path in kept]
+    with open(f.image(0), "r+b") as image:
+        image.truncate(20)
+    for more in ([], ["--overwrite"]):
+        result = programs.kitti(f, "--save-map", f("m.map"), *more)
+        expect(result.status == 2, f"status {result.status}: {result.err}")
+        for part in ("000000.png", "m.map is left as it was", "the results in"):
+            expect(part in result.err, f"{part!r} is not in {result.err!r}")
+        for path, text in zip(kept, before):
+            expect(read(path) == text, f"{path} was replaced")
+
+
+@case
+def output_is_the_input(f, programs):
+    path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
+    refused(programs.run("simulate_features", path, "--output", path, "--quiet"), "is the input")
+    features = f("path.features")
+    passed(programs.run("simulate_features", path, "--output", features, "--quiet"))
+    before = read(features)
+    refused(programs.run("run_stereo_kitti", features, "--output", f.output, "--quiet", "--save-map",
+                         features), "--save-map", "is the input")
+    expect(read(features) == before, "the input is overwritten")

@@ -94,3 +94,14 @@ def objects_of_a_class_that_is_not_utf8(f, programs):
         result = programs.run("evaluate_objects", f("run"), "--truth", f("truth.txt"), *more)
         passed(result)
         expect("\x1b" not in result.out and "C\\xff" in result.out.replace("\\\\", "\\"), result.out)
+
+
+@case
+def priors_of_a_label_space_given_as_a_path(f, programs):
+    make_priors(f, programs)
+    data = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "kys", "data")
+    for name in os.listdir(data):
+        if name.startswith("coco_panoptic_133."):
+            shutil.copy(os.path.join(data, name), f(name))
+    passed(programs.run("validate_priors", f("priors"), "--sequence", f.sequence, "--label-space",
+                        f("coco_panoptic_133")))

@@ -61,3 +61,13 @@ def signals_nobody_reads(f, programs):
     process.stdout = None
     passed(programs.finish(process))
     complete(f)
+
+
+@case
+def signals_after_the_last_frame(f, programs):
+    """All frames are there; the optimisation that follows them is not."""
+    process = slow_run(f, programs, "--frames", "1", "--set", "control.stall_ms=60000")
+    process.send_signal(signal.SIGINT)
+    passed(programs.finish(process, 30))
+    summary = saved(f, 1)
+    expect(not summary["complete"] and summary["end_reason"] == "interrupted", summary)
