@@ -1,5 +1,7 @@
 """Parts of the experiments workflow, without running any experiment."""
 import argparse
+import contextlib
+import io
 import json
 import os
 import pathlib
@@ -20,6 +22,7 @@ try:
     import figures
     import paired
     import plan
+    import report
     import results
     import step
     import town_path
@@ -134,6 +137,14 @@ class Statistics(unittest.TestCase):
                          experiment_tables.paired_rows([], base, mine, "ate")))
         logs = paired.difference(np.zeros(8), [-np.log(2)] * 7 + [np.log(1.01)])
         self.assertEqual(shown["Wilcoxon p"], experiment_tables.show_p(logs.wilcoxon_p))
+
+    def test_loops_of_a_run_with_a_revisit(self):
+        row = {"origin": "given", "configuration": "KYS", "variant": "", "loops_closed": 2, "loops_true": 1,
+               "revisits": 1, "revisits_joined": 1}
+        still = {**row, "revisits": 0}
+        table, = experiment_tables.loop_tables({"name": "t"}, [row, still, {"origin": "given"}])
+        self.assertEqual(table.rows, [["given data", "KYS", "", 1, 2, 1, 1, 1]])
+        self.assertIn("revisits_joined", experiment_tables.RUN_COLUMNS)
 
     def test_percentile_of_exposure(self):
         """Wrong keypoints in 1 to 20 % of 20 frames: 19.05 by linear interpolation."""
@@ -392,6 +403,28 @@ class Refusals(unittest.TestCase):
                 self.assertIn("plan.json", self.refused("step.py", folder, "x"))
             path.write_text(json.dumps({"cores": 1, "jobs": [], "costs": []}))
             self.assertIn("nosuch.json", self.refused("step.py", folder, "nosuch"))
+
+
+class Reports(unittest.TestCase):
+    def report(self, work, table):
+        """status of report.py of a plan without experiments; `table`: makes its tables."""
+        (work / "plan.json").write_text(json.dumps(
+            {"scale": "full", "source": str(SOURCE), "jobs": [], "given": {}, "experiments": []}))
+        with unittest.mock.patch.object(report, "first_page", table), \
+                unittest.mock.patch.object(sys, "argv", ["report.py", str(work)]), \
+                contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            return report.main()
+
+    def test_old_tables_stay_until_there_are_new_ones(self):
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            touch(work / "tables" / "old.csv")
+            self.assertEqual(self.report(work, unittest.mock.Mock(side_effect=OSError("no room"))), 2)
+            self.assertTrue((work / "tables" / "old.csv").exists())
+            tables = [Table("new", "New", ["a"], [["1"]])]
+            self.assertEqual(self.report(work, lambda *_: ("", tables)), 0)
+            self.assertEqual(sorted(os.listdir(work / "tables")), ["new.csv", "new.md", "new.tex"])
+            self.assertEqual(sorted(os.listdir(work)), ["figures", "plan.json", "report.html", "tables"])
 
 
 class Scripts(unittest.TestCase):

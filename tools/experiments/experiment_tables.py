@@ -9,7 +9,7 @@ from tables import Table, show
 
 RUN_COLUMNS = ["origin", "input", "what", "seed", "configuration", "variant", "case", "schedule",
                "repeat", "status", "reason", "ate", "rpe_m", "rpe_deg", "tracked", "keyframes", "loops",
-               "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "survival_8",
+               "loops_true", "revisits", "revisits_joined", "wall_s", "peak_mb", "survival_8",
                "survival_20", "job"]
 
 
@@ -320,7 +320,7 @@ def cost_tables(experiment, results, rows):
 
 
 def loop_tables(experiment, rows):
-    """Loops closed and true, revisits and those tied, where any revisit exists."""
+    """Loops closed and true, revisits and those the map ties, where any revisit exists."""
     mine = [r for r in rows if r.get("revisits")]
     if not mine:
         return []
@@ -329,7 +329,7 @@ def loop_tables(experiment, rows):
         some = [r for r in mine if (r["origin"], r["configuration"], r["variant"]) == key]
         total = lambda k: sum(r[k] for r in some)
         body.append([ORIGINS[key[0]], key[1], key[2], len(some), total("loops_closed"),
-                     total("loops_true"), total("revisits"), total("revisits_tied")])
+                     total("loops_true"), total("revisits"), total("revisits_joined")])
     return [Table(f"{experiment['name']}-loops", "Loops and revisits, sums over runs with revisits",
                   ["origin", "configuration", "variant", "runs", "loops closed", "of these true",
                    "revisits", "tied by the map"], body)]
