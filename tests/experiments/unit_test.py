@@ -75,11 +75,25 @@ class Statistics(unittest.TestCase):
         self.assertAlmostEqual(d.wilcoxon_p, 2 / 2**6)  # all signs alike: two of 64 orders
 
     def test_none_where_there_is_none(self):
-        d = paired.difference([1, 1, 1, 1], [1.1, 0.9, 1.2, 0.8])
+        d = paired.difference([1] * 6, [1.1, 0.9, 1.2, 0.8, 1.3, 0.7])
         self.assertLess(d.low, 0)
         self.assertGreater(d.high, 0)
         self.assertEqual(d.verdict, "no difference shown")
-        self.assertIsNone(d.wilcoxon_p, "four pairs cannot show anything")
+        self.assertEqual(paired.difference([1] * 6, [1] * 6).verdict, "no difference shown")
+
+    def test_five_pairs_have_an_interval_and_no_verdict(self):
+        d = paired.difference([1] * 5, [0.5, 0.6, 0.5, 0.4, 0.5])
+        self.assertLess(d.high, 0)
+        self.assertIsNone(d.wilcoxon_p, "five pairs cannot show anything")
+        self.assertEqual(d.verdict, "too few pairs")
+
+    def test_where_there_is_no_difference_few_verdicts_say_one(self):
+        random = np.random.default_rng(5)
+        for pairs in (3, 6, 8, 10):
+            found = [paired.difference(np.zeros(pairs), random.normal(size=pairs)).verdict
+                     for _ in range(200)]
+            wrong = sum(v in ("smaller", "larger") for v in found) / len(found)
+            self.assertLess(wrong, 0.08, pairs)
 
     def test_two_pairs_say_nothing(self):
         self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too few pairs")
@@ -104,15 +118,15 @@ class Statistics(unittest.TestCase):
             "input": "world/a", "seed": seed, "case": case, "variant": "votes", "schedule": "pipelined",
             "repeat": 0, "configuration": configuration, "ate": ate, "tracked": 100.0}
         rows = []
-        for seed in (1, 2, 3):
-            rows += [row("mask", "exact", seed, 1.0), row("verified", "exact", seed, 1.0 * seed),
+        for seed in range(1, 7):
+            rows += [row("mask", "exact", seed, 1.0), row("verified", "exact", seed, 1.0 + (seed - 1) % 3),
                      row("mask", "late", seed, 4.0), row("verified", "late", seed, 1.0),
                      row("mask", "flip", seed, 1.0), row("verified", "flip", seed, 1.0)]
         table = experiment_tables.wrong_prior_table({"name": "study"}, rows)
         exact, wrong = [r for r in table.rows if r[0] == "all"]
         # exact: geometric mean of 1, 2, 3; wrong: of 1/4 and 1 for every seed
-        self.assertEqual(exact[2:6], ["exact", "mask", 3, "1.8"])
-        self.assertEqual(wrong[2:7], ["wrong", "mask", 3, "0.5", "0.5 to 0.5"])
+        self.assertEqual(exact[2:6], ["exact", "mask", 6, "1.8"])
+        self.assertEqual(wrong[2:7], ["wrong", "mask", 6, "0.5", "0.5 to 0.5"])
         self.assertEqual(wrong[8], "smaller")
 
 

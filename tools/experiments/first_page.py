@@ -30,7 +30,8 @@ def helps(results, experiments):
     return Table("summary", "ATE over that of stock, exact or given perception",
                  ["experiment", "origin", "variant", "configuration", "pairs", "ratio", "95 %",
                   "Wilcoxon p", "verdict"], body,
-                 "Below 1: better than stock. The interval decides; pairs of few inputs say little.")
+                 "Below 1: better than stock. A verdict needs 6 pairs, an interval without 1 and Wilcoxon p "
+                 "below 0.05; pairs of few inputs say little.")
 
 
 VARIANTS = {"votes": "with vote counting (ORB-SLAM's, the paper's baseline)",
