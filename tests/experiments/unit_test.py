@@ -20,6 +20,7 @@ try:
     import data_sets
     import experiment_tables
     import figures
+    import first_page
     import paired
     import plan
     import report
@@ -109,9 +110,83 @@ class Statistics(unittest.TestCase):
             "repeat": repeat, "ate": ate}
         base = [row("a", 1, 1.0), row("a", 2, 2.0), row("b", 1, 4.0), row("b", 2, None)]
         mine = [row("a", 1, 3.0), row("a", 1, 5.0, 1), row("b", 1, 1.0), row("b", 2, 9.0)]
-        keys, first, second = results.pairs(base, mine, "ate")
-        self.assertEqual([k[:2] for k in keys], [("a", 1), ("b", 1)])
-        self.assertEqual((first, second), ([1.0, 4.0], [4.0, 1.0]))  # repeats are averaged
+        base += [row("c", 1, None), {**row("c", 2, None), "status": "failed"}, row("c", 3, 1.0)]
+        mine += [row("c", 1, None), {**row("c", 2, None), "status": "lost"}, row("c", 4, None)]
+        base.append(row("d", 1, 1.0))
+        mine += [row("a", 2, None), {**row("d", 1, None), "status": "missing"}]
+        found = results.pairs(base, mine, "ate")
+        self.assertEqual([k[:2] for k in found.keys], [("a", 1), ("b", 1)])
+        self.assertEqual((found.baseline, found.values), ([1.0, 4.0], [4.0, 1.0]))  # repeats are averaged
+        self.assertEqual([k[:2] for k in found.lost], [("c", 2), ("a", 2)])
+        self.assertEqual([k[:2] for k in found.lost_baseline], [("b", 2), ("c", 2)])
+
+    def crashes(self):
+        """stock does all of eight seeds, KYS six of them, twice as well; two origins."""
+        rows = []
+        for origin, factor in (("stand-in", 0.5), ("simulated", 2.0)):
+            for seed in range(1, 9):
+                labels = {"input": origin, "seed": seed, "case": "exact", "variant": "", "repeat": 0,
+                          "schedule": "pipelined", "origin": origin, "what": origin, "status": "done"}
+                rows.append({**labels, "configuration": "stock", "ate": 1.0 * seed, "tracked": 100.0})
+                rows.append({**labels, "configuration": "KYS", "ate": factor * seed, "tracked": 100.0})
+        for row, status in zip((rows[1], rows[3]), ("failed", "lost")):
+            row.update(status=status, ate=None, tracked=0.0)
+        return rows
+
+    def test_runs_without_a_result_are_said(self):
+        rows = self.crashes()
+        experiment = {"name": "t", "title": "T", "paper": "", "baseline": "stock"}
+        said = first_page.in_words([(experiment, rows)])
+        self.assertIn("over 6 pairs, 2 without result (stock 0)", said)
+        self.assertIn("Frames tracked 75.0 %, stock 100.0 %", said)
+        self.assertIn("KYS, simulated worlds, with the default settings: it harms. ATE 2.00", said)
+        self.assertIn("KYS, simulated stand-ins, with the default settings: it helps. ATE 0.50", said)
+        column = lambda table, name: [r[table.header.index(name)] for r in table.rows]
+        lost = experiment_tables.WITHOUT
+        summary = first_page.helps(None, [(experiment, rows)])
+        self.assertEqual(column(summary, lost), ["2 (0)", "0 (0)"])
+        self.assertEqual(column(summary, "ratio"), ["0.500", "2.000"])
+        self.assertEqual(column(summary, "verdict"), ["smaller", "larger"])
+        where = first_page.where([(experiment, rows)])
+        self.assertEqual(column(where, lost), ["2 (0)", "0 (0)"])
+        self.assertEqual(column(where, "KYS, tracked %"), ["75.0", "100.0"])
+        paired_table = experiment_tables.paired_tables(experiment, rows)[0]
+        self.assertEqual(column(paired_table, lost), ["2 (0)"])
+        self.assertEqual(column(paired_table, "tracked %"), ["75.0"])
+
+    def test_a_configuration_that_never_has_a_result_is_a_row(self):
+        rows = [r if r["configuration"] == "stock" else {**r, "status": "failed", "ate": None, "tracked": 0.0}
+                for r in self.crashes() if r["origin"] == "simulated"]
+        row = dict(zip(experiment_tables.PAIRED_HEADER, experiment_tables.paired_rows(
+            [], results.select(rows, configuration="stock"), results.select(rows, configuration="KYS"),
+            "ate")))
+        self.assertEqual((row["pairs"], row[experiment_tables.WITHOUT], row["tracked %"]),
+                         (0, "8 (0)", "0.0"))
+        self.assertIn("no pairs, 8 without result (stock 0)",
+                      first_page.in_words([({"name": "t"}, rows)]))
+        first_page.where([({"name": "t"}, rows)])
+
+    def test_what_failed_tracked_nothing(self):
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            touch(work / "done" / "x.json")
+            (work / "done" / "x.json").write_text(json.dumps({"status": "failed", "reason": "no room"}))
+            (work / "plan.json").write_text(json.dumps(
+                {"scale": "full", "source": "", "jobs": [], "given": {}, "experiments": []}))
+            labels = [{"job": "x"}, {"job": "not run yet"}]
+            rows = results.Results(folder).rows({"runs": labels})
+        self.assertEqual([r.get("tracked") for r in rows], [0.0, None])
+
+    def test_the_best_other_is_compared_on_the_same_seeds(self):
+        """verified fails on the hard seed: its mean is not one over easy seeds alone."""
+        row = lambda configuration, seed, ate: {
+            "input": "a", "seed": seed, "case": "exact", "variant": "", "schedule": "pipelined", "repeat": 0,
+            "configuration": configuration, "ate": ate, "tracked": 100.0 if ate else 0.0,
+            "status": "done" if ate else "failed"}
+        rows = [row("stock", 1, 0.1), row("stock", 2, 9.0), row("verified", 1, 0.2), row("verified", 2, None)]
+        self.assertEqual(experiment_tables.best_row(rows), ["0.2000", "stock", "0.1000", "NO", "50.0", "1 (0)"])
+        rows[2] = row("verified", 1, None)
+        self.assertEqual(experiment_tables.best_row(rows), ["-", "stock", "-", "NO", "0.0", "2 (0)"])
 
     def test_verified_over_the_others_by_exact_and_wrong_priors(self):
         row = lambda configuration, case, seed, ate: {
