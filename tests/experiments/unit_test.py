@@ -27,6 +27,7 @@ try:
     import results
     import step
     import town_path
+    import drive_tables  # runs knows where inputs is
     from tables import Table, show
 except ImportError as error:
     print(f"skipped: {error}")
@@ -581,6 +582,39 @@ class Scripts(unittest.TestCase):
                          "--directory", work, "--cores", "1", "--quiet", "all")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertTrue((work / "done" / "x.json").exists())
+
+
+class DriveTables(unittest.TestCase):
+    @staticmethod
+    def row(mode, seed, ate, perception="exact", failed=""):
+        return ["07", "city", perception, mode, seed, 100, 1, ate, 0.5, 0.25, 0.01, 2, 30, 1, 12.5, failed]
+
+    def test_ratios_to_stock_and_mask(self):
+        rows = [self.row("stock", "1", 1.0), self.row("stock", "2", 4.0), self.row("mask", "1", 0.5),
+                self.row("kys", "1", 0.5), self.row("kys", "2", 8.0), self.row("kys", "3", None, failed="x")]
+        lines = {line[3]: line for line in drive_tables.ratio_table(rows).rows}
+        self.assertEqual(lines["kys"][7:13], [2, "1.00", "-", 1, "1.00", "-"])  # 1/2 and 2; mask: seed 1
+        self.assertEqual(lines["mask"][7:9], [1, "0.50"])
+        self.assertEqual((lines["kys"][4], lines["kys"][-1], lines["stock"][7]), (3, 1, 0))
+
+    def test_rows_that_are_there_are_not_joined_again(self):
+        mine, other = self.row("kys", "1", 1.0), self.row("kys", "2", 2.0)
+        self.assertEqual(drive_tables.join_runs([mine], [self.row("kys", "1", 9.0), other, other]),
+                         [mine, other])
+
+    def test_runs_are_read_as_they_were_written(self):
+        rows = [self.row("kys", "1", 1.5), [*self.row("kys", "2", None)[:5], *[None] * 10, "no room"]]
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "drives.csv"
+            path.write_text(drive_tables.run_table(rows).comma_separated())
+            self.assertEqual(drive_tables.read_runs(path), rows)
+            good = path.read_text()
+            for bad in ("", "a,b\n", good + "07,city\n", good.replace("1.5", "nan"), good.replace("1.5", "x")):
+                path.write_text(bad)
+                with self.assertRaises(drive_tables.InputError) as caught:
+                    drive_tables.read_runs(path)
+                self.assertIn("drives.csv", str(caught.exception))
+                self.assertNotIn("\n", str(caught.exception))
 
 
 class Drives(unittest.TestCase):
