@@ -235,7 +235,7 @@ def _camera_info(reader, path: PathLike, topic: str) -> Optional[dict]:
     for _, _, _, m in _messages(reader, path, connections) if connections else ():
         low = hasattr(m, "k")
         values = {k: list(map(float, getattr(m, k.lower() if low else k))) for k in "DKRP"}
-        if "rect" in base.rsplit("/", 1)[1]:  # rectified already: P is all that counts
+        if "rect" in base.rsplit("/", 1)[-1]:  # rectified already: P is all that counts
             p = values["P"]
             values["K"] = [p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]]
             values["D"], values["R"] = [], [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]

@@ -172,6 +172,17 @@ def test_pairing_after_a_lost_image():
         assert counts["unmatched left"] + counts["unmatched right"] == 1
 
 
+def test_a_topic_without_a_slash():
+    from types import SimpleNamespace
+    k = [50.0, 0, 30, 0, 50, 20, 0, 0, 1]
+    info = SimpleNamespace(width=60, height=40, distortion_model="plumb_bob", d=[0.0] * 5, k=k,
+                           r=[1.0, 0, 0, 0, 1, 0, 0, 0, 1], p=[0.0] * 12)
+    connection = SimpleNamespace(topic="left/camera_info", msgtype="sensor_msgs/msg/CameraInfo")
+    reader = SimpleNamespace(connections=[connection], deserialize=lambda raw, kind: info,
+                             messages=lambda connections: iter([(connection, 0, b"")]))
+    assert recordings._camera_info(reader, "x.mcap", "left")["K"] == k
+
+
 def write_video(path, images):
     cv2 = pytest.importorskip("cv2")
     height, width = images[0].shape[:2]
