@@ -26,7 +26,9 @@ def main(argv: Optional[List[str]] = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     args = make_parser().parse_args(argv)
     try:
-        return _function_of(args.command)(args)
+        status = _function_of(args.command)(args)
+        sys.stdout.flush()  # here, where a reader that has gone is no error
+        return status
     except KeyboardInterrupt:  # before anything is tracked; later the run ends in order
         print("kys-slam: interrupted", file=sys.stderr)
         return INTERRUPTED

@@ -235,7 +235,7 @@ def _camera_info(reader, path: PathLike, topic: str) -> Optional[dict]:
     for _, _, _, m in _messages(reader, path, connections) if connections else ():
         low = hasattr(m, "k")
         values = {k: list(map(float, getattr(m, k.lower() if low else k))) for k in "DKRP"}
-        if "rect" in base.rsplit("/", 1)[1]:  # rectified already: P is all that counts
+        if "rect" in base.rsplit("/", 1)[-1]:  # rectified already: P is all that counts
             p = values["P"]
             values["K"] = [p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]]
             values["D"], values["R"] = [], [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]
@@ -282,22 +282,26 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
 
     stream: (side 0 or 1, stamp in ns, item), roughly in order.
     tolerance: s, largest difference of the stamps of a pair.
-    Yields (left stamp, left item, right item). What has no partner is counted.
+    Yields (left stamp, left item, right item). What has no partner, or one that is nearer to another
+    item, is counted.
     """
     limit = int(round(tolerance * 1e9))
     queues: Tuple[Deque, Deque] = (deque(), deque())
     newest = [None, None]
     last = None
 
-    def match():
+    def match(least: int):
         nonlocal last
         left, right = queues
-        while left and right:
+        while min(len(left), len(right)) >= least:
             difference = right[0][0] - left[0][0]
-            # A later right image may be nearer.
+            # A later image may be nearer.
             if len(right) > 1 and abs(right[1][0] - left[0][0]) < abs(difference):
                 counts["unmatched right"] += 1
                 right.popleft()
+            elif len(left) > 1 and abs(right[0][0] - left[1][0]) < abs(difference):
+                counts["unmatched left"] += 1
+                left.popleft()
             elif difference < -limit:
                 counts["unmatched right"] += 1
                 right.popleft()
@@ -321,9 +325,8 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
         newest[side] = stamp
         queues[side].append((stamp, item))
         # One image of lead, so that a nearer partner may still come.
-        if len(queues[0]) > 1 and len(queues[1]) > 1:
-            yield from match()
-    yield from match()
+        yield from match(2)
+    yield from match(1)
     counts["unmatched left"] += len(queues[0])
     counts["unmatched right"] += len(queues[1])
 

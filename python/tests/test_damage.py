@@ -237,6 +237,14 @@ def test_refused_first_pair_leaves_no_recording(folders, capsys):
     assert "swapped" in refused(capsys, *swapped)
 
 
+def test_the_reader_of_the_output_may_have_gone():
+    code = ("import os, sys; from kys_slam import cli; cli._function_of = lambda c: lambda a: print('x') or 0; "
+            "r, w = os.pipe(); os.close(r); os.dup2(w, 1); sys.exit(cli.main(['demo']))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
+                          env={**os.environ, "PYTHONUNBUFFERED": ""})
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 # Options
 
 def test_mode_that_is_named_stays(folders, corridor, capsys):

@@ -159,6 +159,30 @@ def test_pairs_by_time():
     assert counts == {"unmatched left": 0, "unmatched right": 1, "out of order": 1}
 
 
+def test_pairing_after_a_lost_image():
+    """The second right image is lost; the tolerance is above half the spacing."""
+    ms = 1_000_000
+    stream = [(side, (50 * i + 2 * side) * ms, (side, i)) for i in range(6) for side in (0, 1)
+              if (side, i) != (1, 1)]
+    for lost in (0, 1):  # the same with the sides exchanged
+        counts = {}
+        given = [(side ^ lost, stamp, item) for side, stamp, item in stream]
+        pairs = list(recordings.pair_by_time(iter(given), 0.06, counts))
+        assert [(a[1], b[1]) for _, a, b in pairs] == [(i, i) for i in (0, 2, 3, 4, 5)]
+        assert counts["unmatched left"] + counts["unmatched right"] == 1
+
+
+def test_a_topic_without_a_slash():
+    from types import SimpleNamespace
+    k = [50.0, 0, 30, 0, 50, 20, 0, 0, 1]
+    info = SimpleNamespace(width=60, height=40, distortion_model="plumb_bob", d=[0.0] * 5, k=k,
+                           r=[1.0, 0, 0, 0, 1, 0, 0, 0, 1], p=[0.0] * 12)
+    connection = SimpleNamespace(topic="left/camera_info", msgtype="sensor_msgs/msg/CameraInfo")
+    reader = SimpleNamespace(connections=[connection], deserialize=lambda raw, kind: info,
+                             messages=lambda connections: iter([(connection, 0, b"")]))
+    assert recordings._camera_info(reader, "x.mcap", "left")["K"] == k
+
+
 def write_video(path, images):
     cv2 = pytest.importorskip("cv2")
     height, width = images[0].shape[:2]

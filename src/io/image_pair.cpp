@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "io/sequence_parts.h"
 
@@ -40,9 +41,17 @@ void pair_stamps(const std::vector<fs::path>& left, const std::vector<fs::path>&
                  const std::vector<std::int64_t>& right_ns, double tolerance,
                  Sequence::Content& content) {
   const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
+  const auto apart = [&](std::size_t l, std::size_t r) {
+    return std::abs(right_ns[r] - left_ns[l]);
+  };
   for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
     const std::int64_t difference = right_ns[r] - left_ns[l];
-    if (difference < -limit) {
+    // A later image may be nearer.
+    if (r + 1 < right.size() && apart(l, r + 1) < apart(l, r)) {
+      ++r;
+    } else if (l + 1 < left.size() && apart(l + 1, r) < apart(l, r)) {
+      ++l;
+    } else if (difference < -limit) {
       ++r;
     } else if (difference > limit) {
       ++l;

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <kys_slam/image_pair.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/util/read_bytes.h>
 
@@ -321,6 +322,33 @@ TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:8", "second"});
   write_text(root / "extrinsic.txt", "frame cameraID\n0 0 1 2 3\n");
   expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:2", "columns"});
+}
+
+TEST(ImagePair, ALostImageDoesNotShiftThePairsAfterIt) {
+  const TemporaryFolder folder;
+  write_text(folder / "rig.yaml",
+             "left: {width: 60, height: 40, fx: 50, fy: 50, cx: 30, cy: 20}\n"
+             "right: {width: 60, height: 40, fx: 50, fy: 50, cx: 30, cy: 20}\n"
+             "T_left_right: [1, 0, 0, 0.2,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1]\n");
+  for (int i = 0; i < 5; ++i) {  // 50 ms apart, the right ones 2 ms later
+    fs::create_directories(folder / "left");
+    fs::create_directories(folder / "right");
+    const std::int64_t stamp = 1403715273262142976 + 50000000LL * i;
+    const GrayImage image(60, 40, std::uint8_t(i));
+    write_png(folder / ("left/" + std::to_string(stamp) + ".png"), image);
+    if (i != 1) write_png(folder / ("right/" + std::to_string(stamp + 2000000) + ".png"), image);
+  }
+  const std::vector<fs::path> rig{folder / "rig.yaml"};
+  ImagePairOptions options;
+  options.part.pairing_tolerance = 0.06;
+  const auto sequence =
+      open_image_pair(folder / "left", folder / "right", read_stereo_rig(rig), options);
+  ASSERT_EQ(sequence->frame_count(), 4);
+  EXPECT_EQ(sequence->dropped(), 1);
+  for (int i = 0; i < 4; ++i) {
+    const StereoFrame frame = sequence->read(i);
+    EXPECT_EQ(frame.left.at(30, 20), frame.right.at(30, 20));
+  }
 }
 
 TEST(Euroc, PairsByTimeAndCountsWhatHasNoPartner) {

@@ -9,7 +9,7 @@ from tables import Table, show
 
 RUN_COLUMNS = ["origin", "input", "what", "seed", "configuration", "variant", "case", "schedule",
                "repeat", "status", "reason", "ate", "rpe_m", "rpe_deg", "tracked", "keyframes", "loops",
-               "loops_true", "revisits", "revisits_tied", "wall_s", "peak_mb", "survival_8",
+               "loops_true", "revisits", "revisits_joined", "wall_s", "peak_mb", "survival_8",
                "survival_20", "job"]
 
 
@@ -20,7 +20,7 @@ def cell(rows, metric):
     text = show(mean(values)) if values else ""
     if len(values) > 1:
         text += f" ± {show(deviation(values))}"
-    tracked = mean([r.get("tracked") for r in rows])
+    tracked = mean([r.get("tracked") for r in rows if r not in failed])
     if tracked is not None and tracked < 99.95:
         text += f" ({tracked:.0f} %)"
     if failed:
@@ -45,9 +45,10 @@ def gain_column(rows, row_key, value, baseline, metric):
     """Mean over inputs of the reduction against the baseline, %, as the paper's average."""
     base = select(rows, **{row_key: baseline})
     mine = select(rows, **{row_key: value})
-    _, a, b = pairs(base, mine, metric)
-    reductions = [100 * (x - y) / x for x, y in zip(a, b) if x > 0]
-    return show(mean(reductions), 1) if reductions else "-"
+    found = pairs(base, mine, metric)
+    reductions = [100 * (x - y) / x for x, y in zip(found.baseline, found.values) if x > 0]
+    text = show(mean(reductions), 1) if reductions else "-"
+    return f"{text}; {len(found.lost)} without result" if found.lost else text
 
 
 def value_tables(experiment, rows):
@@ -135,10 +136,14 @@ def published_table(experiment):
 
 
 def paired_rows(label, baseline_rows, rows, metric, ignore=()):
-    """One row of the table of paired differences; None without pairs."""
-    keys, a, b = pairs(baseline_rows, rows, metric, ignore)
-    if not keys:
+    """One row of the table of paired differences; None when nothing was run under both."""
+    found = pairs(baseline_rows, rows, metric, ignore)
+    keys, a, b = found[:3]
+    if not (keys or found.lost or found.lost_baseline):
         return None
+    tracked = show(mean([r.get("tracked") for r in rows]), 1)
+    if not keys:
+        return label + [0, found.without_result, *["-"] * 6, tracked, "too few pairs"]
     d = difference(a, b)  # of metres; the ratio, its interval, test and verdict are of logarithms
     good = [(x, y) for x, y in zip(a, b) if x > 0 and y > 0]
     ratio = difference([np.log(x) for x, _ in good], [np.log(y) for _, y in good])
@@ -146,10 +151,10 @@ def paired_rows(label, baseline_rows, rows, metric, ignore=()):
     interval = lambda e, f: show_interval(e, f, lambda v: show(v, 4))
     power = lambda v: None if v is None else float(np.exp(v))
     return label + [
-        d.pairs, show(d.mean), interval(d.low, d.high), show(power(ratio.mean), 3),
+        d.pairs, found.without_result, show(d.mean), interval(d.low, d.high), show(power(ratio.mean), 3),
         interval(power(ratio.low), power(ratio.high)), show_p(ratio.wilcoxon_p),
         f"{show(b[worst] - a[worst])} ({keys[worst][0]}, seed {keys[worst][1]})",
-        show(mean([r.get("tracked") for r in rows]), 1), ratio.verdict]
+        tracked, ratio.verdict]
 
 
 def show_interval(low, high, form):
@@ -160,7 +165,8 @@ def show_p(p):
     return "< 0.001" if p is not None and p < 0.001 else show(p, 3)
 
 
-PAIRED_HEADER = ["pairs", "mean difference, m", "95 %", "ratio", "95 %", "Wilcoxon p", "worst",
+WITHOUT = "without result (other's)"
+PAIRED_HEADER = ["pairs", WITHOUT, "mean difference, m", "95 %", "ratio", "95 %", "Wilcoxon p", "worst",
                  "tracked %", "by the ratio"]
 
 
@@ -212,6 +218,24 @@ def variant_tables(experiment, rows):
     return tables
 
 
+def best_row(mine):
+    """`verified` against the best of the others in a cell: means over the seeds of which both have a
+    result. None: the cell has no such row, or no results."""
+    own = select(mine, configuration="verified")
+    tracked = show(mean([r.get("tracked") for r in own]), 1)
+    found = {c: pairs(select(mine, configuration=c), own, "ate")
+             for c in unique(mine, "configuration") if c != "verified"}
+    excess = {c: mean(p.values) - 1.1 * mean(p.baseline) for c, p in found.items() if p.keys}
+    if not excess:
+        lost = [c for c, p in found.items() if p.lost]
+        return lost and ["-", lost[0], "-", "NO", tracked, found[lost[0]].without_result]
+    best = max(excess, key=excess.get)  # of the same seeds, the one with the least mean
+    p = found[best]
+    within = excess[best] <= 0.003 and not p.lost
+    return [show(mean(p.values)), best, show(mean(p.baseline)), "yes" if within else "NO", tracked,
+            p.without_result]
+
+
 def best_tables(experiment, rows):
     """Of a study: where `verified` stands against the best of the others in every cell."""
     if "verified" not in unique(rows, "configuration"):
@@ -220,39 +244,35 @@ def best_tables(experiment, rows):
     cells = dict.fromkeys((r["input"], r["variant"], r["case"]) for r in rows)
     for name, variant, case in cells:
         mine = select(rows, input=name, variant=variant, case=case)
-        means = {c: mean(over_repeats(select(mine, configuration=c), "ate").values())
-                 for c in unique(mine, "configuration")}
-        own = means.pop("verified")
-        others = {c: v for c, v in means.items() if v is not None}
-        if own is None or not others:
-            continue
-        best = min(others, key=others.get)
-        within = own <= 1.1 * others[best] + 0.003
-        body.append([name, variant, case, show(own), best, show(others[best]),
-                     "yes" if within else "NO",
-                     show(mean([r.get("tracked") for r in select(mine, configuration="verified")]), 1)])
+        row = best_row(mine)
+        if row:
+            body.append([name, variant, case, *row])
     return [Table(f"{experiment['name']}-verified",
                   "verified against the best other configuration of the same cell: "
                   "at most 1.1 times plus 3 mm", ["input", "variant", "case", "verified", "best other",
-                                                  "its ATE, m", "within", "tracked %"], body),
+                                                  "its ATE, m", "within", "tracked %", WITHOUT], body,
+                  "Means over the inputs and seeds of which both have a result."),
             wrong_prior_table(experiment, rows)]
 
 
 def ratio_row(mine, other, own):
-    """ATE of `own` over that of `other` in these runs: pairs, ratio ...; None without pairs. A pair is
+    """ATE of `own` over that of `other` in these runs: pairs, ratio ...; None without any. A pair is
     an input and seed; of several cases the mean of the logarithms counts once."""
     rows = {c: select(mine, configuration=c) for c in (other, own)}
     logs = {}
-    for key, a, b in zip(*pairs(rows[other], rows[own], "ate")):
+    found = pairs(rows[other], rows[own], "ate")
+    for key, a, b in zip(*found[:3]):
         if a > 0 and b > 0:
             logs.setdefault(key[:2], []).append(np.log(b / a))
+    end = [*[show(mean([r.get("tracked") for r in rows[c]]), 1) for c in (own, other)],
+           found.without_result]
     if not logs:
-        return None
+        lost = found.lost or found.lost_baseline
+        return [0, "-", "-", "-", "too few pairs", *end] if lost else None
     values = [float(np.mean(v)) for v in logs.values()]
     d = difference(np.zeros(len(values)), values)
     form = lambda v: f"{np.exp(v):.2g}"
-    return [d.pairs, form(d.mean), show_interval(d.low, d.high, form), show_p(d.wilcoxon_p), d.verdict,
-            *[show(mean([r.get("tracked") for r in rows[c]]), 1) for c in (own, other)]]
+    return [d.pairs, form(d.mean), show_interval(d.low, d.high, form), show_p(d.wilcoxon_p), d.verdict, *end]
 
 
 def wrong_prior_table(experiment, rows):
@@ -272,7 +292,7 @@ def wrong_prior_table(experiment, rows):
     return Table(f"{experiment['name']}-exact-wrong",
                  "ATE of verified over that of the others, exact and wrong priors",
                  ["input", "variant", "priors", "other", "pairs", "ratio", "95 %", "Wilcoxon p", "verdict",
-                  "verified tracked %", "other tracked %"], body,
+                  "verified tracked %", "other tracked %", WITHOUT], body,
                  "Geometric means over inputs and seeds; of an input and seed, over the cases.")
 
 
@@ -320,7 +340,7 @@ def cost_tables(experiment, results, rows):
 
 
 def loop_tables(experiment, rows):
-    """Loops closed and true, revisits and those tied, where any revisit exists."""
+    """Loops closed and true, revisits and those the map ties, where any revisit exists."""
     mine = [r for r in rows if r.get("revisits")]
     if not mine:
         return []
@@ -329,7 +349,7 @@ def loop_tables(experiment, rows):
         some = [r for r in mine if (r["origin"], r["configuration"], r["variant"]) == key]
         total = lambda k: sum(r[k] for r in some)
         body.append([ORIGINS[key[0]], key[1], key[2], len(some), total("loops_closed"),
-                     total("loops_true"), total("revisits"), total("revisits_tied")])
+                     total("loops_true"), total("revisits"), total("revisits_joined")])
     return [Table(f"{experiment['name']}-loops", "Loops and revisits, sums over runs with revisits",
                   ["origin", "configuration", "variant", "runs", "loops closed", "of these true",
                    "revisits", "tied by the map"], body)]

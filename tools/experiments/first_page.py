@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from experiment_tables import paired_rows
+from experiment_tables import WITHOUT, paired_rows
 from paired import difference, mean
 from results import ORIGINS, over_repeats, pairs, select, unique
 from tables import Table, show
@@ -26,56 +26,67 @@ def helps(results, experiments):
                                       select(mine, configuration=configuration), "ate")
                     if row:
                         body.append([f"{experiment['title']} ({experiment['paper']})", ORIGINS[origin],
-                                     variant, configuration, row[0], row[3], row[4], row[5], row[8]])
+                                     variant, configuration, row[0], row[1], row[4], row[5], row[6], row[9]])
     return Table("summary", "ATE over that of stock, exact or given perception",
-                 ["experiment", "origin", "variant", "configuration", "pairs", "ratio", "95 %",
-                  "Wilcoxon p", "verdict"], body,
-                 "Below 1: better than stock. The interval decides; pairs of few inputs say little.")
+                 ["experiment", "origin", "variant", "configuration", "pairs", WITHOUT, "ratio",
+                  "95 %", "Wilcoxon p", "verdict"], body,
+                 "Below 1: better than stock. A verdict needs 6 pairs, an interval without 1 and Wilcoxon p "
+                 "below 0.05; pairs of few inputs say little.")
 
 
 VARIANTS = {"votes": "with vote counting (ORB-SLAM's, the paper's baseline)",
             "balanced": "with balanced consensus (the default here)", "": "with the default settings"}
 
 
-def all_pairs(experiments, configuration, variant):
-    """ATE of stock and of a configuration, exact or given perception, each input and seed once, and
-    the frames tracked, %."""
-    found = {}
+def all_pairs(experiments, configuration, variant, origin):
+    """ATE of stock and of a configuration, exact or given perception, each input and seed once (None:
+    without a result), and the frames tracked, %."""
+    values = {}
     for experiment, rows in experiments:
         if experiment.get("kind") or "sweep" in experiment:
             continue
-        mine = select(rows, variant=variant, case="exact", schedule=rows[0]["schedule"])
+        mine = select(rows, variant=variant, case="exact", schedule=rows[0]["schedule"], origin=origin)
         size = experiment.get("size", "")
         stock, other = (select(mine, configuration=c) for c in ("stock", configuration))
-        keys, a, b = pairs(stock, other, "ate")
+        found = pairs(stock, other, "ate")
+        ate = [dict(zip(found.keys, side)) for side in (found.baseline, found.values)]
         tracked = [over_repeats(r, "tracked") for r in (stock, other)]
-        for key, x, y in zip(keys, a, b):
-            if x > 0 and y > 0:
-                found[(key[0], key[1], size)] = (x, y, tracked[0][key], tracked[1][key])
-    return list(found.values())
+        for key in dict.fromkeys([*found.keys, *found.lost, *found.lost_baseline]):
+            x, y = (side.get(key) for side in ate)
+            if x is None or (x > 0 and y > 0):
+                values[(key[0], key[1], size)] = (
+                    x, y, tracked[0].get(key), tracked[1].get(key), key in found.lost,
+                    key in found.lost_baseline)
+    return list(values.values())
+
+
+def sentence(label, found):
+    """What `all_pairs` found, in words."""
+    without, without_stock = (sum(p[k] for p in found) for k in (4, 5))
+    lost = f"{without} without result (stock {without_stock})"
+    end = (f" Frames tracked {show(mean([p[3] for p in found]), 1)} %, "
+           f"stock {show(mean([p[2] for p in found]), 1)} %.")
+    both = [(x, y) for x, y, *_ in found if x is not None]
+    if not both:
+        return f"{label}: no pairs, {lost}.{end}"
+    d = difference([np.log(x) for x, _ in both], [np.log(y) for _, y in both])
+    interval = "" if d.low is None else f" (95 %: {np.exp(d.low):.2f} to {np.exp(d.high):.2f})"
+    better, worse = sum(y < 0.9 * x for x, y in both), sum(y > 1.1 * x for x, y in both)
+    verdict = {"smaller": "it helps", "larger": "it harms"}.get(d.verdict, d.verdict)
+    return (f"{label}: {verdict}. ATE {np.exp(d.mean):.2f} times that of stock{interval} over {len(both)} "
+            f"pairs, {lost}; better by more than a tenth in {better}, worse in {worse}.{end}")
 
 
 def in_words(experiments):
-    """The answer in sentences, over all pairs of the same input and seed."""
+    """The answer in sentences, over all pairs of the same input and seed; origins are never mixed."""
     said = []
-    variants = dict.fromkeys(r["variant"] for e, rows in experiments
-                             if not (e.get("kind") or "sweep" in e) for r in rows)
-    for variant in variants:
+    kept = [r for e, rows in experiments if not (e.get("kind") or "sweep" in e) for r in rows]
+    for origin, variant in dict.fromkeys((r["origin"], r["variant"]) for r in kept):
         for configuration in ("KYS, literal", "KYS", "mask", "verified"):
-            found = all_pairs(experiments, configuration, variant)
-            if not found:
-                continue
-            d = difference([np.log(x) for x, *_ in found], [np.log(y) for _, y, *_ in found])
-            interval = ("" if d.low is None else
-                        f" (95 %: {np.exp(d.low):.2f} to {np.exp(d.high):.2f})")
-            better = sum(y < 0.9 * x for x, y, *_ in found)
-            worse = sum(y > 1.1 * x for x, y, *_ in found)
-            verdict = {"smaller": "it helps", "larger": "it harms"}.get(d.verdict, d.verdict)
-            said.append(
-                f"{configuration}, {VARIANTS.get(variant, variant)}: {verdict}. ATE {np.exp(d.mean):.2f} "
-                f"times that of stock{interval} over {len(found)} pairs; better by more than a tenth "
-                f"in {better}, worse in {worse}. Frames tracked {mean([p[3] for p in found]):.1f} %, "
-                f"stock {mean([p[2] for p in found]):.1f} %.")
+            found = all_pairs(experiments, configuration, variant, origin)
+            if found:
+                said.append(sentence(f"{configuration}, {ORIGINS[origin]}, "
+                                     f"{VARIANTS.get(variant, variant)}", found))
     return "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in said) + "</ul>"
 
 
@@ -100,23 +111,27 @@ def where(experiments):
                 mine = select(rows, input=name, variant=variant, case="exact",
                               schedule=rows[0]["schedule"])
                 stock, kys = (select(mine, configuration=c) for c in ("stock", "KYS"))
-                _, a, b = pairs(stock, kys, "ate")
-                if a and min(a + b) > 0:
+                both = pairs(stock, kys, "ate")
+                _, a, b, *lost = both
+                if any(both) and min(a + b, default=1) > 0:
                     what = {r["input"]: r.get("what", "given data") for r in mine}[name]
                     key = (what.split(",")[0], variant)
                     tracked = [mean([r.get("tracked") for r in c]) for c in (stock, kys)]
-                    found.setdefault(key, {})[(name, tuple(a))] = [(x, y, *tracked)
-                                                                   for x, y in zip(a, b)]
+                    found.setdefault(key, {})[(name, tuple(a))] = (
+                        [(x, y) for x, y in zip(a, b)], tracked, list(map(len, lost)))
     body = []
     for (what, variant), groups in found.items():
-        values = [p for g in groups.values() for p in g]
+        values = [p for g, _, _ in groups.values() for p in g]
+        tracked = [mean([t[k] for _, t, _ in groups.values()]) for k in (0, 1)]
+        lost = [sum(n[k] for _, _, n in groups.values()) for k in (0, 1)]
         d = difference([np.log(v[0]) for v in values], [np.log(v[1]) for v in values])
         interval = "-" if d.low is None else f"{np.exp(d.low):.3f} to {np.exp(d.high):.3f}"
-        body.append([what, variant, d.pairs, *(show(mean([v[k] for v in values])) for k in (0, 1)),
-                     *(show(mean([v[k] for v in values]), 1) for k in (2, 3)),
-                     f"{np.exp(d.mean):.3f}", interval, d.verdict])
+        body.append([what, variant, d.pairs, f"{lost[0]} ({lost[1]})",
+                     *(show(mean([v[k] for v in values])) for k in (0, 1)),
+                     *(show(v, 1) for v in tracked),
+                     show(None if d.mean is None else float(np.exp(d.mean)), 3), interval, d.verdict])
     return Table("where", "Where it helps: KYS and stock by kind of scene",
-                 ["scene", "variant", "pairs", "stock, mean ATE, m", "KYS, mean ATE, m",
+                 ["scene", "variant", "pairs", WITHOUT, "stock, mean ATE, m", "KYS, mean ATE, m",
                   "stock, tracked %", "KYS, tracked %", "ratio", "95 %", "verdict"], body)
 
 

@@ -8,7 +8,8 @@ from scipy import stats
 CONFIDENCE = 0.95
 RESAMPLES = 5000
 LEAST_INTERVAL = 3  # pairs; of fewer nothing is said about the spread
-LEAST_WILCOXON = 6  # pairs; with fewer the test cannot reach 5 %
+LEAST_WILCOXON = 6  # pairs; with fewer the test cannot reach 5 %, and there is no verdict
+SIGNIFICANCE = 0.05
 
 
 @dataclasses.dataclass
@@ -23,18 +24,20 @@ class Difference:
 
     @property
     def verdict(self):
-        if self.low is None:
+        """"smaller" or "larger" when the interval excludes 0 and Wilcoxon's test agrees: the bootstrap of
+        few pairs alone is too narrow, and finds differences where there are none."""
+        if self.pairs < LEAST_WILCOXON:
             return "too few pairs"
-        if self.high < 0:
-            return "smaller"
-        return "larger" if self.low > 0 else "no difference shown"
+        if self.wilcoxon_p is None or self.wilcoxon_p >= SIGNIFICANCE or self.low <= 0 <= self.high:
+            return "no difference shown"
+        return "smaller" if self.high < 0 else "larger"
 
 
 def difference(baseline, values):
     """Paired difference values - baseline; both are sequences of equal length, without None.
 
     The interval is a percentile bootstrap of the mean with a seed of its own: the same numbers give
-    the same interval. Wilcoxon's signed-rank test, two-sided.
+    the same interval. Wilcoxon's signed-rank test, two-sided. A verdict needs both, and 6 pairs.
     """
     d = np.asarray(values, float) - np.asarray(baseline, float)
     if len(d) == 0:

@@ -17,7 +17,7 @@ from experiment_tables import (best_tables, cost_tables, exposure_tables, loop_t
                                paired_tables, published_table, runs_table, value_tables)
 from first_page import first_page
 from results import Results
-from runs import InputError, write_text
+from runs import InputError, remove, write_text
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 92rem; margin: 2rem auto; padding: 0 1rem;
@@ -96,11 +96,11 @@ def main():
     start = time.monotonic()
     try:
         results = Results(sys.argv[1])
-        folders = {n: os.path.join(results.work, n) for n in ("tables", "figures")}
+        kept = {n: os.path.join(results.work, n) for n in ("tables", "figures")}
+        folders = {n: path + ".new" for n, path in kept.items()}
         for folder in folders.values():
-            os.makedirs(folder, exist_ok=True)
-            for old in os.listdir(folder):
-                os.unlink(os.path.join(folder, old))
+            remove(folder)
+            os.makedirs(folder)
         experiments = [(e, results.rows(e)) for e in results.plan["experiments"]]
         experiments = [(e, rows) for e, rows in experiments if rows]
         head, tables = first_page(results, experiments)
@@ -110,6 +110,9 @@ def main():
         for experiment, rows in experiments:
             print(f"{time.monotonic() - start:6.1f} s  {experiment['name']}", flush=True)
             body.append(section(experiment, results, rows, folders))
+        for name, path in kept.items():  # all is written: what was there before goes
+            remove(path)
+            os.replace(folders[name], path)
     except (InputError, OSError) as error:
         print(f"report.py: {error}", file=sys.stderr)
         return 2

@@ -1,9 +1,10 @@
 """Results of a work folder as rows: the labels of a run with its figures."""
 import csv
 import os
+from typing import NamedTuple
 
 from paired import mean
-from runs import read_json, read_plan
+from runs import FAILED, read_json, read_plan
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 METRICS = {"ate": ("ATE", "m"), "rpe_m": ("E_t per frame", "m"), "rpe_deg": ("E_R per frame", "deg"),
@@ -33,13 +34,16 @@ class Results:
         return os.path.join(self.work, "runs", row["job"])
 
     def rows(self, experiment):
-        """Rows of an experiment's runs; `tracked` in %. What failed has no figures."""
+        """Rows of an experiment's runs; `tracked` in %. What failed tracked nothing, and has no other
+        figures."""
         rows = []
         for labels in experiment["runs"]:
             row = {**self.done(labels["job"]), **labels}
             if row.get("frames"):
                 row["frames_tracked"], row["tracked"] = row["tracked"], (
                     100.0 * row["tracked"] / row["frames"])
+            elif row["status"] == FAILED:
+                row["tracked"] = 0.0
             rows.append(row)
         return rows
 
@@ -69,16 +73,43 @@ def over_repeats(rows, metric):
     return {key: mean(values) for key, values in groups.items()}
 
 
+class Pairs(NamedTuple):
+    """What was run under both of two configurations, as keys (input, seed, case, ...)."""
+
+    keys: list  # with a result of both
+    baseline: list  # values, in the order of `keys`
+    values: list
+    lost: list  # keys without a result, where the baseline has one or the run failed
+    lost_baseline: list  # the other way round
+
+    @property
+    def without_result(self):
+        """How many, and how many of the baseline, as text."""
+        return f"{len(self.lost)} ({len(self.lost_baseline)})"
+
+
 def pairs(baseline_rows, rows, metric, ignore=()):
-    """Values of both of what was run under both, and the keys; `ignore`: labels that may differ."""
+    """Pairs of two configurations; `ignore`: labels that may differ. What was not run yet is none."""
     order = ("input", "seed", "case", "variant", "schedule")
     strip = lambda key: tuple(v for k, v in zip(order, key) if k not in ignore)
-    first = {strip(k): v for k, v in over_repeats(baseline_rows, metric).items()}
-    keys, a, b = [], [], []
-    for key, value in over_repeats(rows, metric).items():
-        other = first.get(strip(key))
+    sides = []
+    for side in (baseline_rows, rows):
+        side = [r for r in side if r.get("status") != "missing"]
+        broken = over_repeats([r for r in side if r.get("status") in (FAILED, "lost")], metric)
+        sides.append((over_repeats(side, metric), broken))
+    first, first_broken = ({strip(k): v for k, v in values.items()} for values in sides[0])
+    found = Pairs([], [], [], [], [])
+    for key, value in sides[1][0].items():
+        same = strip(key)
+        if same not in first:
+            continue
+        other = first[same]
         if value is not None and other is not None:
-            keys.append(key)
-            a.append(other)
-            b.append(value)
-    return keys, a, b
+            found.keys.append(key)
+            found.baseline.append(other)
+            found.values.append(value)
+        if value is None and (other is not None or key in sides[1][1]):
+            found.lost.append(key)
+        if other is None and (value is not None or same in first_broken):
+            found.lost_baseline.append(key)
+    return found
