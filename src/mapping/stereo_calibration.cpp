@@ -29,9 +29,9 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
 
 namespace {
 
-constexpr double kStep = 0.2;  // px between the offsets that are tried
+constexpr double kStep = 0.2;             // px between the offsets that are tried
 constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
-constexpr std::size_t kWindow = 4;  // the last estimate uses the newest: times `keyframes`
+constexpr std::size_t kWindow = 4;        // the last estimate uses the newest: times `keyframes`
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
