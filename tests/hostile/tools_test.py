@@ -15,7 +15,7 @@ try:
     import scipy  # noqa: F401
 
     sys.path[:0] = [str(TOOLS / "experiments"), str(TOOLS / "common")]
-    import drives
+    import drive_tables
     import inputs
 except ImportError as error:
     print(f"skipped: {error}")
@@ -153,7 +153,7 @@ class Tools(unittest.TestCase):
 
     def test_interval_of_the_mean(self):
         """1, 2, ... 8: mean 4.5, standard error sqrt(6 / 8), t of 7 degrees of freedom 2.3646."""
-        self.assertEqual(drives.interval([float(v) for v in range(1, 9)]), "+4.500 +- 2.048")
+        self.assertEqual(drive_tables.interval([float(v) for v in range(1, 9)]), "+4.500 +- 2.048")
 
     # --- perception ----------------------------------------------------------------------------
 

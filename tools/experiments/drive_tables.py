@@ -5,7 +5,8 @@ import math
 import numpy as np
 from scipy import stats
 
-from inputs import InputError, reading
+from runs import InputError  # first: it knows where inputs is
+from inputs import reading
 from paired import CONFIDENCE, difference, mean
 from tables import Table, show
 

@@ -288,11 +288,12 @@ void explain_mistake(const std::filesystem::path& path) {
   }
 }
 
-/// A run that ended before its first keyframe does not replace a map that exists by an empty one.
+/// A run that ended before its first keyframe has no map, and leaves one that exists as it is.
 void save_map(const System& system, const RunOutcome& outcome, const std::filesystem::path& file,
               const std::filesystem::path& output) {
-  if (outcome.keyframes_made == 0 && path_exists(file) && system.snapshot().keyframes.empty()) {
-    spdlog::warn("{} is left as it was: this run has no keyframes", printable(file.string()));
+  if (outcome.keyframes_made == 0 && system.snapshot().keyframes.empty()) {
+    spdlog::warn("{}: no map is written, since this run has no keyframes",
+                 printable(file.string()));
     return;
   }
   save_map_or_beside(system, file, output);
