@@ -13,14 +13,14 @@
 
 namespace kys_slam {
 
-/// The part of a landmark that the tracker uses.
+/// The part of a landmark that the tracker uses. In an order without gaps: there are very many.
 struct LandmarkView {
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   float min_distance = 0;
   float max_distance = 0;
-  kys::Descriptor descriptor;
   kys::Prior prior;
+  kys::Descriptor descriptor;
   std::vector<KeyFrameId> observers;  ///< by id
   friend bool operator==(const LandmarkView&, const LandmarkView&) = default;
 };

@@ -10,7 +10,8 @@ namespace kys_slam {
 
 /// Objects stored by value, found by id in constant time, visited in id order. Slots of erased
 /// objects are reused: memory depends on the number of present objects, plus four bytes per id ever
-/// used. References stay valid until their object is erased.
+/// used, which also hold the successors of replaced objects. References stay valid until their
+/// object is erased.
 template <typename IdType, typename T>
 class IdTable {
  public:
@@ -42,7 +43,7 @@ class IdTable {
       *old = std::move(object);
       return *old;
     }
-    if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, -1);
+    if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, kNone);
     ++size_;
     if (!free_.empty()) {
       const std::int32_t slot = free_.back();
@@ -60,16 +61,33 @@ class IdTable {
     const std::int32_t slot = slot_[id.value];
     objects_[static_cast<std::size_t>(slot)] = T{};
     free_.push_back(slot);
-    slot_[id.value] = -1;
+    slot_[id.value] = kNone;
     --size_;
     return true;
+  }
+
+  /// Erases the object if it is present, and records which one replaced it.
+  /// \throws std::length_error for a successor of 2^31 - 2 and more.
+  void replace(IdType id, IdType successor) {
+    if (successor.value > kLastSuccessor) throw std::length_error("id too large for a successor");
+    erase(id);
+    skip_ids(id.value + 1);
+    slot_[id.value] = kNone - 1 - static_cast<std::int32_t>(successor.value);
+  }
+  /// `id` itself when present, its present successor when it was replaced, invalid when erased.
+  [[nodiscard]] IdType resolve(IdType id) const {
+    while (!contains(id)) {
+      if (id.value >= slot_.size() || slot_[id.value] == kNone) return {};
+      id = IdType{static_cast<std::uint32_t>(kNone - 1 - slot_[id.value])};
+    }
+    return id;
   }
 
   void clear() { *this = IdTable{}; }
 
   /// Marks all ids below `end` as used.
   void skip_ids(std::uint32_t end) {
-    if (end > slot_.size()) slot_.resize(end, -1);
+    if (end > slot_.size()) slot_.resize(end, kNone);
   }
 
   /// Calls f(id, object) in id order.
@@ -88,23 +106,13 @@ class IdTable {
   }
 
  private:
-  std::vector<std::int32_t> slot_;  // by id, -1: none
+  static constexpr std::int32_t kNone = -1;
+  static constexpr std::uint32_t kLastSuccessor = 0x7FFFFFFDu;
+
+  std::vector<std::int32_t> slot_;  // by id; kNone, or below it: kNone - 1 - id of the successor
   std::deque<T> objects_;
   std::vector<std::int32_t> free_;
   std::size_t size_ = 0;
 };
-
-/// Resolves a replaced object to its present successor: `id` itself when present, invalid when
-/// there is none.
-template <typename IdType, typename T>
-[[nodiscard]] IdType resolve_replaced(const IdTable<IdType, T>& alive,
-                                      const IdTable<IdType, IdType>& successor, IdType id) {
-  while (!alive.contains(id)) {
-    const IdType* next = successor.find(id);
-    if (next == nullptr) return {};
-    id = *next;
-  }
-  return id;
-}
 
 }  // namespace kys_slam

@@ -4,6 +4,7 @@
 #include <kys/distance.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -18,20 +19,25 @@ struct Observation {
   friend bool operator==(const Observation&, const Observation&) = default;
 };
 
-/// A point of the map.
+/// A number of frames, as a landmark counts them.
+[[nodiscard]] inline std::uint16_t frame_count(std::uint64_t frames) {
+  return static_cast<std::uint16_t>(std::min<std::uint64_t>(frames, 0xffff));
+}
+
+/// A point of the map. In an order without gaps: there are very many.
 struct Landmark {
-  LandmarkId id;
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();     ///< m
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< mean viewing direction, camera to point
   float min_distance = 0;                            ///< m, least distance from which it is matched
   float max_distance = 0;                            ///< m, largest distance
+  kys::Prior prior;  ///< label, instance, scale of the representative observation; motion of the
+                     ///< most recent one
   kys::Descriptor descriptor;  ///< representative: least median distance to the others
-  kys::Prior prior;            ///< label, instance, scale of the representative observation;
-                               ///< motion of the most recent one
-  KeyFrameId reference;        ///< keyframe that defines the distance range
-  KeyFrameId first_keyframe;   ///< keyframe that made it
-  std::uint32_t visible = 1;   ///< frames in which it was predicted in view
-  std::uint32_t found = 1;     ///< frames in which it was matched
+  LandmarkId id;
+  KeyFrameId reference;       ///< keyframe that defines the distance range
+  KeyFrameId first_keyframe;  ///< keyframe that made it
+  std::uint16_t visible = 1;  ///< frames in which it was predicted in view, 65535 and more: 65535
+  std::uint16_t found = 1;    ///< frames in which it was matched, the same
   std::vector<Observation> observations;  ///< by keyframe id
 };
 

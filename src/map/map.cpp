@@ -89,10 +89,6 @@ int Map::observation_weight(LandmarkId id) const {
   return weight;
 }
 
-LandmarkId Map::resolve(LandmarkId id) const {
-  return resolve_replaced(landmarks_, successor_, id);
-}
-
 std::optional<Rigid3> Map::pose(KeyFrameId id) const {
   Rigid3 T_c_k;  // from the keyframe reached so far to the one asked for
   while (!keyframes_.contains(id)) {
@@ -310,8 +306,8 @@ void Map::set_position(LandmarkId id, const Eigen::Vector3d& p_w) {
 
 void Map::add_visible(LandmarkId id, std::uint32_t visible, std::uint32_t found) {
   Landmark& landmark = landmarks_.at(id);
-  landmark.visible += visible;
-  landmark.found += found;
+  landmark.visible = frame_count(std::uint64_t{landmark.visible} + visible);
+  landmark.found = frame_count(std::uint64_t{landmark.found} + found);
 }
 
 void Map::change_covisibility(KeyFrameId a, KeyFrameId b, int by) {
@@ -380,7 +376,7 @@ void Map::replace_landmark(LandmarkId from, LandmarkId into) {
   if (from == into) return;
   const Landmark old = landmark(from);
   erase_landmark(from);
-  successor_.put(from, into);
+  landmarks_.replace(from, into);
   replaced_.emplace_back(from, into);
   for (const Observation& o : old.observations) add_observation(into, o.keyframe, o.feature);
   add_visible(into, old.visible, old.found);
@@ -498,7 +494,7 @@ void Map::refresh_geometry(std::span<const LandmarkId> ids) {
 
 LandmarkView Map::view(LandmarkId id) const {
   const Landmark& l = landmark(id);
-  LandmarkView view{l.p_w, l.normal, l.min_distance, l.max_distance, l.descriptor, l.prior, {}};
+  LandmarkView view{l.p_w, l.normal, l.min_distance, l.max_distance, l.prior, l.descriptor, {}};
   view.observers.reserve(l.observations.size());
   for (const Observation& o : l.observations) view.observers.push_back(o.keyframe);
   return view;

@@ -54,7 +54,7 @@ class Map {
   /// Number of observations of a landmark; a stereo observation counts twice.
   [[nodiscard]] int observation_weight(LandmarkId id) const;
   /// The landmark itself when present, its successor when it was replaced, invalid when erased.
-  [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
+  [[nodiscard]] LandmarkId resolve(LandmarkId id) const { return landmarks_.resolve(id); }
   /// Parent of a culled keyframe at the time of its culling; invalid for any other.
   [[nodiscard]] KeyFrameId culled_parent(KeyFrameId id) const {
     const CulledKeyFrame* culled = culled_.find(id);
@@ -181,7 +181,6 @@ class Map {
   std::map<std::int32_t, std::vector<LandmarkId>> on_instance_;
   IdTable<KeyFrameId, KeyFrame> keyframes_;
   IdTable<LandmarkId, Landmark> landmarks_;
-  IdTable<LandmarkId, LandmarkId> successor_;  // of replaced landmarks
   IdTable<KeyFrameId, CulledKeyFrame> culled_;
 
   std::vector<KeyFrameId> dirty_keyframes_;  // each once; some culled since

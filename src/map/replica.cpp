@@ -19,7 +19,7 @@ void Replica::apply(ChangeSet changes) {
     hanging.emplace_back(id, view.T_c_w * T_p_w.inverse());
   }
   for (const LandmarkId id : changes.erased_landmarks) landmarks_.erase(id);
-  for (const auto& [from, into] : changes.replaced) successor_.put(from, into);
+  for (const auto& [from, into] : changes.replaced) landmarks_.replace(from, into);
   for (auto& [id, view] : changes.landmarks) landmarks_.put(id, std::move(view));
   for (const auto& [id, geometry] : changes.moved_landmarks) {
     LandmarkView& view = landmarks_.at(id);
@@ -58,10 +58,6 @@ void Replica::follow(KeyFrameId pending, const Rigid3& T_c_parent) {
     landmark->p_w = T_new_old * landmark->p_w;
     landmark->normal = (T_new_old.rotation * landmark->normal.cast<double>()).cast<float>();
   }
-}
-
-LandmarkId Replica::resolve(LandmarkId id) const {
-  return resolve_replaced(landmarks_, successor_, id);
 }
 
 Replica::Anchor Replica::resolve(KeyFrameId id) const {

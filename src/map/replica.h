@@ -27,7 +27,7 @@ class Replica {
   }
 
   /// The landmark itself when present, its successor when it was replaced, invalid when erased.
-  [[nodiscard]] LandmarkId resolve(LandmarkId id) const;
+  [[nodiscard]] LandmarkId resolve(LandmarkId id) const { return landmarks_.resolve(id); }
 
   /// A present keyframe k and the pose of the given (perhaps culled) keyframe relative to it: {k,
   /// T_c_k}.
@@ -42,7 +42,6 @@ class Replica {
 
   IdTable<LandmarkId, LandmarkView> landmarks_;
   IdTable<KeyFrameId, KeyFrameView> keyframes_;
-  IdTable<LandmarkId, LandmarkId> successor_;
   IdTable<KeyFrameId, CulledKeyFrame> culled_;
   std::vector<KeyFrameId> pending_;  // by id
 };

@@ -190,8 +190,8 @@ Landmark read_landmark(ByteReader& in) {
   landmark.id = {in.u32()};
   landmark.reference = {in.u32()};
   landmark.first_keyframe = {in.u32()};
-  landmark.visible = in.u32();
-  landmark.found = in.u32();
+  landmark.visible = frame_count(in.u32());
+  landmark.found = frame_count(in.u32());
   for (double& x : landmark.p_w) {
     x = in.f64();
     require(std::abs(x) <= mf::kMaxMetres, "has a landmark that is not finite");

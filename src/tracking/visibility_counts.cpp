@@ -4,24 +4,26 @@
 
 namespace kys_slam {
 
-void VisibilityCounts::add_visible(LandmarkId id) {
-  if (VisibilityCount* count = counts_.find(id)) {
-    count->visible += 1;
-  } else {
-    counts_.put(id, {id, 1, 0});
-    ids_.push_back(id);
+void VisibilityCounts::merge() {
+  std::ranges::sort(counts_, {}, &VisibilityCount::id);
+  std::size_t end = 0;
+  for (const VisibilityCount& count : counts_) {
+    if (end > 0 && counts_[end - 1].id == count.id) {
+      counts_[end - 1].visible += count.visible;
+      counts_[end - 1].found += count.found;
+    } else {
+      counts_[end++] = count;
+    }
   }
+  counts_.resize(end);
+  merge_at_ = std::max(kFirstMerge, 2 * end);
 }
 
 std::vector<VisibilityCount> VisibilityCounts::take() {
-  std::sort(ids_.begin(), ids_.end());
-  std::vector<VisibilityCount> counts;
-  counts.reserve(ids_.size());
-  for (const LandmarkId id : ids_) {
-    counts.push_back(counts_.at(id));
-    counts_.erase(id);
-  }
-  ids_.clear();
+  merge();
+  merge_at_ = kFirstMerge;
+  std::vector<VisibilityCount> counts(counts_.begin(), counts_.end());
+  counts_.clear();
   return counts;
 }
 

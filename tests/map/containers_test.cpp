@@ -79,6 +79,27 @@ TEST(IdTable, BehavesLikeAnOrderedMap) {
   EXPECT_TRUE(table.ids().empty());
 }
 
+TEST(IdTable, KnowsWhatReplacedAnObject) {
+  Table table;
+  for (std::uint32_t i = 0; i < 6; ++i) table.put({i}, std::to_string(i));
+  table.replace({1}, {2});
+  table.replace({2}, {5});  // a chain
+  table.erase({3});
+  table.replace({9}, {4});  // was never in the table
+  EXPECT_EQ(table.size(), 3u);
+  EXPECT_FALSE(table.contains({1}));
+  EXPECT_EQ(table.resolve({0}), LandmarkId{0});
+  EXPECT_EQ(table.resolve({1}), LandmarkId{5});
+  EXPECT_EQ(table.resolve({3}), LandmarkId{});
+  EXPECT_EQ(table.resolve({9}), LandmarkId{4});
+  EXPECT_EQ(table.resolve({100}), LandmarkId{});
+  EXPECT_EQ(table.resolve({}), LandmarkId{});
+  EXPECT_EQ(table.ids(), (std::vector<LandmarkId>{{0}, {4}, {5}}));
+  table.erase({5});
+  EXPECT_EQ(table.resolve({1}), LandmarkId{});  // its last successor is gone
+  EXPECT_THROW(table.replace({0}, {0x80000000u}), std::length_error);
+}
+
 TEST(ScaleLevels, ScalesGrowByTheFactorAndOctavesArePredictedByDistance) {
   const ScaleLevels scales(1.2, 8);
   ASSERT_EQ(scales.levels(), 8);

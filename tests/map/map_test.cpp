@@ -136,6 +136,9 @@ TEST(Map, ReplacedLandmarksResolveToTheirSuccessor) {
   EXPECT_EQ(map.landmark(lm(1)).observations.size(), 3u);
   EXPECT_EQ(map.landmark(lm(1)).visible, 1u + 6u);
   EXPECT_EQ(map.landmark(lm(1)).found, 1u + 4u);
+  map.add_visible(lm(1), 70000, 60000);
+  EXPECT_EQ(map.landmark(lm(1)).visible, 65535u) << "no more than it can hold";
+  EXPECT_EQ(map.landmark(lm(1)).found, 60005u);
   map.check_consistency();
   map.replace_landmark(lm(1), lm(2));
   EXPECT_EQ(map.resolve(lm(0)), lm(2)) << "through two replacements";
