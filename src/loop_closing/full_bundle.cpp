@@ -133,26 +133,27 @@ void FullBundle::take_over(Map& map, const Job& job) const {
       corrected.put(*k, T_c_parent * corrected.at(keyframe.parent));
     }
   }
-  std::vector<std::uint8_t> held(job.landmarks.size(), 0);
-  for (const BundleProblem::Observation& o : job.problem.observations) {
-    if (job.summary.unconstrained[o.pose] == 0) held[o.point] = 1;
-  }
+  const BundleProblem& problem = job.problem;
+  const auto begin = problem.observations.begin();
+  const auto constrained = [&](const auto& o) { return job.summary.unconstrained[o.pose] == 0; };
   std::vector<std::pair<LandmarkId, Eigen::Vector3d>> positions;
   for (std::size_t k = 0; k < job.landmarks.size(); ++k) {
-    if (held[k] == 0 || !map.has(job.landmarks[k])) continue;
+    if (!map.has(job.landmarks[k])) continue;
+    if (std::none_of(begin + problem.first[k], begin + problem.first[k + 1], constrained)) continue;
     const Eigen::Vector3d since = map.landmark(job.landmarks[k]).p_w - job.points[k];
-    positions.emplace_back(job.landmarks[k], job.problem.points[k] + since);
+    positions.emplace_back(job.landmarks[k], problem.points[k] + since);
   }
   std::vector<Rigid3> T_c_w;
   T_c_w.reserve(ids.size());
   for (const KeyFrameId id : ids) T_c_w.push_back(corrected.at(id));
   map.move_keyframes(ids, T_c_w);
   for (const auto& [id, p_w] : positions) map.set_position(id, p_w);
-  for (std::size_t k = 0; k < job.problem.observations.size(); ++k) {
-    const BundleProblem::Observation& o = job.problem.observations[k];
-    const LandmarkId landmark = job.landmarks[static_cast<std::size_t>(o.point)];
-    if (job.summary.outlier[k] == 0 || !map.has(landmark)) continue;
-    map.remove_observation(landmark, job.keyframes[static_cast<std::size_t>(o.pose)]);
+  for (std::size_t k = 0; k < job.landmarks.size(); ++k) {
+    for (auto i = problem.first[k]; i < problem.first[k + 1]; ++i) {
+      if (job.summary.outlier[static_cast<std::size_t>(i)] == 0) continue;
+      if (!map.has(job.landmarks[k])) break;
+      map.remove_observation(job.landmarks[k], job.keyframes[begin[i].pose]);
+    }
   }
   for (const auto& entry : positions) {
     if (map.has(entry.first)) map.refresh_geometry(entry.first);

@@ -78,19 +78,25 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
   observations.reserve(most);
   problem.observations.reserve(most);
   problem.points.reserve(landmarks.size());
-  problem.weights.reserve(landmarks.size());
+  problem.first.reserve(landmarks.size() + 1);
+  const int levels = map.scales().levels();
+  for (const float sigma : {kPixelSigma, kAlignedSigma}) {
+    for (int i = 0; i < levels; ++i) problem.inv_sigma.push_back(map.scales().inv_sigma(i, sigma));
+  }
+  if (map.keeps_beliefs()) problem.weights.reserve(landmarks.size());
   for (const LandmarkId id : landmarks) {
     const Landmark& landmark = map.landmark(id);
-    const auto point = static_cast<std::int32_t>(problem.points.size());
-    problem.weights.push_back(map.weight(landmark));
-    problem.points.push_back(landmark.p_w);
+    if (map.keeps_beliefs()) problem.weights.push_back(map.weight(landmark));
+    problem.add_point(landmark.p_w);
     for (const Observation& o : landmark.observations) {
       const std::int32_t pose = pose_index(o.keyframe);
       if (pose < 0) continue;
       const FrameFeatures& features = *map.keyframe(o.keyframe).features;
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
-      problem.observations.push_back(
-          {pose, point, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma});
+      const int octave = features.keypoint(o.feature).octave;
+      problem.add_observation(
+          {pixel.u, pixel.v, pixel.u_right, static_cast<std::uint32_t>(pose),
+           static_cast<std::uint32_t>(features.is_aligned(o.feature) ? levels + octave : octave)});
       observations.push_back({id, o.keyframe, o.feature});
     }
   }

@@ -115,11 +115,15 @@ bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::at
   refine.disparity_weight = disparity_weight;
   refine.stop = stop;
   const BundleSummary refined = adjust_bundle(problem, refine);
-  std::vector<BundleProblem::Observation> inliers;
-  for (std::size_t k = 0; k < problem.observations.size(); ++k) {
-    if (refined.outlier[k] == 0) inliers.push_back(problem.observations[k]);
+  std::size_t kept = 0;
+  std::size_t from = 0;
+  for (std::size_t point = 1; point < problem.first.size(); ++point) {
+    for (; from < static_cast<std::size_t>(problem.first[point]); ++from) {
+      if (refined.outlier[from] == 0) problem.observations[kept++] = problem.observations[from];
+    }
+    problem.first[point] = static_cast<std::int32_t>(kept);
   }
-  problem.observations = std::move(inliers);
+  problem.observations.resize(kept);
   return !refined.stopped;
 }
 

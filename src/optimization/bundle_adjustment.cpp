@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include "geometry/reprojection.h"
 #include "optimization/bundle_solver.h"
@@ -32,11 +33,14 @@ void check(const BundleProblem& problem) {
   if (!problem.weights.empty() && problem.weights.size() != problem.points.size()) {
     throw std::invalid_argument("adjust_bundle: weights and points differ in length");
   }
-  const auto poses = static_cast<std::int64_t>(problem.T_c_w.size());
-  const auto points = static_cast<std::int64_t>(problem.points.size());
+  if (problem.first.size() != problem.points.size() + 1 || problem.first.front() != 0 ||
+      !std::ranges::is_sorted(problem.first) ||
+      static_cast<std::size_t>(problem.first.back()) != problem.observations.size()) {
+    throw std::invalid_argument("adjust_bundle: observations that are not those of the points");
+  }
   for (const Observation& o : problem.observations) {
-    if (o.pose < 0 || o.pose >= poses || o.point < 0 || o.point >= points) {
-      throw std::invalid_argument("adjust_bundle: observation of a pose or point out of range");
+    if (o.pose >= problem.T_c_w.size() || o.noise >= problem.inv_sigma.size()) {
+      throw std::invalid_argument("adjust_bundle: observation of a pose or noise out of range");
     }
   }
 }
@@ -50,19 +54,20 @@ class Errors {
   }
 
   [[nodiscard]] bool is_finite(const Observation& o) const {
-    return is_usable(o.u, o.v, o.u_right, o.inv_sigma) && is_usable(problem_.points[o.point]) &&
+    return is_usable(o.u, o.v, o.u_right, problem_.inv_sigma[o.noise]) &&
            problem_.T_c_w[o.pose].is_finite();
   }
   /// Squared error over variance; `in_front` tells on which side of the camera the point is.
-  [[nodiscard]] double chi2(const Observation& o, double disparity_weight, bool& in_front) const {
-    const Eigen::Vector3d p_c =
-        rotations_[o.pose] * problem_.points[o.point] + problem_.T_c_w[o.pose].translation;
+  [[nodiscard]] double chi2(const Eigen::Vector3d& p_w, const Observation& o,
+                            double disparity_weight, bool& in_front) const {
+    const Eigen::Vector3d p_c = rotations_[o.pose] * p_w + problem_.T_c_w[o.pose].translation;
     in_front = p_c.z() >= kMinDepth;
     const Eigen::Vector3d e = reprojection_error(problem_.camera, p_c, o.u, o.v, o.u_right);
     const InformationRatio& ratio = problem_.ratio;
     double sum = e.x() * e.x() + ratio.v * e.y() * e.y();
     if (!std::isnan(o.u_right)) sum += disparity_weight * ratio.disparity * e.z() * e.z();
-    return sum * o.inv_sigma * o.inv_sigma;
+    const float inv_sigma = problem_.inv_sigma[o.noise];
+    return sum * inv_sigma * inv_sigma;
   }
 
  private:
@@ -70,17 +75,27 @@ class Errors {
   std::vector<Eigen::Matrix3d> rotations_;
 };
 
+/// Calls f(index, point) for the observations of points that are finite.
+template <typename F>
+void for_each_observation(const BundleProblem& problem, F&& f) {
+  for (std::size_t k = 0; k < problem.points.size(); ++k) {
+    if (!is_usable(problem.points[k])) continue;
+    const auto end = static_cast<std::size_t>(problem.first[k + 1]);
+    for (auto i = static_cast<std::size_t>(problem.first[k]); i < end; ++i) f(i, problem.points[k]);
+  }
+}
+
 /// Observations of the first round: finite, and in front of the camera.
 std::vector<std::uint8_t> usable_observations(const BundleProblem& problem) {
   const Errors errors(problem);
   std::vector<std::uint8_t> active(problem.observations.size(), 0);
-  for (std::size_t i = 0; i < active.size(); ++i) {
+  for_each_observation(problem, [&](std::size_t i, const Eigen::Vector3d& p_w) {
     const Observation& o = problem.observations[i];
     bool in_front = false;
-    if (!errors.is_finite(o)) continue;
-    static_cast<void>(errors.chi2(o, 1, in_front));
+    if (!errors.is_finite(o)) return;
+    static_cast<void>(errors.chi2(p_w, o, 1, in_front));
     active[i] = in_front ? 1 : 0;
-  }
+  });
   return active;
 }
 
@@ -88,21 +103,21 @@ std::vector<std::uint8_t> find_outliers(const BundleProblem& problem,
                                         const BundleOptions& options) {
   const Errors errors(problem);
   std::vector<std::uint8_t> outlier(problem.observations.size(), 1);
-  for (std::size_t i = 0; i < outlier.size(); ++i) {
+  for_each_observation(problem, [&](std::size_t i, const Eigen::Vector3d& p_w) {
     const Observation& o = problem.observations[i];
-    if (!errors.is_finite(o)) continue;
+    if (!errors.is_finite(o)) return;
     bool in_front = false;
-    const double chi2 = errors.chi2(o, options.disparity_weight, in_front);
+    const double chi2 = errors.chi2(p_w, o, options.disparity_weight, in_front);
     const double bound = std::isnan(o.u_right) ? options.chi2_mono : options.chi2_stereo;
     outlier[i] = in_front && chi2 <= bound ? 0 : 1;
-  }
+  });
   return outlier;
 }
 
-std::vector<std::uint8_t> inliers(const std::vector<std::uint8_t>& outlier) {
-  std::vector<std::uint8_t> result(outlier.size());
-  std::ranges::transform(outlier, result.begin(), [](auto o) { return o == 0 ? 1 : 0; });
-  return result;
+/// In the memory of `outlier`.
+std::vector<std::uint8_t> inliers(std::vector<std::uint8_t> outlier) {
+  for (std::uint8_t& o : outlier) o = o == 0 ? 1 : 0;
+  return outlier;
 }
 
 /// Free poses with too few active observations get their initial value again, and their
@@ -135,7 +150,7 @@ std::vector<std::uint8_t> hold_gauge(const BundleProblem& problem,
   std::int32_t first = -1;
   for (std::size_t i = 0; i < active.size(); ++i) {
     if (active[i] == 0) continue;
-    const std::int32_t pose = problem.observations[i].pose;
+    const auto pose = static_cast<std::int32_t>(problem.observations[i].pose);
     if (fixed[pose] != 0) return fixed;
     if (first < 0 || pose < first) first = pose;
   }
@@ -179,7 +194,7 @@ BundleSummary adjust_bundle(BundleProblem& problem, const BundleOptions& options
   summary.outlier = find_outliers(problem, options);
 
   if (options.refine_iterations > 0 && !first.stopped) {
-    active = inliers(summary.outlier);
+    active = inliers(std::move(summary.outlier));
     fix_unconstrained(problem, options, before, active, summary.unconstrained);
     const BundleRoundSummary second =
         run_round(problem, options, active, false, options.refine_iterations);

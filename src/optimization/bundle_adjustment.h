@@ -14,24 +14,37 @@
 namespace kys_slam {
 
 /// Poses, points and observations, by index in their arrays. Used by local and full bundle
-/// adjustment, which copy them from and to the map.
+/// adjustment, which copy them from and to the map. A whole map has millions of observations: they
+/// take 16 bytes each.
 struct BundleProblem {
   struct Observation {
-    std::int32_t pose = 0;
-    std::int32_t point = 0;
-    float u = 0;          ///< px, left image
-    float v = 0;          ///< px
-    float u_right = 0;    ///< px, right image; NaN for a monocular observation
-    float inv_sigma = 1;  ///< 1/px, of u
+    float u = 0;        ///< px, left image
+    float v = 0;        ///< px
+    float u_right = 0;  ///< px, right image; NaN for a monocular observation
+    std::uint32_t pose : 24 = 0;
+    std::uint32_t noise : 8 = 0;  ///< index in inv_sigma
   };
   StereoCamera camera;
   InformationRatio ratio = {};           ///< of all observations
   std::vector<Rigid3> T_c_w;             ///< changed in place, but for the fixed ones
   std::vector<std::uint8_t> pose_fixed;  ///< per pose
+  std::vector<float> inv_sigma;          ///< 1/px, of u; by `noise` of an observation
   std::vector<Eigen::Vector3d> points;   ///< p_w, m; changed in place
   std::vector<float> weights;  ///< per point, 0..1, factor on the cost of its observations; outlier
                                ///< bounds do not depend on it; empty: 1
-  std::vector<Observation> observations;  ///< faster when grouped by point; same result
+  std::vector<Observation> observations;  ///< by point
+  std::vector<std::int32_t> first{0};     ///< per point its first observation; then their number
+
+  /// Adds a point without observations.
+  void add_point(const Eigen::Vector3d& p_w) {
+    points.push_back(p_w);
+    first.push_back(first.back());
+  }
+  /// Adds an observation of the last point.
+  void add_observation(const Observation& o) {
+    observations.push_back(o);
+    ++first.back();
+  }
 };
 
 /// Solver of the normal equations. All minimise the same cost.

@@ -31,13 +31,10 @@ constexpr std::size_t kPointsBetweenStops = 4096;  // some ms
 constexpr int kPointRounds = 2;
 constexpr double kPointDamping = 1e-3;
 
-/// One point: its active observations, `count` from `begin` on in order, its groups of four, where
-/// those are kept, from `group` on.
+/// A point with active observations, and their number.
 struct SchurPoint {
   std::int32_t point;
-  std::int32_t begin;
   std::int32_t count;
-  std::int32_t group;
 
   [[nodiscard]] std::int32_t groups() const { return (count + kLanes - 1) / kLanes; }
 };
@@ -158,11 +155,13 @@ class SchurBundle {
   /// Finds the active observations of every point, those of a point in order of free pose, so that
   /// sums run in the same order however the caller listed them.
   void find_observations() {
-    if (is_ordered()) {
-      list_ordered();
-    } else {
-      sort_observations();
+    for (std::size_t k = 0; k < problem_.points.size(); ++k) {
+      const auto begin = active_.begin() + problem_.first[k];
+      const auto end = active_.begin() + problem_.first[k + 1];
+      const auto count = static_cast<std::int32_t>(end - begin - std::count(begin, end, 0));
+      if (count > 0) points_.push_back({static_cast<std::int32_t>(k), count});
     }
+    if (!is_ordered()) sort_observations();
     std::int32_t most = 0;
     for (const SchurPoint& point : points_) most = std::max(most, point.groups());
     mixed_.resize(static_cast<std::size_t>(most));
@@ -171,71 +170,45 @@ class SchurBundle {
     packed_.resize(mixed_.size());
   }
 
-  /// Whether the active observations are grouped by point and in order of free pose already: those
-  /// of whole maps are, and need no list of their order.
+  /// Whether the active observations of every point are in order of free pose already: those of
+  /// whole maps are, and need no list of their order.
   [[nodiscard]] bool is_ordered() const {
-    std::int32_t point = -1, free = -1;
-    for (std::size_t i = 0; i < active_.size(); ++i) {
-      if (active_[i] == 0) continue;
-      const BundleProblem::Observation& o = problem_.observations[i];
-      const std::int32_t f = free_index_[o.pose];
-      if (o.point < point || (o.point == point && f < free)) return false;
-      point = o.point;
-      free = f;
+    for (const SchurPoint& point : points_) {
+      std::int32_t last = -1;
+      bool ordered = true;
+      for_each_observation(point, [&](const BundleProblem::Observation& o) {
+        ordered = ordered && free_index_[o.pose] >= last;
+        last = free_index_[o.pose];
+      });
+      if (!ordered) return false;
     }
     return true;
   }
 
-  void list_ordered() {
-    points_.reserve(problem_.points.size());
-    for (std::size_t i = 0; i < active_.size(); ++i) {
-      if (active_[i] == 0) continue;
-      const std::int32_t point = problem_.observations[i].point;
-      if (points_.empty() || points_.back().point != point) {
-        const std::int32_t group =
-            points_.empty() ? 0 : points_.back().group + points_.back().groups();
-        points_.push_back({point, static_cast<std::int32_t>(i), 0, group});
-      }
-      ++points_.back().count;
-    }
-  }
-
-  /// Counting sort by point.
   void sort_observations() {
-    std::vector<std::int32_t> first(problem_.points.size() + 1, 0);
-    const auto& all = problem_.observations;
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      if (active_[i] != 0) ++first[all[i].point + 1];
-    }
-    for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
-    order_.resize(static_cast<std::size_t>(first.back()));
-    std::vector<std::int32_t> next(first.begin(), first.end() - 1);
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      if (active_[i] != 0) order_[next[all[i].point]++] = static_cast<std::int32_t>(i);
-    }
-    const auto free_of = [&](std::int32_t i) { return free_index_[all[i].pose]; };
+    std::vector<std::int32_t> order(active_.size());
+    const auto free_of = [&](std::int32_t i) { return free_index_[problem_.observations[i].pose]; };
     const auto earlier = [&](std::int32_t a, std::int32_t b) { return free_of(a) < free_of(b); };
-    std::int32_t groups = 0;
-    for (std::size_t i = 0; i + 1 < first.size(); ++i) {
-      if (first[i + 1] == first[i]) continue;
-      const auto begin = order_.begin() + first[i];
-      const auto end = order_.begin() + first[i + 1];
+    for (const SchurPoint& point : points_) {
+      const auto begin = order.begin() + problem_.first[point.point];
+      auto end = begin;
+      for (std::int32_t i = problem_.first[point.point]; end - begin < point.count; ++i) {
+        if (active_[i] != 0) *end++ = i;
+      }
       if (!std::is_sorted(begin, end, earlier)) std::stable_sort(begin, end, earlier);
-      points_.push_back({static_cast<std::int32_t>(i), first[i], first[i + 1] - first[i], groups});
-      groups += points_.back().groups();
     }
+    order_ = std::move(order);
   }
 
   /// Calls f(observation) for those of a point, in order.
   template <typename F>
   void for_each_observation(const SchurPoint& point, F&& f) const {
+    std::int32_t i = problem_.first[point.point];
     if (!order_.empty()) {
-      for (std::int32_t k = 0; k < point.count; ++k) {
-        f(problem_.observations[order_[point.begin + k]]);
-      }
+      for (std::int32_t k = 0; k < point.count; ++k) f(problem_.observations[order_[i + k]]);
       return;
     }
-    for (std::int32_t i = point.begin, k = 0; k < point.count; ++i) {
+    for (std::int32_t k = 0; k < point.count; ++i) {
       if (active_[i] == 0) continue;
       f(problem_.observations[i]);
       ++k;
@@ -245,8 +218,15 @@ class SchurBundle {
   /// Windows keep the groups of all points.
   void pack_all() {
     if (points_.empty()) return;
-    groups_.resize(static_cast<std::size_t>(points_.back().group + points_.back().groups()));
-    for (const SchurPoint& point : points_) pack(point, groups_.data() + point.group);
+    std::int32_t all = 0;
+    for (const SchurPoint& point : points_) {
+      first_group_.push_back(all);
+      all += point.groups();
+    }
+    groups_.resize(static_cast<std::size_t>(all));
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      pack(points_[k], groups_.data() + first_group_[k]);
+    }
   }
 
   void pack(const SchurPoint& point, ObservationLanes* to) const {
@@ -262,9 +242,9 @@ class SchurBundle {
 
   /// The groups of a point, until those of another are asked for. Whole maps pack them every time:
   /// kept, they were a fifth of the memory of their adjustment.
-  const ObservationLanes* groups_of(const SchurPoint& point) const {
-    if (!groups_.empty()) return groups_.data() + point.group;
-    pack(point, packed_.data());
+  const ObservationLanes* groups_of(std::size_t index) const {
+    if (!groups_.empty()) return groups_.data() + first_group_[index];
+    pack(points_[index], packed_.data());
     return packed_.data();
   }
 
@@ -321,12 +301,12 @@ class SchurBundle {
     return pattern;
   }
 
-  static void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) {
+  void pack(const BundleProblem::Observation& o, int lane, ObservationLanes& to) const {
     to.u[lane] = o.u;
     to.v[lane] = o.v;
     to.u_right[lane] = o.u_right;
-    to.inv_sigma[lane] = o.inv_sigma;
-    to.pose[lane] = o.pose;
+    to.inv_sigma[lane] = problem_.inv_sigma[o.noise];
+    to.pose[lane] = static_cast<std::int32_t>(o.pose);
   }
 
   void update_matrices() {
@@ -355,8 +335,8 @@ class SchurBundle {
   /// At the present poses and points.
   [[nodiscard]] double evaluate() const {
     double cost = 0;
-    for (const SchurPoint& point : points_) {
-      cost += loss(point, groups_of(point), problem_.points[point.point]);
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      cost += loss(points_[k], groups_of(k), problem_.points[points_[k].point]);
     }
     return cost;
   }
@@ -369,7 +349,7 @@ class SchurBundle {
     for (std::size_t k = 0; k < points_.size(); ++k) {
       if (k % kPointsBetweenStops == 0 && should_stop()) return;
       const SchurPoint& point = points_[k];
-      const ObservationLanes* groups = groups_of(point);
+      const ObservationLanes* groups = groups_of(k);
       Eigen::Vector3d& p_w = problem_.points[point.point];
       double cost = loss(point, groups, p_w);
       if (const double before = loss(point, groups, other_points_[k]); before < cost) {
@@ -428,7 +408,7 @@ class SchurBundle {
   void take_in(std::size_t index, double damping) {
     const SchurPoint& point = points_[index];
     const ReducedSystem system{reduced_.data(), &places_, sums_.data()};
-    const ObservationLanes* groups = groups_of(point);
+    const ObservationLanes* groups = groups_of(index);
     for (std::int32_t g = 0; g < point.groups(); ++g) {
       look_up_free(groups[g], view_, free_.data() + kLanes * g);
     }
@@ -534,7 +514,7 @@ class SchurBundle {
     }
     for (std::size_t k = 0; k < points_.size(); ++k) {
       const SchurPoint& point = points_[k];
-      const ObservationLanes* groups = groups_of(point);
+      const ObservationLanes* groups = groups_of(k);
       const EliminatedPoint e = eliminated(k, groups, damping);
       Eigen::Vector3d gradient;
       moved_gradient(groups, point.groups(), view_, view_of(point), lane_steps_.data(),
@@ -585,9 +565,11 @@ class SchurBundle {
   std::vector<std::int32_t> free_index_;  // per pose: position among the free ones, or -1
   std::vector<std::int32_t> free_pose_;   // the other way
   std::vector<SchurPoint> points_;
-  std::span<const std::uint8_t> active_;          // per observation
-  std::vector<std::int32_t> order_;               // of active ones, unless they are in order
-  std::vector<ObservationLanes> groups_;          // of all points of windows
+  std::span<const std::uint8_t> active_;   // per observation
+  std::vector<std::int32_t> order_;        // of the active ones of each point from its first place
+                                           // on; empty: they are in order
+  std::vector<std::int32_t> first_group_;  // per point, of windows
+  std::vector<ObservationLanes> groups_;   // of all points of windows
   mutable std::vector<ObservationLanes> packed_;  // of one point of a whole map
   std::vector<std::int32_t> free_;                // of the point worked on
   std::vector<MixedLanes> mixed_;                 // of the point worked on

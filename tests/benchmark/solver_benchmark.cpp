@@ -215,17 +215,15 @@ ReducedSystem reduce(const BundleProblem& problem) {
     const auto [at, is_new] = rows[static_cast<std::size_t>(r)].try_emplace(c, Block::Zero());
     at->second += block;
   };
-  for (std::size_t begin = 0; begin < problem.observations.size();) {
-    std::size_t end = begin;
+  for (std::size_t point = 0; point < problem.points.size(); ++point) {
     Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
     Eigen::Vector3d b = Eigen::Vector3d::Zero();
     std::vector<std::pair<std::int32_t, Matrix63>> mixed;
-    const std::int32_t point = problem.observations[begin].point;
     const double weight = problem.weights.empty() ? 1 : problem.weights[point];
-    for (; end < problem.observations.size() && problem.observations[end].point == point; ++end) {
-      const auto& o = problem.observations[end];
+    for (auto i = problem.first[point]; i < problem.first[point + 1]; ++i) {
+      const auto& o = problem.observations[static_cast<std::size_t>(i)];
       const Rigid3& T = problem.T_c_w[o.pose];
-      const Eigen::Vector3d p_c = T * problem.points[o.point];
+      const Eigen::Vector3d p_c = T * problem.points[point];
       if (p_c.z() < kMinDepth) continue;
       const bool stereo = !std::isnan(o.u_right);
       Eigen::Vector3d e = reprojection_error(problem.camera, p_c, o.u, o.v, o.u_right);
@@ -234,10 +232,10 @@ ReducedSystem reduce(const BundleProblem& problem) {
         e.z() = 0;
         J.row(2).setZero();
       }
-      const double chi2 = o.inv_sigma * o.inv_sigma * e.squaredNorm();
+      const double information = problem.inv_sigma[o.noise] * problem.inv_sigma[o.noise];
+      const double chi2 = information * e.squaredNorm();
       const double bound = stereo ? 7.815 : 5.991;
-      const double w =
-          weight * o.inv_sigma * o.inv_sigma * (chi2 > bound ? std::sqrt(bound / chi2) : 1.0);
+      const double w = weight * information * (chi2 > bound ? std::sqrt(bound / chi2) : 1.0);
       const Eigen::Matrix3d J_point = J * T.R();
       Eigen::Matrix<double, 3, 6> J_pose;
       J_pose << -J * hat(p_c), J;
@@ -248,7 +246,6 @@ ReducedSystem reduce(const BundleProblem& problem) {
       system.right_side.segment<6>(6 * free[o.pose]) -= w * J_pose.transpose() * e;
       mixed.emplace_back(free[o.pose], w * J_pose.transpose() * J_point);
     }
-    begin = end;
     V.diagonal() += 1e-4 * V.diagonal().cwiseMax(1e-6);
     const Eigen::Matrix3d inverse = V.inverse();
     for (const auto& [r, W_r] : mixed) {

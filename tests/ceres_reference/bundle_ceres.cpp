@@ -49,8 +49,11 @@ class CeresBundle {
         pose_used_(bundle.T_c_w.size(), 0),
         point_used_(bundle.points.size(), 0),
         problem_(problem_options()) {
-    for (std::size_t i = 0; i < bundle.observations.size(); ++i) {
-      if (round.active[i] != 0) add(bundle.observations[i], round.robust);
+    for (std::size_t point = 0; point < bundle.points.size(); ++point) {
+      for (auto i = bundle.first[point]; i < bundle.first[point + 1]; ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        if (round.active[k] != 0) add(point, bundle.observations[k], round.robust);
+      }
     }
     for (std::size_t i = 0; i < pose_used_.size(); ++i) {
       if (pose_used_[i] == 0) continue;
@@ -97,30 +100,31 @@ class CeresBundle {
     return options;
   }
 
-  void add(const BundleProblem::Observation& o, bool robust) {
+  void add(std::size_t k, const BundleProblem::Observation& o, bool robust) {
     const Rigid3* T_c_w = &bundle_.T_c_w[o.pose];
     double* pose = increments_[o.pose].data();
-    double* point = bundle_.points[o.point].data();
+    double* point = bundle_.points[k].data();
+    const float inv_sigma = bundle_.inv_sigma[o.noise];
     pose_used_[o.pose] = 1;
-    point_used_[o.point] = 1;
+    point_used_[k] = 1;
     if (std::isnan(o.u_right)) {
-      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), o.inv_sigma,
+      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), inv_sigma,
                                bundle_.ratio);
-      problem_.AddResidualBlock(&mono_costs_.back(), loss(o, robust ? &loss_mono_ : nullptr), pose,
+      problem_.AddResidualBlock(&mono_costs_.back(), loss(k, robust ? &loss_mono_ : nullptr), pose,
                                 point);
     } else {
       stereo_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector3d(o.u, o.v, o.u_right),
-                                 o.inv_sigma, bundle_.ratio);
-      problem_.AddResidualBlock(&stereo_costs_.back(), loss(o, robust ? &loss_stereo_ : nullptr),
+                                 inv_sigma, bundle_.ratio);
+      problem_.AddResidualBlock(&stereo_costs_.back(), loss(k, robust ? &loss_stereo_ : nullptr),
                                 pose, point);
     }
   }
 
   /// The loss, which may be null, times its point's weight.
-  ceres::LossFunction* loss(const BundleProblem::Observation& o, ceres::LossFunction* robust) {
-    if (bundle_.weights.empty() || bundle_.weights[o.point] == 1) return robust;
+  ceres::LossFunction* loss(std::size_t point, ceres::LossFunction* robust) {
+    if (bundle_.weights.empty() || bundle_.weights[point] == 1) return robust;
     weighted_losses_.push_back(std::make_unique<ceres::ScaledLoss>(
-        robust, static_cast<double>(bundle_.weights[o.point]), ceres::DO_NOT_TAKE_OWNERSHIP));
+        robust, static_cast<double>(bundle_.weights[point]), ceres::DO_NOT_TAKE_OWNERSHIP));
     return weighted_losses_.back().get();
   }
 

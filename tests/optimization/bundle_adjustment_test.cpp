@@ -85,6 +85,13 @@ TEST_P(AdjustBundle, CostOfANoisySceneIsHalfItsDegreesOfFreedom) {
   EXPECT_NEAR(2 * summary.final_cost, freedom, 4 * std::sqrt(2 * freedom));
 }
 
+/// The point of observation number i.
+std::size_t point_of(const BundleProblem& problem, std::size_t i) {
+  const auto after =
+      std::upper_bound(problem.first.begin(), problem.first.end(), static_cast<std::int32_t>(i));
+  return static_cast<std::size_t>(after - problem.first.begin()) - 1;
+}
+
 /// A scene whose noise of v is a half, and of the disparity a third, of that of u.
 Scene scene_of_ratio(std::uint64_t seed) {
   SceneOptions scene_options = small_scene();
@@ -92,9 +99,10 @@ Scene scene_of_ratio(std::uint64_t seed) {
   scene_options.seed = seed;
   Scene scene = make_scene(scene_options);
   scene.problem.ratio = {4, 9};
-  for (auto& o : scene.problem.observations) {
-    const Eigen::Vector3d exact =
-        scene.problem.camera.project_stereo(scene.T_c_w[o.pose] * scene.points[o.point]);
+  for (std::size_t i = 0; i < scene.problem.observations.size(); ++i) {
+    auto& o = scene.problem.observations[i];
+    const Eigen::Vector3d exact = scene.problem.camera.project_stereo(
+        scene.T_c_w[o.pose] * scene.points[point_of(scene.problem, i)]);
     o.v = static_cast<float>(exact.y() + (o.v - exact.y()) / 2);
     const double disparity = exact.x() - exact.z();
     o.u_right = static_cast<float>(o.u - disparity - ((o.u - o.u_right) - disparity) / 3);
@@ -139,11 +147,11 @@ TEST_P(AdjustBundle, SetsOutliersAside) {
   scene_options.mono_share = 0;
   Scene scene = make_scene(scene_options);
   std::vector<std::size_t> wrong;
-  std::vector<int> seen(scene.points.size(), 0);
-  for (const auto& o : scene.problem.observations) ++seen[o.point];
+  const std::vector<std::int32_t>& first = scene.problem.first;
   for (std::size_t i = 0; i < scene.problem.observations.size(); i += 37) {
     // Of two observations that disagree nobody can say which is wrong.
-    if (seen[scene.problem.observations[i].point] < 4) continue;
+    const std::size_t point = point_of(scene.problem, i);
+    if (first[point + 1] - first[point] < 4) continue;
     scene.problem.observations[i].v += 30;
     wrong.push_back(i);
   }
@@ -163,8 +171,13 @@ TEST_P(AdjustBundle, AWeightScalesTheInformationOfAPoint) {
   Scene blurred = weighted;
   weighted.problem.weights.assign(weighted.points.size(), 1);
   for (std::size_t k = 0; k < weighted.points.size(); k += 3) weighted.problem.weights[k] = 0.25f;
-  for (auto& o : blurred.problem.observations) {
-    if (o.point % 3 == 0) o.inv_sigma *= 0.5f;
+  const auto levels = static_cast<std::uint32_t>(blurred.problem.inv_sigma.size());
+  for (std::uint32_t k = 0; k < levels; ++k) {
+    blurred.problem.inv_sigma.push_back(0.5f * blurred.problem.inv_sigma[k]);
+  }
+  for (std::size_t i = 0; i < blurred.problem.observations.size(); ++i) {
+    auto& o = blurred.problem.observations[i];
+    if (point_of(blurred.problem, i) % 3 == 0) o.noise = (o.noise + levels) & 0xffu;
   }
   BundleOptions plain = options();
   plain.robust = false;
@@ -198,16 +211,22 @@ TEST_P(AdjustBundle, HoldsOnePoseWhenNoneIsFixed) {
 TEST_P(AdjustBundle, APoseThatTooLittleHoldsStaysAndMovesNothing) {
   Scene scene = make_scene(small_scene());
   // Of pose 5 four observations stay, all of wrong landmarks; of pose 7 twelve, nine of them wrong.
-  std::vector<BundleProblem::Observation> kept;
+  BundleProblem all = scene.problem;
+  scene.problem.points.clear();
+  scene.problem.observations.clear();
+  scene.problem.first = {0};
   int of_5 = 0;
   int of_7 = 0;
-  for (BundleProblem::Observation o : scene.problem.observations) {
-    if (o.pose == 5 && ++of_5 > 4) continue;
-    if (o.pose == 7 && ++of_7 > 12) continue;
-    if (o.pose == 5 || (o.pose == 7 && of_7 <= 9)) o.u += 40.0f * static_cast<float>(of_5 + of_7);
-    kept.push_back(o);
+  for (std::size_t point = 0; point < all.points.size(); ++point) {
+    scene.problem.add_point(all.points[point]);
+    for (auto i = all.first[point]; i < all.first[point + 1]; ++i) {
+      BundleProblem::Observation& o = all.observations[static_cast<std::size_t>(i)];
+      if (o.pose == 5 && ++of_5 > 4) continue;
+      if (o.pose == 7 && ++of_7 > 12) continue;
+      if (o.pose == 5 || (o.pose == 7 && of_7 <= 9)) o.u += 40.0f * static_cast<float>(of_5 + of_7);
+      scene.problem.add_observation(o);
+    }
   }
-  scene.problem.observations = kept;
   perturb(scene, 0.001, 0.02, 0.02);
   const std::vector<Rigid3> before = scene.problem.T_c_w;
   const auto summary = adjust_bundle(scene.problem, options());
@@ -228,16 +247,17 @@ TEST_P(AdjustBundle, NonFiniteInputIsOutlierAndNeverSpreads) {
   auto& observations = scene.problem.observations;
   observations[0].u = kNoRight;
   observations[5].v = std::numeric_limits<float>::infinity();
-  observations[9].inv_sigma = kNoRight;
+  observations[9].noise = static_cast<std::uint8_t>(scene.problem.inv_sigma.size());
+  scene.problem.inv_sigma.push_back(kNoRight);
   observations[12].u_right = -std::numeric_limits<float>::infinity();
-  const std::int32_t bad_point = observations[40].point;
+  const std::size_t bad_point = point_of(scene.problem, 40);
   scene.problem.points[bad_point].y() = std::numeric_limits<double>::quiet_NaN();
   const auto summary = adjust_bundle(scene.problem, options());
   for (const std::size_t i : {0, 5, 9, 12, 40}) EXPECT_EQ(summary.outlier[i], 1) << i;
   EXPECT_LT(worst_pose(scene), 1e-5);
   EXPECT_TRUE(std::isfinite(summary.final_cost));
   for (std::size_t i = 0; i < scene.points.size(); ++i) {
-    if (static_cast<std::int32_t>(i) != bad_point) {
+    if (i != bad_point) {
       EXPECT_TRUE(scene.problem.points[i].allFinite()) << i;
     }
   }
@@ -258,7 +278,7 @@ TEST_P(AdjustBundle, PointBehindTheCameraIsAnOutlierAndHarmsNobody) {
   scene.problem.points[7] = scene.T_c_w[0].inverse() * Eigen::Vector3d(1, 1, -20);
   const auto summary = adjust_bundle(scene.problem, options());
   for (std::size_t i = 0; i < summary.outlier.size(); ++i) {
-    if (scene.problem.observations[i].point == 7) {
+    if (point_of(scene.problem, i) == 7) {
       EXPECT_EQ(summary.outlier[i], 1);
     }
   }
@@ -271,7 +291,7 @@ TEST_P(AdjustBundle, EmptyProblems) {
   EXPECT_EQ(adjust_bundle(problem, options()).iterations, 0);
   problem.T_c_w.resize(2);
   problem.pose_fixed.assign(2, 0);
-  problem.points.assign(3, Eigen::Vector3d(0, 0, 5));
+  for (int i = 0; i < 3; ++i) problem.add_point({0, 0, 5});
   const auto summary = adjust_bundle(problem, options());
   EXPECT_TRUE(summary.outlier.empty());
   EXPECT_EQ(problem.points[1], Eigen::Vector3d(0, 0, 5));
@@ -317,9 +337,18 @@ TEST_P(AdjustBundle, SameInputSameBytes) {
 
 TEST_P(AdjustBundle, PointSeenTwiceFromOnePose) {
   Scene scene = make_scene(small_scene());
-  auto& observations = scene.problem.observations;
-  const std::size_t count = observations.size();
-  for (std::size_t i = 0; i < count; i += 3) observations.push_back(observations[i]);
+  const BundleProblem once = scene.problem;
+  scene.problem.points.clear();
+  scene.problem.observations.clear();
+  scene.problem.first = {0};
+  for (std::size_t point = 0; point < once.points.size(); ++point) {
+    scene.problem.add_point(once.points[point]);
+    for (auto i = once.first[point]; i < once.first[point + 1]; ++i) {
+      const BundleProblem::Observation& o = once.observations[static_cast<std::size_t>(i)];
+      scene.problem.add_observation(o);
+      if (i % 3 == 0) scene.problem.add_observation(o);
+    }
+  }
   perturb(scene, 0.002, 0.03, 0.05);
   adjust_bundle(scene.problem, options());
   EXPECT_LT(worst_pose(scene), 1e-6);
@@ -462,11 +491,17 @@ TEST(FullBundle, StopsInTheMiddleOfAnIteration) {
 
 TEST(AdjustBundleArguments, WrongOnesAreRefused) {
   Scene scene = make_scene(small_scene());
-  scene.problem.observations[3].point = 400;
-  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
-  scene.problem.observations[3].point = -1;
-  EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
-  scene.problem.observations[3].point = 0;
+  const auto refused = [&](auto change) {
+    BundleProblem wrong = scene.problem;
+    change(wrong);
+    EXPECT_THROW(adjust_bundle(wrong, {}), std::invalid_argument);
+  };
+  refused([](BundleProblem& p) { p.observations[3].pose = 400; });
+  refused([](BundleProblem& p) { p.observations[3].noise = 6; });
+  refused([](BundleProblem& p) { p.observations.pop_back(); });
+  refused([](BundleProblem& p) { p.first.pop_back(); });
+  refused([](BundleProblem& p) { p.first[3] = p.first[4] + 1; });
+  refused([](BundleProblem& p) { p.first.front() = 1; });
   scene.problem.weights.resize(3, 1);
   EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
   scene.problem.weights.clear();

@@ -65,10 +65,26 @@ struct Scene {
   BundleProblem problem;                ///< starts at the truth, with noisy observations
 };
 
+using Track = std::vector<BundleProblem::Observation>;
+
+inline void add_point(Scene& scene, const Eigen::Vector3d& p_w, const Track& track) {
+  scene.points.push_back(p_w);
+  scene.problem.add_point(p_w);
+  for (const BundleProblem::Observation& o : track) scene.problem.add_observation(o);
+}
+
+/// Noise number k of observations: 1.2^k px.
+inline std::vector<float> inv_sigmas() {
+  std::vector<float> all;
+  for (int k = 0; k < 6; ++k) all.push_back(static_cast<float>(1.0 / std::pow(1.2, k)));
+  return all;
+}
+
 inline Scene make_scene(const SceneOptions& options) {
   Random random(options.seed);
   Scene scene;
   scene.problem.camera = kitti_camera();
+  scene.problem.inv_sigma = inv_sigmas();
   const StereoCamera& camera = scene.problem.camera;
   for (int i = 0; i < options.poses; ++i) {
     const double heading = 0.02 * i;
@@ -87,54 +103,50 @@ inline Scene make_scene(const SceneOptions& options) {
         std::exp(random.uniform(std::log(5.0), std::log(50.0))));
     const Eigen::Vector3d p_w = scene.T_c_w[first].inverse() * p_c;
     const int length = 3 + static_cast<int>(random.below(options.max_track - 2));
-    std::vector<BundleProblem::Observation> track;
+    Track track;
     for (std::size_t k = first; k < scene.T_c_w.size() && k < first + length; ++k) {
       const Eigen::Vector3d q = scene.T_c_w[k] * p_w;
       if (q.z() < 1) break;
       const Eigen::Vector3d uvr = camera.project_stereo(q);
       if (!camera.in_image(uvr.x(), uvr.y())) break;
-      const double sigma = std::pow(1.2, static_cast<double>(random.below(6)));
+      const auto noise = static_cast<std::uint8_t>(random.below(6));
+      const double sigma = std::pow(1.2, static_cast<double>(noise));
       const bool mono = random.uniform(0, 1) < options.mono_share;
       BundleProblem::Observation o;
-      o.pose = static_cast<std::int32_t>(k);
-      o.point = static_cast<std::int32_t>(scene.points.size());
+      o.pose = static_cast<std::uint32_t>(k);
+      o.noise = noise;
       o.u = static_cast<float>(uvr.x() + random.normal(options.noise * sigma));
       o.v = static_cast<float>(uvr.y() + random.normal(options.noise * sigma));
       // The noise of the disparity is independent of that of u.
       const auto right =
           static_cast<float>(o.u - (uvr.x() - uvr.z()) + random.normal(options.noise * sigma));
       o.u_right = mono ? kNoRight : right;
-      o.inv_sigma = static_cast<float>(1.0 / sigma);
       track.push_back(o);
     }
-    if (track.size() < 2) continue;
-    scene.points.push_back(p_w);
-    auto& all = scene.problem.observations;
-    all.insert(all.end(), track.begin(), track.end());
+    if (track.size() >= 2) add_point(scene, p_w, track);
   }
-  scene.problem.points = scene.points;
   return scene;
 }
 
-/// What pose `k` sees of point `p_w`, if it does: appended to the scene.
-inline bool observe(Scene& scene, Random& random, std::size_t k, const Eigen::Vector3d& p_w,
-                    double farthest, double mono_share, double noise) {
+/// What pose `k` sees of point `p_w`, if it does: appended to the track.
+inline bool observe(const Scene& scene, Track& track, Random& random, std::size_t k,
+                    const Eigen::Vector3d& p_w, double farthest, double mono_share, double noise) {
   const StereoCamera& camera = scene.problem.camera;
   const Eigen::Vector3d q = scene.T_c_w[k] * p_w;
   if (q.z() < 0.5 || q.z() > farthest) return false;
   const Eigen::Vector3d uvr = camera.project_stereo(q);
   if (!camera.in_image(uvr.x(), uvr.y())) return false;
-  const double sigma = std::pow(1.2, static_cast<double>(random.below(6)));
+  const auto level = static_cast<std::uint8_t>(random.below(6));
+  const double sigma = std::pow(1.2, static_cast<double>(level));
   const bool mono = random.uniform(0, 1) < mono_share;
   BundleProblem::Observation o;
-  o.pose = static_cast<std::int32_t>(k);
-  o.point = static_cast<std::int32_t>(scene.points.size());
+  o.pose = static_cast<std::uint32_t>(k);
+  o.noise = level;
   o.u = static_cast<float>(uvr.x() + random.normal(noise * sigma));
   o.v = static_cast<float>(uvr.y() + random.normal(noise * sigma));
   const auto right = static_cast<float>(uvr.z() + random.normal(noise * sigma));
   o.u_right = mono ? kNoRight : right;
-  o.inv_sigma = static_cast<float>(1.0 / sigma);
-  scene.problem.observations.push_back(o);
+  track.push_back(o);
   return true;
 }
 
@@ -145,6 +157,7 @@ inline Scene make_loop_scene(int poses, int points, double noise, std::uint64_t 
   Random random(seed);
   Scene scene;
   scene.problem.camera = kitti_camera();
+  scene.problem.inv_sigma = inv_sigmas();
   const StereoCamera& camera = scene.problem.camera;
   const int lap = poses / 2;
   const double radius = 1.3 * lap / (2 * M_PI);
@@ -157,31 +170,25 @@ inline Scene make_loop_scene(int poses, int points, double noise, std::uint64_t 
     scene.problem.pose_fixed.push_back(i == 0 ? 1 : 0);
   }
   scene.problem.T_c_w = scene.T_c_w;
-  auto& all = scene.problem.observations;
   while (static_cast<int>(scene.points.size()) < points) {
     const std::size_t first = random.below(scene.T_c_w.size());
     const Eigen::Vector3d p_c = camera.back_project(
         random.uniform(10, camera.width - 10), random.uniform(10, camera.height - 10),
         std::exp(random.uniform(std::log(6.0), std::log(50.0))));
     const Eigen::Vector3d p_w = scene.T_c_w[first].inverse() * p_c;
-    const std::size_t begin = all.size();
+    Track track;
     const std::size_t length = 3 + random.below(4) + (random.below(8) == 0 ? 8 : 0);
     const std::size_t again = first + static_cast<std::size_t>(lap);
     for (std::size_t k = first; k < scene.T_c_w.size() && k < first + length; ++k) {
-      if (!observe(scene, random, k, p_w, 80, 0.3, noise)) break;
+      if (!observe(scene, track, random, k, p_w, 80, 0.3, noise)) break;
     }
     if (static_cast<int>(first) % lap < 2 * lap / 5 && random.below(2) == 0) {
       for (std::size_t k = again; k < scene.T_c_w.size() && k < again + length; ++k) {
-        if (!observe(scene, random, k, p_w, 80, 0.3, noise)) break;
+        if (!observe(scene, track, random, k, p_w, 80, 0.3, noise)) break;
       }
     }
-    if (all.size() < begin + 2) {
-      all.resize(begin);
-    } else {
-      scene.points.push_back(p_w);
-    }
+    if (track.size() >= 2) add_point(scene, p_w, track);
   }
-  scene.problem.points = scene.points;
   return scene;
 }
 
@@ -191,6 +198,7 @@ inline Scene make_hall_scene(int poses, int points, double noise, std::uint64_t 
   Random random(seed);
   Scene scene;
   scene.problem.camera = kitti_camera();
+  scene.problem.inv_sigma = inv_sigmas();
   scene.problem.camera.height = 800;
   scene.problem.camera.cy = 400;
   for (int i = 0; i < poses; ++i) {
@@ -201,21 +209,15 @@ inline Scene make_hall_scene(int poses, int points, double noise, std::uint64_t 
     scene.problem.pose_fixed.push_back(i == 0 ? 1 : 0);
   }
   scene.problem.T_c_w = scene.T_c_w;
-  auto& all = scene.problem.observations;
   while (static_cast<int>(scene.points.size()) < points) {
     Eigen::Vector3d p_w = random.vector(1).normalized() * 6;
     p_w.y() = random.uniform(-3, 3);
-    const std::size_t begin = all.size();
+    Track track;
     for (std::size_t k = 0; k < scene.T_c_w.size(); ++k) {
-      if (random.below(3) == 0) observe(scene, random, k, p_w, 20, 0.2, noise);
+      if (random.below(3) == 0) observe(scene, track, random, k, p_w, 20, 0.2, noise);
     }
-    if (all.size() < begin + 3) {
-      all.resize(begin);
-    } else {
-      scene.points.push_back(p_w);
-    }
+    if (track.size() >= 3) add_point(scene, p_w, track);
   }
-  scene.problem.points = scene.points;
   return scene;
 }
 
