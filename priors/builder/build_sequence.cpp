@@ -260,8 +260,8 @@ class SequenceBuilder {
 
 }  // namespace
 
-BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::LabelSpace& labels,
-                                   const BuildInputs& inputs, const BuildSettings& settings) {
+void check_build(const BuildSequence& sequence, const BuildInputs& inputs,
+                 const BuildSettings& settings) {
   settings.options.check();
   if (sequence.names.empty()) throw InputError("the sequence has no frames");
   if (inputs.keypoints && settings.options.detection.method != DetectionMethod::kRobust) {
@@ -270,6 +270,11 @@ BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::Lab
   if (inputs.keypoints && sequence.timestamps.size() != sequence.names.size()) {
     throw InputError("keypoints need a time stamp of every frame");
   }
+}
+
+BuildSummary build_sequence_priors(const BuildSequence& sequence, const kys::LabelSpace& labels,
+                                   const BuildInputs& inputs, const BuildSettings& settings) {
+  check_build(sequence, inputs, settings);
   return SequenceBuilder(sequence, labels, inputs, settings).run();
 }
 

@@ -89,6 +89,10 @@ struct BuildSummary {
   BuildTimes times;                       ///< sums over built frames (association: all frames)
 };
 
+/// What build_sequence_priors() checks before it reads any file. \throws InputError.
+void check_build(const BuildSequence& sequence, const BuildInputs& inputs,
+                 const BuildSettings& settings);
+
 /// Makes the prior files of a sequence: <output>/<name>.kysp, segments.csv, background.csv. Files
 /// that are complete and current are kept. The bytes do not depend on `jobs`. \throws InputError
 /// naming the file and what is wrong with it; files already written stay.

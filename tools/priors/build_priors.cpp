@@ -23,7 +23,7 @@ struct Arguments {
   BuildSettings settings;
   std::int64_t start = 0;
   std::optional<std::int64_t> frames;
-  bool quiet = false;
+  bool check = false, quiet = false;
 };
 
 void declare(CLI::App& app, Arguments& a) {
@@ -78,6 +78,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--debug-images", a.settings.debug_images,
                "Write an image of the stages of every frame");
   app.add_flag("--rebuild", a.settings.rebuild, "Build also files that are complete and current");
+  app.add_flag("--check", a.check,
+               "Build nothing: only check the arguments, the sequence and the label space");
   app.add_flag("--quiet", a.quiet, "No progress");
 }
 
@@ -107,19 +109,6 @@ void prepare(Arguments& a) {
     if (equals == std::string::npos) throw InputError("--set " + assignment + ": not KEY=VALUE");
     set_option(a.settings.options, assignment.substr(0, equals), assignment.substr(equals + 1));
   }
-}
-
-void select_frames(const Arguments& a, BuildSequence& sequence) {
-  const auto all = static_cast<std::int64_t>(sequence.names.size());
-  if (a.start >= all) throw InputError("--start is beyond the last frame");
-  const std::int64_t count = std::min(a.frames.value_or(all), all - a.start);
-  const auto first = sequence.names.begin() + a.start;
-  sequence.names = {first, first + count};
-  const auto first_time = sequence.timestamps.begin() + a.start;
-  sequence.timestamps = {first_time, first_time + count};
-  sequence.read = [read = sequence.read, start = static_cast<std::size_t>(a.start)](std::size_t t) {
-    return read(start + t);
-  };
 }
 
 /// A line that is rewritten on a terminal; every tenth of the work otherwise.
@@ -166,6 +155,12 @@ int run(int argc, char** argv) {
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   prepare(a);
   BuildSequence sequence = open_build_sequence(a.sequence, a.pair);
+  select_frames(sequence, a.start, a.frames);
+  const kys::LabelSpace labels = kys::load_label_space(a.label_space);
+  if (a.check) {
+    check_build(sequence, a.inputs, a.settings);
+    return 0;
+  }
   for (std::size_t c = 0; c < 2; ++c) {
     for (const std::filesystem::path& input :
          {std::filesystem::path(a.inputs.panoptic[c]), std::filesystem::path(a.inputs.flow[c]),
@@ -174,8 +169,6 @@ int run(int argc, char** argv) {
     }
   }
   if (!a.inputs.disparity.empty()) check_made_of(a.inputs.disparity, sequence.images[0]);
-  select_frames(a, sequence);
-  const kys::LabelSpace labels = kys::load_label_space(a.label_space);
   if (!a.quiet) a.settings.progress = report;
   print(build_sequence_priors(sequence, labels, a.inputs, a.settings));
   return 0;

@@ -5,6 +5,7 @@
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
+#include <algorithm>
 #include <memory>
 #include <sstream>
 
@@ -28,6 +29,20 @@ BuildSequence open_build_sequence(const std::filesystem::path& folder, const std
     return std::pair(std::move(frame.left), std::move(frame.right));
   };
   return sequence;
+}
+
+void select_frames(BuildSequence& sequence, std::int64_t start,
+                   std::optional<std::int64_t> frames) {
+  const auto all = static_cast<std::int64_t>(sequence.names.size());
+  if (start >= all) throw InputError("--start is beyond the last frame");
+  const std::int64_t count = std::min(frames.value_or(all), all - start);
+  const auto first = sequence.names.begin() + start;
+  sequence.names = {first, first + count};
+  const auto first_time = sequence.timestamps.begin() + start;
+  sequence.timestamps = {first_time, first_time + count};
+  sequence.read = [read = sequence.read, start = static_cast<std::size_t>(start)](std::size_t t) {
+    return read(start + t);
+  };
 }
 
 void check_made_of(const std::filesystem::path& input, const std::string& images) {

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "priors/builder/build_sequence.h"
@@ -10,6 +12,10 @@ namespace kys_slam {
 /// Opens a sequence folder for the builder. \param pair  parse_camera_pair's. \throws InputError.
 BuildSequence open_build_sequence(const std::filesystem::path& folder,
                                   const std::string& pair = {});
+
+/// Leaves `frames` (nullopt: all) of the sequence's frames from `start` on. \throws InputError when
+/// `start` is beyond the last one.
+void select_frames(BuildSequence& sequence, std::int64_t start, std::optional<std::int64_t> frames);
 
 /// Checks that perception outputs were made from the images of the selected pair. `input` is a
 /// folder of perception outputs; tools/perception writes the name of the image folder to its

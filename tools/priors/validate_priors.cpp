@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -63,13 +64,18 @@ PriorFile open_checked(const fs::path& path, const ExpectedPriors& expected, Lab
 int run(int argc, char** argv) {
   CLI::App app("Checks prior files: count, sizes, checksums, calibration, label space, coverage.");
   std::string folder, sequence_folder, label_space, pair;
+  std::int64_t start = 0;
+  std::optional<std::int64_t> frames;
   app.add_option("folder", folder, "Folder of prior files")->required();
   app.add_option("--sequence", sequence_folder, "Folder of the sequence")->required();
   app.add_option("--label-space", label_space, "Required label space");
   app.add_option("--pair", pair, "Cameras of a KITTI odometry sequence: grey or colour");
+  app.add_option("--start", start, "First frame, from 0")->check(whole_number(0));
+  app.add_option("--frames", frames, "Number of frames (default: all)")->check(whole_number(1));
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!is_folder(folder)) throw InputError(folder + ": is not a folder");
-  const BuildSequence sequence = open_build_sequence(sequence_folder, pair);
+  BuildSequence sequence = open_build_sequence(sequence_folder, pair);
+  select_frames(sequence, start, frames);
   ExpectedPriors expected;
   expected.width = sequence.camera.width;
   expected.height = sequence.camera.height;

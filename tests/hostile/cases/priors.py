@@ -43,6 +43,27 @@ def priors_with_labels_beyond_their_space(f, programs):
 
 
 @case
+def priors_of_some_frames(f, programs):
+    """The options of build_priors that choose frames, in validate_priors too."""
+    make_priors(f, programs)
+    os.remove(f("priors", "000000.kysp"))
+    validate = ["validate_priors", f("priors"), "--sequence", f.sequence]
+    expect(programs.run(*validate).status == 2, "a file is missing")
+    passed(programs.run(*validate, "--start", "1", "--frames", str(FRAMES - 1)))
+    expect(programs.run(*validate, "--frames", "1").status == 2, "the file is missing")
+    refused(programs.run(*validate, "--start", str(FRAMES)), "--start is beyond the last frame")
+
+
+@case
+def priors_are_not_built_by_a_check(f, programs):
+    check = ["build_priors", f.sequence, "--panoptic-left", f("later"), "--output", f("out"), "--check"]
+    passed(programs.run(*check))
+    expect(not os.path.exists(f("out")), "the folder was made")
+    refused(programs.run(*check, "--label-space", f("no_such")), "no_such.classes.csv")
+    refused(programs.run(*check, "--flow", "keypoints"), "detection.method robust only")
+
+
+@case
 def priors_names_are_escaped(f, programs):
     for camera in (0, 1):
         for i in range(FRAMES):
