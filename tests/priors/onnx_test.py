@@ -107,6 +107,47 @@ class Onnx(unittest.TestCase):
             network = segment_onnx.Network(write_network(self.folder, scale))
             self.assertEqual(self.segment(network)["frames"], made)
 
+    def test_other_images_of_the_same_name_make_other_maps(self):
+        """Those of the other camera count where instances are told apart by disparity."""
+        sequence = write_sequence(self.folder / "sequence")
+        network, other = segment_onnx.Network(write_network(self.folder)), sequence / "image_1"
+        self.assertEqual(self.segment(network, other=other)["frames"], 3)
+        for folder, made in (("image_0", 1), ("image_1", 1)):
+            changed = sequence / folder / "000001.png"
+            image = cv2.imread(str(changed))
+            image[30:60] = 0
+            cv2.imwrite(str(changed), image)
+            self.assertEqual(self.segment(network, other=other)["frames"], made, folder)
+        self.assertEqual(self.segment(network)["frames"], 3, "without the other camera")
+        self.assertEqual(self.segment(network)["frames"], 0)
+        document = json.loads((self.folder / "out.json").read_text())
+        self.assertEqual([len(a["segments_info"]) for a in document["annotations"]], [3, 1, 3])
+
+    def test_damaged_maps_and_notes_are_made_again(self):
+        write_sequence(self.folder / "sequence")
+        network = segment_onnx.Network(write_network(self.folder))
+        self.segment(network)
+        whole = (self.folder / "out.json").read_bytes()
+        for name in ("out/000001.png", "out/.segments/000001.json"):
+            for content in (b"", b"[]", b'{"made_of": 1}', b"\xff"):
+                (self.folder / name).write_bytes(content)
+                self.assertEqual(self.segment(network)["frames"], 1, (name, content))
+        self.assertEqual((self.folder / "out.json").read_bytes(), whole)
+
+    def test_times_of_kept_maps_are_those_of_their_making(self):
+        write_sequence(self.folder / "sequence")
+        network = segment_onnx.Network(write_network(self.folder))
+        first, second = self.segment(network), self.segment(network)
+        self.assertGreater(first["network"], 0)
+        self.assertEqual({**first, "frames": 0}, second)
+
+    def test_images_are_in_the_order_of_their_numbers(self):
+        names = ["a1.5", "a1.10", "a2", "a10", "b01.x", "b1.y", "b10"]
+        for name in reversed(names):
+            (self.folder / f"{name}.png").touch()
+        listed = segment_onnx.common.list_images(self.folder)
+        self.assertEqual([f.stem for f in listed], ["a1.10", "a1.5", *names[2:]])
+
     def test_settings_that_make_no_sense(self):
         """One line that names the YAML file."""
         entry = SETTINGS["input"]
@@ -202,14 +243,77 @@ class Onnx(unittest.TestCase):
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
             self.assertIn(str(images), done.stderr)
 
+    def make(self, sequence, model, *more):
+        """make_priors into "made"."""
+        return subprocess.run(
+            [sys.executable, str(ROOT / "tools" / "perception" / "make_priors.py"), str(sequence),
+             "--model", str(model), "--builder", BUILDER, "--output", str(self.folder / "made"), *more],
+            capture_output=True, text=True, check=False)
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_priors_of_some_frames(self):
+        sequence = write_sequence(self.folder / "sequence")
+        for name in ("image_0", "image_1"):  # 9.png comes before 10.png
+            for t in range(3):
+                (sequence / name / f"{t:06d}.png").rename(sequence / name / f"{9 + t}.png")
+        model = write_network(self.folder)
+        for frames, said in (("2", "frames 2, sound 2, missing 0"), ("3", "frames 3, sound 3")):
+            done = self.make(sequence, model, "--frames", frames)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn(said, done.stdout)
+        self.assertTrue((self.folder / "made" / "priors" / "9.kysp").exists())
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_times_of_a_run_that_keeps_everything_stay(self):
+        sequence, model = write_sequence(self.folder / "sequence"), write_network(self.folder)
+        times = []
+        for _ in range(2):
+            self.assertEqual(self.make(sequence, model).returncode, 0)
+            times.append(json.loads((self.folder / "made" / "times.json").read_text()))
+            times[-1].pop("validate")
+        self.assertEqual(times[0], times[1])
+        self.assertEqual(times[0]["segmented images"], 6)
+        self.assertGreater(min(times[0].values()), 0)
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_another_sequence_replaces_the_first(self):
+        model = write_network(self.folder)
+        first, second = (write_sequence(self.folder / name) for name in ("a", "b"))
+        for name in ("image_0", "image_1"):
+            for path in (second / name).iterdir():
+                cv2.imwrite(str(path), np.full((80, 240), 20, np.uint8))
+        labels = []
+        for sequence in (first, second):
+            self.assertEqual(self.make(sequence, model).returncode, 0)
+            frame = kysp.read(self.folder / "made" / "priors" / "000001.kysp")
+            labels.append(set(frame.cameras[0].segments["label"].tolist()))
+        self.assertEqual(labels, [{0, 13}, {0}])
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_what_the_builder_refuses_is_refused_before_the_network_runs(self):
+        sequence = write_sequence(self.folder / "sequence")
+        (self.folder / "own.classes.csv").write_text(
+            "kys-classes,1,own,2\nid,thing,vector,text,name\n1,0,surrogate,road,road\n"
+            "2,1,surrogate,car,car\n")
+        model = write_network(self.folder, label_space="own")
+        done = self.make(sequence, model)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("own.table.csv", done.stderr)
+        (self.folder / "own.table.csv").write_text("kys-table,1,own,2\n0,9\n9,0\n")
+        for wrong in (["--", "--set", "no.such=1"], ["--", "--nonsense"]):
+            done = self.make(sequence, model, *wrong)
+            self.assertEqual(done.returncode, 2)
+        self.assertFalse((self.folder / "made" / "panoptic").exists())
+        done = self.make(sequence, model)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        frame = kysp.read(self.folder / "made" / "priors" / "000001.kysp")
+        self.assertEqual(frame.label_space, "own")
+
     @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
     def test_from_images_to_prior_files(self):
-        sequence = write_sequence(self.folder / "sequence")
-        command = [sys.executable, str(ROOT / "tools" / "perception" / "make_priors.py"),
-                   str(sequence), "--model", str(write_network(self.folder)), "--builder", BUILDER,
-                   "--output", str(self.folder / "made")]
+        sequence, model = write_sequence(self.folder / "sequence"), write_network(self.folder)
         for built in ("3 built, 0 kept", "0 built, 3 kept"):
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            done = self.make(sequence, model)
             self.assertEqual(done.returncode, 0, done.stderr)
             self.assertIn(built, done.stdout)
         frame = kysp.read(self.folder / "made" / "priors" / "000001.kysp")

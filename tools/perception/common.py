@@ -1,8 +1,11 @@
 """What the adapters share: lists of images, atomic files, progress, resuming."""
 
 import argparse
+import hashlib
 import importlib
+import json
 import os
+import re
 import struct
 import sys
 from pathlib import Path
@@ -26,12 +29,23 @@ def image_pair(sequence, wanted=""):
     fail(f"{sequence}: has no {wanted + ' ' if wanted else ''}images (image_0, image_2)")
 
 
+def frame_order(file):
+    """Key of the programs' order of frames: names by text, whole numbers in them by value, digits
+    after a decimal point by text."""
+    key = []
+    for part in re.findall(r"(?<=[0-9])\.[0-9]*|[0-9]+|[^0-9]", Path(file).stem, re.DOTALL):
+        digits = part.lstrip("0")
+        key += [("0", len(digits), digits)] if "0" <= part[0] <= "9" else [(c,) for c in part]
+    return key
+
+
 def list_images(folder):
-    """Images of a folder in order of name. InputError when there are none."""
+    """Images of a folder in the order of frames. InputError when there are none."""
     folder = Path(folder)
     if not folder.is_dir():
         fail(f"{folder}: is not a folder")
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in IMAGE_ENDINGS)
+    files.sort(key=frame_order)
     if not files:
         fail(f"{folder}: has no images")
     return files
@@ -42,6 +56,34 @@ def note_images(output, folder):
     another camera pair than the tracked one."""
     Path(output).mkdir(parents=True, exist_ok=True)
     write_atomic(Path(output) / "images.txt", (Path(folder).resolve().name + "\n").encode())
+
+
+def digest_of(*parts):
+    """SHA-256 of texts and of the contents of files (Path)."""
+    value = hashlib.sha256()
+    for part in parts:
+        with reading(part):
+            data = part.read_bytes() if isinstance(part, Path) else part.encode()
+        value.update(len(data).to_bytes(8, "little") + data)
+    return value.hexdigest()
+
+
+def read_note(path, made_of, output):
+    """What write_note() noted of an output. None when the output is of something else than `made_of`,
+    incomplete or not there: it is to be made again."""
+    try:
+        note = json.loads(path.read_text(encoding="utf-8"))
+        current = note["made_of"] == made_of and note["output"] == digest_of(output)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return note if current else None
+
+
+def write_note(path, made_of, output, **more):
+    """Notes beside an output what it was made of: a digest of the images, the network and the settings."""
+    note = {"made_of": made_of, "output": digest_of(output), **more}
+    write_atomic(path, json.dumps(note).encode("ascii"))
+    return note
 
 
 def read_rgb(path):

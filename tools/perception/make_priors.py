@@ -5,12 +5,14 @@
 
 Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
 else image_2 and image_3), builds the prior files with disparity (sgbm), flow (dis) and stereo
-keypoints from the images, and validates them. What is there already is kept. Times per stage go to
-DIR/times.json.
+keypoints from the images, and validates them. What is there already is kept if it was made of the same
+images, network and settings. DIR/times.json has seconds per stage, for kept files as measured when they
+were made.
 """
 
 import argparse
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -34,11 +36,32 @@ def program(given, name):
 
 
 def run(arguments):
+    """Standard output of a program; ends with its exit status when that is not 0."""
+    done = subprocess.run(arguments, stdout=subprocess.PIPE, text=True, check=False)
+    print(done.stdout, end="", flush=True)
+    if done.returncode != 0:
+        sys.exit(done.returncode)
+    return done.stdout
+
+
+def timed(arguments):
     start = time.perf_counter()
-    status = subprocess.run(arguments, check=False).returncode
-    if status != 0:
-        sys.exit(status)
-    return time.perf_counter() - start
+    said = run(arguments)
+    return time.perf_counter() - start, said
+
+
+def time_of_build(command, times_file):
+    """Runs build_priors; s for the files there are now, those of earlier runs included."""
+    seconds, said = timed(command)
+    counts = re.search(r"\((\d+) built, (\d+) kept\)", said)
+    if counts is None:
+        common.fail(f"{command[0]}: does not say what it built")
+    built, kept = (int(n) for n in counts.groups())
+    try:
+        earlier = float(json.loads(times_file.read_text(encoding="utf-8"))["build"])
+    except (OSError, ValueError, KeyError, TypeError):
+        earlier = 0.0
+    return (seconds if built else 0.0) + (earlier if kept else 0.0)
 
 
 def main():
@@ -69,38 +92,35 @@ def main():
     if not folders[1].is_dir():
         common.fail(f"{folders[1]}: is not a folder")
     network = segment_onnx.Network(options.model, options.weights, options.threshold)
-    times = {}
-    panoptic = []
-    for side, (folder, other) in enumerate((folders, folders[::-1])):
-        name = "right" if side else "left"
-        images = common.list_images(folder)[:options.frames]
-        panoptic.append(options.output / "panoptic" / name)
-        made = segment_onnx.segment_folder(network, images, panoptic[-1], other, bool(side),
-                                           options.overwrite, f"segmentation {name}", options.jobs)
-        for stage in ("network", "segments"):
-            times[stage] = times.get(stage, 0.0) + made[stage]
-        times["segmented images"] = times.get("segmented images", 0) + made["frames"]
+    panoptic = [options.output / "panoptic" / name for name in ("left", "right")]
     priors = options.output / "priors"
-    command = [builder, str(options.sequence), "--output", str(priors),
-               "--panoptic-left", str(panoptic[0]), "--panoptic-right", str(panoptic[1]),
-               "--label-space", network.settings["label_space"], "--disparity", "sgbm",
-               "--flow-left", "dis", "--flow-right", "dis", "--jobs", str(options.jobs),
-               "--flow", "keypoints", "--config", str(ROBUST)]
-    pair = ["--pair", options.pair] if options.pair else []
-    command += pair
-    if options.frames:
-        command += ["--frames", str(options.frames)]
-    if options.overwrite:
-        command.append("--rebuild")
-    times["build"] = run(command + further)
-    times["validate"] = run([validator, str(priors), "--sequence", str(options.sequence), "--label-space",
-                             network.settings["label_space"], *pair])
-    images = max(1, times["segmented images"])
+    which = ["--pair", options.pair] if options.pair else []
+    which += ["--frames", str(options.frames)] if options.frames else []
+    build = [builder, str(options.sequence), "--output", str(priors),
+             "--panoptic-left", str(panoptic[0]), "--panoptic-right", str(panoptic[1]),
+             "--label-space", network.label_space, "--disparity", "sgbm",
+             "--flow-left", "dis", "--flow-right", "dis", "--jobs", str(options.jobs),
+             "--flow", "keypoints", "--config", str(ROBUST), *which,
+             *(["--rebuild"] if options.overwrite else []), *further]
+    run([*build, "--check"])  # before the hours that the network takes
+    times = dict.fromkeys(("network", "segments", "segmented images"), 0)
+    for side, (folder, other) in enumerate((folders, folders[::-1])):
+        images = common.list_images(folder)[:options.frames]
+        made = segment_onnx.segment_folder(
+            network, images, panoptic[side], other, bool(side), options.overwrite,
+            f"segmentation {panoptic[side].name}", options.jobs)
+        for stage in ("network", "segments"):
+            times[stage] += made[stage]
+        times["segmented images"] += len(images)
+    times_file = options.output / "times.json"
+    times["build"] = time_of_build(build, times_file)
+    times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
+                                  "--label-space", network.label_space, *which])
+    images = times["segmented images"]
     print(f"network {1e3 * times['network'] / images:.0f} ms and segments "
           f"{1e3 * times['segments'] / images:.0f} ms per image, build {times['build']:.1f} s, "
           f"validate {times['validate']:.1f} s")
-    common.write_atomic(options.output / "times.json",
-                        json.dumps(times, indent=2).encode("ascii"))
+    common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ other camera's images are given.
 """
 
 import concurrent.futures
-import hashlib
 import json
 import os
 import sys
@@ -25,6 +24,7 @@ from panoptic import read_label_space  # noqa: E402
 MIN_PIXELS = 150       # of an instance found by connected components
 DISPARITY_STEP = 4.0   # px between neighbours that belong to different instances; and
 RELATIVE_STEP = 0.2    # of the disparity
+MAPS_VERSION = 1       # raised when the same images give other maps
 KINDS = ("semantic", "classes", "panoptic", "instances")
 
 
@@ -53,8 +53,7 @@ class Network:
                 str(self.file), options, providers=onnxruntime.get_available_providers())
         except Exception as error:  # onnxruntime has no common base class of its errors
             common.fail(f"{self.file}: cannot be loaded: {common.first_line(error)}")
-        with open(self.file, "rb") as file:
-            self.digest = hashlib.file_digest(file, "sha256").hexdigest()
+        self.digest = common.digest_of(self.file)
         self.input = self.session.get_inputs()[0].name
         self.outputs = [o.name for o in self.session.get_outputs()]
 
@@ -81,7 +80,8 @@ class Network:
         self.deviation = channels("deviation", 1, self._positive)
         self.bgr = entry.get("colour", "rgb") == "bgr"
         space_name = self._get("label_space")
-        space = read_label_space(self._beside(space_name))
+        self.label_space = self._beside(space_name)
+        space = read_label_space(self.label_space)
         self.classes = []
         for name in self._get("classes"):
             if name is not None and name not in space:
@@ -89,9 +89,10 @@ class Network:
             self.classes.append(None if name is None else (name, *space[name]))
 
     def description(self):
-        """What its maps depend on."""
-        return json.dumps({"settings": self.settings, "weights": self.digest,
-                           "threshold": self.threshold}, sort_keys=True, default=str)
+        """What its maps depend on beside the images."""
+        return json.dumps({"version": MAPS_VERSION, "settings": self.settings, "weights": self.digest,
+                           "threshold": self.threshold, "classes": self.classes},
+                          sort_keys=True, default=str)
 
     def _finite(self, name, value):
         try:
@@ -117,9 +118,10 @@ class Network:
         return value
 
     def _beside(self, name):
-        """A label space by name, or a class file beside the YAML file."""
-        file = self.path.parent / f"{name}.classes.csv"
-        return str(file) if file.exists() else name
+        """A label space as the programs take it: the path of its files without their endings where they
+        are beside the YAML file, else its name."""
+        beside = self.path.resolve().parent / str(name)
+        return str(beside) if beside.with_name(f"{beside.name}.classes.csv").exists() else name
 
     def prepare(self, image):
         """(1, 3, h, w) float32 of an (H, W, 3) RGB image."""
@@ -321,59 +323,61 @@ def read_image(path):
     return np.ascontiguousarray(image[:, :, ::-1])
 
 
+def segment_image(network, path, other, mirrored):
+    """Ids and segments of an image, and the seconds for them."""
+    image = read_image(path)
+    start = time.perf_counter()
+    values = network.run(image)
+    between = time.perf_counter()
+    disparity = None
+    if other is not None:
+        partner = read_image(other)
+        if partner.shape != image.shape:
+            common.fail(f"{other}: has another size than {path}")
+        disparity = coarse_disparity(image, partner, mirrored)
+    ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
+    return ids, segments, {"network": between - start, "segments": time.perf_counter() - between}
+
+
 def segment_folder(network, images, output, other=None, mirrored=False, overwrite=False,
                    label="segmentation", jobs=1):
-    """Writes OUTPUT/<name>.png and OUTPUT.json, `jobs` images at a time. \\return seconds in the
-    network and beside it, summed over the images, and frames made."""
+    """Writes OUTPUT/<name>.png and OUTPUT.json, `jobs` images at a time. Maps that are there are kept
+    if they were made of the same images in the same way. \return number of maps made now, and seconds
+    in the network and beside it for all images, summed; those of kept maps are as measured."""
     output = Path(output)
     parts = output / ".segments"
     parts.mkdir(parents=True, exist_ok=True)
     if images:
         common.note_images(output, Path(images[0]).parent)
-    # Maps made with other settings are not kept.
-    made_with, now = parts / "network.txt", network.description()
-    overwrite |= made_with.exists() and made_with.read_text(encoding="utf-8") != now
-    times = {"network": 0.0, "segments": 0.0, "frames": 0}
-    if overwrite:
-        made_with.unlink(missing_ok=True)
-        for path in parts.glob("*.json"):
-            path.unlink()
-    common.write_atomic(made_with, now.encode("utf-8"))
+    paired = other is not None and network.kind in ("semantic", "classes")
+    description = network.description()
 
     def segment(path):
+        """The note of its map, and whether the map is new."""
         picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"
-        if picture.exists() and info.exists():
-            return {}
-        image = read_image(path)
-        start = time.perf_counter()
-        values = network.run(image)
-        between = time.perf_counter()
-        disparity = None
-        if other is not None and network.kind in ("semantic", "classes"):
-            beside = Path(other) / path.name
-            partner = read_image(beside)
-            if partner.shape != image.shape:
-                common.fail(f"{beside}: has another size than {path}")
-            disparity = coarse_disparity(image, partner, mirrored)
-        ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
+        beside = Path(other) / path.name if paired else None
+        made_of = common.digest_of(description, "mirrored" if mirrored else "", path,
+                                   *([beside] if paired else []))
+        note = None if overwrite else common.read_note(info, made_of, picture)
+        if note is not None:
+            return note, False
+        ids, segments, seconds = segment_image(network, path, beside, mirrored)
         write_ids(picture, ids)
-        common.write_atomic(info, json.dumps(segments).encode("ascii"))
-        return {"network": between - start, "segments": time.perf_counter() - between, "frames": 1}
+        return common.write_note(info, made_of, picture, segments=segments, seconds=seconds), True
 
     pool = concurrent.futures.ThreadPoolExecutor(jobs)
     try:
         work = [pool.submit(segment, path) for path in images]
-        for done in common.progress(work, label):
-            for stage, value in done.result().items():
-                times[stage] += value
+        done = [item.result() for item in common.progress(work, label)]
     finally:
         pool.shutdown(cancel_futures=True)
-    annotations = [{"file_name": f"{path.stem}.png",
-                    "segments_info": json.loads((parts / f"{path.stem}.json").read_text())}
-                   for path in images]
+    notes = [note for note, _ in done]
+    annotations = [{"file_name": f"{path.stem}.png", "segments_info": note["segments"]}
+                   for path, note in zip(images, notes)]
     common.write_atomic(output.with_name(output.name + ".json"),
                         json.dumps({"annotations": annotations}).encode("ascii"))
-    return times
+    times = {stage: sum(note["seconds"][stage] for note in notes) for stage in ("network", "segments")}
+    return {**times, "frames": sum(new for _, new in done)}
 
 
 def add_jobs(parser):
@@ -393,11 +397,12 @@ def main():
     options = parser.parse_args()
     common.need("onnxruntime", "yaml", "cv2")
     network = Network(options.model, options.weights, options.threshold)
-    times = segment_folder(network, common.list_images(options.images), options.output,
-                           options.other, options.right, options.overwrite, jobs=options.jobs)
-    frames = max(1, times["frames"])
-    print(f"{times['frames']} frames, network {1e3 * times['network'] / frames:.0f} ms, "
-          f"segments {1e3 * times['segments'] / frames:.0f} ms per frame")
+    images = common.list_images(options.images)
+    made = segment_folder(network, images, options.output, options.other, options.right,
+                          options.overwrite, jobs=options.jobs)
+    print(f"{made['frames']} frames, {len(images) - made['frames']} kept, network "
+          f"{1e3 * made['network'] / len(images):.0f} ms, segments "
+          f"{1e3 * made['segments'] / len(images):.0f} ms per frame")
 
 
 if __name__ == "__main__":
