@@ -26,6 +26,8 @@ THING, DYNAMIC, RADIAL_ONLY, NOT_JUDGED = 1, 2, 4, 8
 RIGHT_INSTANCES = 1 << 30
 VOID_LABEL = 0xFFFF
 MAX_FILE_SIZE = 1 << 28  # bytes
+MAX_SIDE = 16384  # px
+MAX_SEGMENTS = 65535  # of a camera
 MOTION = np.expm1(np.arange(256) * np.log(101.0) / 255.0).astype(np.float32)
 MOTION[255] = 100.0
 
@@ -120,54 +122,76 @@ def _runs(row):
     return np.concatenate([[0], edges]), np.concatenate([edges, [len(row)]])
 
 
-def encode(frame):
-    """The bytes of a prior file. Motion runs are exact (no tolerance)."""
-    if not 1 <= len(frame.cameras) <= 2:
-        raise FormatError("a frame has one or two cameras")
-    height, width = frame.cameras[0].segment_map.shape
+def _check(good, name, what):
+    if not good:
+        raise FormatError(f"{name}: {what}")
+
+
+def encode(frame, name="prior file"):
+    """The bytes of a prior file. Motion runs are exact (no tolerance). Raises FormatError for whatever
+    readers refuse."""
+    _check(1 <= len(frame.cameras) <= 2, name, "a frame has one or two cameras")
+    label_space = str(frame.label_space).encode("utf-8")
+    _check(1 <= len(label_space) <= 32 and all(0x20 < c < 0x7F for c in label_space), name,
+           "label_space is not 1 to 32 characters from ! to ~")
+    for field_name in ("calibration_hash", "content_key"):
+        _check(0 <= getattr(frame, field_name) < 1 << 64, name, f"{field_name} has more than 64 bits")
+    shape = np.shape(frame.cameras[0].segment_map)
+    _check(len(shape) == 2 and 1 <= min(shape) and max(shape) <= MAX_SIDE, name,
+           f"segment_map is not of two sides of 1..{MAX_SIDE}")
     body_at = HEADER.size + CAMERA.size * len(frame.cameras)
     entries, body = [], bytearray()
-    for camera in frame.cameras:
-        segments = np.array(camera.segments, dtype=SEGMENT)
-        if camera.segment_map.shape != (height, width):
-            raise FormatError("the cameras' images differ in size")
-        if camera.segment_map.max(initial=0) > len(segments):
-            raise FormatError("the map has a segment that is not in the table")
-        segments["area"] = np.bincount(camera.segment_map.ravel(), minlength=len(segments) + 1)[1:]
+    for c, camera in enumerate(frame.cameras):
+        segments = _segments_to_write(camera, c, shape, name)
+        table, index, runs = segments.tobytes(), [], bytearray()
         dynamic = dynamic_by_number(segments)
-        runs, index = bytearray(), []
-        for y in range(height):
+        for y in range(shape[0]):
             index.append(len(runs))
-            row = camera.segment_map[y]
+            row = np.asarray(camera.segment_map[y])
             for start, end in zip(*_runs(row)):
                 runs += _varint(int(end - start)) + _varint(int(row[start]))
             moving = dynamic[row]
             if moving.any():
-                codes = _motion_codes(camera.motion[y][moving])
+                codes = _motion_codes(np.asarray(camera.motion[y])[moving])
                 for start, end in zip(*_runs(codes)):
                     runs += _varint(int(end - start)) + bytes([codes[start]])
         index.append(len(runs))
         at = body_at + len(body)
-        table = segments.tobytes()
         offsets = np.array(index, "<u4").tobytes()
         entries.append(CAMERA.pack(at, len(segments), at + len(table),
                                    at + len(table) + len(offsets), len(runs)))
         body += table + offsets + runs
-    label_space = frame.label_space.encode("ascii", errors="replace")
-    if not 1 <= len(label_space) <= 32 or not all(0x20 < c < 0x7F for c in label_space):
-        raise FormatError("the label space's name is not 1 to 32 printable characters")
     size = body_at + len(body)
-    header = HEADER.pack(MAGIC, 1, HEADER.size, size, 0, width, height, len(frame.cameras),
-                         frame.has_motion + 2 * frame.shares_instances, 0, frame.calibration_hash, frame.content_key,
-                         label_space, b"")
+    _check(size <= MAX_FILE_SIZE, name, "is too large for a prior file")
+    header = HEADER.pack(MAGIC, 1, HEADER.size, size, 0, shape[1], shape[0], len(frame.cameras),
+                         bool(frame.has_motion) + 2 * bool(frame.shares_instances), 0,
+                         frame.calibration_hash, frame.content_key, label_space, b"")
     data = bytearray(header + b"".join(entries) + body)
     struct.pack_into("<I", data, 16, zlib.crc32(data[20:]))
     return bytes(data)
 
 
-def _check(good, name, what):
-    if not good:
-        raise FormatError(f"{name}: {what}")
+def _segments_to_write(camera, c, shape, name):
+    """The table of a camera's segments with their areas; FormatError for a camera that readers refuse."""
+    try:
+        segments = np.array(camera.segments, dtype=SEGMENT)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FormatError(f"{name}: segments are not of dtype SEGMENT: {error}") from error
+    count, segment_map = len(segments), np.asarray(camera.segment_map)
+    _check(count <= MAX_SEGMENTS, name, f"has more than {MAX_SEGMENTS} segments in one camera")
+    _check_segments(segments, c, name)
+    _check(segment_map.shape == shape, name, "segment_map of the cameras differs in size")
+    _check(np.issubdtype(segment_map.dtype, np.integer) and segment_map.min() >= 0
+           and segment_map.max() <= count, name, "segment_map has a segment that is not in the table")
+    moving = dynamic_by_number(segments)[segment_map]
+    if moving.any():
+        motion = np.asarray(camera.motion)
+        _check(motion.shape == shape, name, "motion, which dynamic segments need, is not an image of "
+               "the size of segment_map")
+        motion = motion[moving].astype(np.float32)
+        _check(((motion >= 0) & (motion <= 100)).all(), name, "motion is not in 0..100")
+    segments["area"] = np.bincount(segment_map.ravel(), minlength=count + 1)[1:]
+    return segments
 
 
 def decode(data, name="prior file"):
@@ -182,8 +206,8 @@ def decode(data, name="prior file"):
     _check(size == len(data), name, "is truncated or has been extended")
     _check(checksum == zlib.crc32(data[20:]), name, "is corrupt (checksum does not match)")
     _check(1 <= cameras <= 2, name, "camera count is not 1 or 2")
-    _check(1 <= width <= 16384 and 1 <= height <= 16384, name,
-           "image size is not within 1..16384")
+    _check(1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE, name,
+           f"image size is not within 1..{MAX_SIDE}")
     label_space = label_space.split(b"\0")[0]
     _check(label_space and all(0x20 < c < 0x7F for c in label_space), name,
            "label space name is empty or not printable")
@@ -214,7 +238,7 @@ def _check_segments(segments, c, name):
 def _decode_camera(data, c, width, height, name):
     segments_at, count, index_at, runs_at, runs_size = CAMERA.unpack_from(
         data, HEADER.size + c * CAMERA.size)
-    _check(count <= 65535, name, "has more than 65535 segments in one camera")
+    _check(count <= MAX_SEGMENTS, name, f"has more than {MAX_SEGMENTS} segments in one camera")
     for at, size in ((segments_at, count * SEGMENT.itemsize), (index_at, 4 * (height + 1)),
                      (runs_at, runs_size)):
         _check(at >= HEADER.size and at + size <= len(data), name, "a table is outside the file")
@@ -258,8 +282,8 @@ def read(path):
 
 
 def write(path, frame):
-    """Writes a prior file atomically."""
-    data = encode(frame)
+    """Writes a prior file atomically. Raises FormatError for whatever readers refuse."""
+    data = encode(frame, str(path))
     temporary = f"{path}.{os.getpid()}.tmp"
     try:
         with open(temporary, "wb") as stream:

@@ -17,7 +17,8 @@ import numpy as np
 
 from . import _core
 from .files import PathLike, read_bytes
-from .kysp import DYNAMIC, RIGHT_INSTANCES, SEGMENT, THING, dynamic_by_number
+from .kysp import (DYNAMIC, MAX_SEGMENTS, RIGHT_INSTANCES, SEGMENT, THING,
+                   dynamic_by_number)
 
 
 @dataclass
@@ -92,32 +93,47 @@ def write_prior(path: PathLike, frame: PriorFrame) -> None:
         raise
 
 
+def _whole_numbers(instances: np.ndarray) -> np.ndarray:
+    """An instance map as int64. InputError for values that are none."""
+    given = np.asarray(instances)
+    with np.errstate(invalid="ignore"):  # NaN, infinity
+        ids = given.astype(np.int64)
+    if not np.array_equal(ids, given):
+        raise _core.InputError("an instance map is a (H, W) array of whole numbers")
+    return ids
+
+
 def _one_camera(space: "_core.LabelSpace", classes: np.ndarray, instances: Optional[np.ndarray],
                 dynamic: Tuple[int, ...], first_instance: int) -> PriorCamera:
     classes = np.asarray(classes)
     if classes.ndim != 2 or not np.issubdtype(classes.dtype, np.integer):
         raise _core.InputError("a class map is a (H, W) array of whole numbers")
-    ids = np.zeros_like(classes) if instances is None else np.asarray(instances)
+    ids = _whole_numbers(np.zeros_like(classes) if instances is None else instances)
     if ids.shape != classes.shape:
         raise _core.InputError("class map and instance map differ in size")
     index_of = {class_id: index for index, class_id in enumerate(space.ids)}
     things = space.things
     pairs, inverse = np.unique(np.stack([classes.ravel(), ids.ravel()]), axis=1,
                                return_inverse=True)
-    number = np.zeros(pairs.shape[1], np.uint16)
+    largest = RIGHT_INSTANCES - len(index_of) - 1
+    number = np.zeros(pairs.shape[1], np.int64)
     rows = []
     for k, (class_id, instance) in enumerate(pairs.T):
         index = index_of.get(int(class_id))
         if index is None:
             continue  # void: no class of this label space
+        if things[index] and not 0 <= instance <= largest:
+            raise _core.InputError(f"instance {instance} is not in 0..{largest}")
         moving = int(instance) in dynamic and instance != 0
         # Stuff is one instance per class; things are numbered by the caller.
         identity = len(index_of) + int(instance) if things[index] and instance else index
         rows.append((index, (THING if things[index] else 0) | (DYNAMIC if moving else 0),
                      first_instance + identity, 0.0, 0.0, 0))
         number[k] = len(rows)
+    if len(rows) > MAX_SEGMENTS:
+        raise _core.InputError(f"more than {MAX_SEGMENTS} segments in one image")
     segments = np.array(rows, SEGMENT)
-    segment_map = number[inverse.ravel()].reshape(classes.shape)
+    segment_map = number.astype(np.uint16)[inverse.ravel()].reshape(classes.shape)
     is_moving = dynamic_by_number(segments)
     motion = np.where(is_moving[segment_map], np.float32(100), np.float32(0))
     return PriorCamera(segments, segment_map, motion if is_moving.any() else None)
@@ -131,7 +147,8 @@ def priors_from_labels(space: "_core.LabelSpace", left: np.ndarray, right: np.nd
 
     left, right: (H, W) of class ids as the data set numbers them (COCO, ADE20K, Cityscapes, ...);
         an id that is none of the label space's is void.
-    left_instances, right_instances: (H, W), 0 none, else a number that an object keeps over time.
+    left_instances, right_instances: (H, W), 0 none, else a number that an object keeps over time,
+        below 2^30 less the number of classes.
     moving: numbers of the instances that move: flagged (mode `mask` drops them), motion 100.
     """
     cameras = [_one_camera(space, left, left_instances, moving, 0),

@@ -121,6 +121,26 @@ def test_priors_from_class_maps():
     kys_slam.priors.encode_prior(frame)
 
 
+def test_instances_that_no_file_can_hold_are_refused():
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+    index = {name: i for i, name in enumerate(space.names)}
+    person = np.full((4, 6), space.ids[index["person"]])
+    sky = np.full((4, 6), space.ids[index["sky-other-merged"]])
+    largest = kysp.RIGHT_INSTANCES - len(space.names) - 1
+    for value, said in ((largest + 1, "instance"), (-1, "instance -1 is not"), (1.5, "whole numbers"),
+                        (np.nan, "whole numbers"), (np.inf, "whole numbers"),
+                        (np.uint64(1 << 63), "whole numbers")):
+        with pytest.raises(kys_slam.InputError, match=said):
+            kys_slam.priors_from_labels(space, person, person, np.full((4, 6), value))
+    for classes, value in ((person, largest), (person, np.uint64(7)), (person, 7.0), (sky, -1)):
+        ids = np.full((4, 6), value)
+        frame = kys_slam.priors_from_labels(space, classes, classes, ids, ids)
+        assert kysp.decode(kys_slam.priors.encode_prior(frame)).cameras[1].segment_map.all()
+    many = np.arange(1, 257 * 256 + 1).reshape(256, 257)
+    with pytest.raises(kys_slam.InputError, match="65535 segments"):
+        kys_slam.priors_from_labels(space, np.full(many.shape, person[0, 0]), person, many)
+
+
 def test_distance_model():
     rng = np.random.default_rng(3)
     a, b = (rng.integers(0, 256, (n, 32), np.uint8) for n in (5, 7))

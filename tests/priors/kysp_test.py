@@ -70,6 +70,58 @@ class KyspTest(unittest.TestCase):
         np.testing.assert_array_equal(decoded > 8, values > 8)
         np.testing.assert_array_equal(decoded > 20, values > 20)
 
+    def test_what_readers_refuse_is_not_written(self):
+        def wrong(said, change, c=0):
+            frame = example()
+            change(frame, frame.cameras[c])
+            with self.assertRaisesRegex(ValueError, said):
+                kysp.encode(frame)
+
+        def segment(field, value, c=0, k=0):
+            wrong(field, lambda frame, camera: camera.segments[field].__setitem__(k, value), c)
+
+        def put(name, value):
+            return lambda frame, camera: setattr(camera if hasattr(camera, name) else frame, name, value)
+
+        segment("label", kysp.VOID_LABEL)
+        segment("flags", 16)
+        wrong("radial-only", lambda frame, camera: camera.segments["flags"].__setitem__(0, 4))
+        segment("instance", -1)
+        segment("instance", kysp.RIGHT_INSTANCES)
+        segment("instance", 5, c=1)
+        for field in ("scale", "score"):
+            for value in (np.nan, np.inf, -1):
+                segment(field, value)
+        segment("score", 100.5)
+        moving = np.isin(example().cameras[0].segment_map, [4, 5])
+        for value in (np.nan, np.inf, -0.1, 100.1):
+            wrong("motion", lambda frame, camera: camera.motion.__setitem__(moving, value))
+        wrong("motion", put("motion", None))
+        wrong("motion", put("motion", np.zeros((3, 3), np.float32)))
+        for map_ in (np.full((57, 211), 6), np.full((57, 211), -1), np.zeros((57, 211)),
+                     np.zeros((57, 210), int), np.zeros((0, 0), int), np.zeros(57, int),
+                     np.zeros((1, 16385), np.uint16)):
+            wrong("segment_map", put("segment_map", map_))
+        wrong("segments", put("segments", [("x",)]))
+        for name in ("", "a b", "x" * 33, "caf\u00e9"):
+            wrong("label_space", put("label_space", name))
+        for field in ("calibration_hash", "content_key"):
+            wrong(field, put(field, 1 << 64))
+            wrong(field, put(field, -1))
+        with tempfile.TemporaryDirectory() as folder:
+            frame = example()
+            frame.cameras[0].segments["instance"][0] = -1
+            with self.assertRaisesRegex(kysp.FormatError, "a.kysp: .*instance"):
+                kysp.write(os.path.join(folder, "a.kysp"), frame)
+            self.assertEqual(os.listdir(folder), [])
+
+    def test_motion_outside_of_dynamic_segments_is_not_read(self):
+        frame = example()
+        still = ~np.isin(frame.cameras[0].segment_map, [4, 5])
+        data = kysp.encode(frame)
+        frame.cameras[0].motion[still] = np.nan
+        self.assertEqual(kysp.encode(frame), data)
+
     def test_damage_is_refused(self):
         data = kysp.encode(example())
         for at in range(0, len(data), 97):
