@@ -79,6 +79,8 @@ class Feed:
     def _feed(self, frame) -> None:
         self.watch.check(frame, self.args.start + self.done)
         mask = self.masks(frame.name) if self.masks else None
+        if self.masks and self.masks.warning:
+            self._tell(self.masks.warning)
         segments = None
         if mask and self.masks.classes:
             segments, mask = self.masks.priors(mask), self.masks.without_classes(mask)
@@ -87,7 +89,15 @@ class Feed:
         else:
             report = self.slam.feed(frame.left, frame.right, frame.timestamp, segments, mask,
                                     name=frame.name)
-        if report.warning and report.warning not in self._told:
-            self._told.add(report.warning)
-            print(f"kys-slam: warning: frame {report.index}: {report.warning}", file=sys.stderr,
-                  flush=True)
+        if report.warning:
+            self._tell(report.warning, f"frame {report.index}: ")
+
+    def _tell(self, warning: str, where: str = "") -> None:
+        """Each warning once."""
+        if warning not in self._told:
+            self._told.add(warning)
+            print(f"kys-slam: warning: {where}{warning}", file=sys.stderr, flush=True)
+
+    def finish(self) -> list:
+        """All warnings that a run's summary has."""
+        return self.watch.finish() + ([self.masks.warning] if self.masks and self.masks.warning else [])

@@ -67,7 +67,7 @@ def _run_recording(args) -> int:
         result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
                                 wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
                                 end_reason=end_reason, left_out=_left_out(recording, frames, masks),
-                                warnings=feed.watch.finish())
+                                warnings=feed.finish())
     if args.save_map:
         with failures.guard():
             slam._save_map_or_beside(args.save_map, output)

@@ -32,6 +32,7 @@ class MaskFolder:
         self.classes: Dict[int, int] = {}  #: values that are priors: class id; empty: all are masks
         self.moving: Tuple[int, ...] = ()  #: values of what moves
         self.missing = 0  #: frames without a mask so far
+        self.warning = ""  #: the first of these
         if not self.folder.is_dir():
             raise InputError(f"{folder}: no such folder")
         if any(self.folder.glob("*.kysp")):
@@ -90,4 +91,6 @@ class MaskFolder:
             if any(mask is not None for mask in masks):
                 return masks
         self.missing += 1
+        self.warning = self.warning or (f"{self.folder}: no mask for frame {name} (left/{name}.png or "
+                                        f"{name}.png); without one all of a frame is used")
         return None

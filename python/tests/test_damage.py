@@ -266,6 +266,18 @@ def test_mode_that_is_named_stays(folders, corridor, capsys):
     assert modes == ["verified", "stock", "stock", "kys"]
 
 
+def test_masks_that_fit_no_frame_are_told_once(folders, capsys):
+    cv2 = pytest.importorskip("cv2")
+    (folders / "masks").mkdir()
+    cv2.imwrite(str(folders / "masks" / "other.png"), np.zeros((240, 320), np.uint8))
+    assert cli.main([str(a) for a in run_of(folders, "--frames", 3, "--masks", folders / "masks")]) == 0
+    error = capsys.readouterr().err
+    first = sorted(path.stem for path in (folders / "left").iterdir())[0]
+    assert error.count(f"no mask for frame {first}") == 1 and error.count("no mask") == 1, error
+    summary = summary_of(folders / "run")
+    assert any("no mask for frame" in warning for warning in summary["warnings"]), summary
+
+
 def test_tolerance_of_a_folder_with_both_sides(folders):
     """Right images 5 ms late: no pairs with the default of 3 ms, all with 6 ms."""
     for path in sorted((folders / "right").iterdir()):
