@@ -163,6 +163,16 @@ class Tools(unittest.TestCase):
                             "/dev/null/x")
         self.assertIn("/dev/null", said)
 
+    def test_documents_that_are_no_predictions(self):
+        document = self.folder / "predictions.json"
+        info = '{"annotations": [{"file_name": "a.png", "segments_info": [{"id": %s, "category_id": 1}]}]}'
+        for text in ("", "[" * 100000, "[1]", info % "Infinity", info % "NaN", info % "[]",
+                     '{"annotations": [{"file_name": 5, "segments_info": []}]}'):
+            document.write_text(text)
+            said = self.refused("perception/import_outputs.py", "kmax", self.folder, "--json", document,
+                                "--output", self.folder / "out")
+            self.assertIn("predictions.json: not the document", said)
+
     def test_decision_page(self):
         for name in ("image_0", "image_1"):
             (self.folder / "sequence" / name).mkdir(parents=True)

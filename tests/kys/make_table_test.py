@@ -146,6 +146,20 @@ class MakeTable(unittest.TestCase):
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
         self.assertEqual(self.run_tool(self.folder / "none.vec").returncode, 2)
 
+    def test_truncated_files_make_no_surrogates(self):
+        old = self.folder / "old.csv"
+        label_files.write_table(old, "tiny", [[0, 9, 8], [9, 0, 7], [8, 7, 0]])
+        bad = self.write_vec(VECTORS)
+        whole = bad.read_bytes()
+        model = self.folder / "tiny.bin"
+        write_bin(model, VECTORS)
+        for content in (b"", whole[:whole.index(b"sky")], whole[:2], model.read_bytes()[:3]):
+            bad.write_bytes(content)
+            done = self.run_tool(bad, "--keep", old)
+            self.assertEqual(done.returncode, 2, content)
+            self.assertIn("tiny.vec", done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+
     def test_numbers_that_make_no_table(self):
         """Signs of NaN and of no dimensions are all alike: every distance would be 0."""
         bad = self.folder / "bad.bin"

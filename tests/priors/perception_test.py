@@ -2,11 +2,13 @@
 
 import json
 import os
+import struct
 import subprocess
 import sys
 import tempfile
 import types
 import unittest
+import zlib
 from pathlib import Path
 from unittest import mock
 
@@ -80,6 +82,20 @@ class Conversions(unittest.TestCase):
             data = Path(folder, "a.pfm").read_bytes()
             self.assertTrue(data.startswith(b"Pf\n4 3\n-1.0\n"))
             self.assertEqual(np.frombuffer(data[-48:], "<f4")[0], field[2, 0, 0])
+
+
+    @unittest.skipUnless(Image, "Pillow is not installed")
+    def test_damaged_images(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = make_images(Path(folder, "images"), 1)[0]
+            whole = path.read_bytes()
+            header = bytearray(whole)
+            header[16:24] = b"\x00\x10\x00\x00" * 2  # sides of 2^20 px: Pillow fears a bomb
+            struct.pack_into(">I", header, 29, zlib.crc32(header[12:29]))
+            for data in (b"", b"x", whole[:-40], whole[:60], whole[:33] + b"\xff" * 20, bytes(header)):
+                path.write_bytes(data)
+                with self.assertRaisesRegex(common.InputError, "000000.png: cannot read"):
+                    common.read_rgb(path)
 
 
 class ImportedOutputs(unittest.TestCase):

@@ -8,6 +8,9 @@ import struct
 import sys
 
 BAD_INPUT, INTERRUPTED = 2, 130  # exit status
+# What reading a damaged file may raise.
+BAD_CONTENT = (KeyError, ValueError, TypeError, IndexError, AttributeError, ArithmeticError, RecursionError,
+               EOFError, csv.Error, struct.error)
 
 
 class InputError(ValueError):
@@ -58,8 +61,7 @@ def reading(path):
         fail(f"{path}: {error.strerror or error}")
     except KeyError as error:
         fail(f"{path}: {error} is missing")
-    except (ValueError, TypeError, IndexError, AttributeError, ArithmeticError, RecursionError, EOFError,
-            csv.Error, struct.error) as error:
+    except BAD_CONTENT as error:
         fail(f"{path}: {first_line(error)}")
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
-from inputs import (InputError, fail, first_line, read_table, reading,  # noqa: E402, F401
+from inputs import (BAD_CONTENT, InputError, fail, first_line, read_table, reading,  # noqa: E402, F401
                     run, whole)
 
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
@@ -93,8 +93,8 @@ def read_rgb(path):
     try:
         with Image.open(path) as image:
             return np.array(image.convert("RGB"))
-    except OSError as error:
-        fail(f"{path}: cannot read: {error}")
+    except Exception as error:  # Pillow has no common base class of its errors
+        fail(f"{path}: cannot read: {first_line(error)}")
 
 
 def write_atomic(path, data):

@@ -46,8 +46,9 @@ def take_panoptic(folder, document, output, images):
                 int(info["id"]), int(info["category_id"])
     except OSError as error:
         common.fail(f"{document}: {error.strerror}")
-    except (ValueError, KeyError, TypeError) as error:
-        common.fail(f"{document}: not the document of COCO panoptic predictions ({error})")
+    except common.BAD_CONTENT as error:
+        common.fail(f"{document}: not the document of COCO panoptic predictions "
+                    f"({common.first_line(error)})")
     output = Path(output)
     count = take(folder, ".png", output, images)
     missing = [f.stem for f in sorted(output.glob("*.png")) if f.stem not in segments]

@@ -317,7 +317,10 @@ def write_ids(path, ids):
 def read_image(path):
     import cv2
 
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    except cv2.error:  # too large
+        image = None
     if image is None:
         common.fail(f"{path}: cannot read")
     return np.ascontiguousarray(image[:, :, ::-1])

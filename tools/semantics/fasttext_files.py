@@ -29,10 +29,11 @@ def load_vectors(path, words):
 
 def read_vec(path, words):
     """Text format: an optional line 'COUNT DIMENSIONS', then 'word v1 v2 ...' per line. The exact
-    spelling of a word wins over one that differs in case."""
+    spelling of a word wins over one that differs in case. InputError when there are fewer vectors than
+    COUNT."""
     wanted = {word.lower() for word in words}
     exact, folded = {}, {}
-    dimensions = None
+    dimensions, number, promised = None, 0, 1
     progress = Progress(path)
     with open(path, "rb") as file:
         for number, line in enumerate(file, 1):
@@ -42,9 +43,10 @@ def read_vec(path, words):
                 dimensions = int(rest)
                 if dimensions < 1:
                     fail(f"{path}:1: vectors of {dimensions} dimensions")
+                promised = 1 + (int(word) if word.isdigit() else 0)
                 continue
             word = word.decode("utf-8", "replace")
-            if word.lower() not in wanted:
+            if word.lower() not in wanted and number > 1:  # the first line: is it a vector?
                 continue
             vector = parse_vector(rest, path, number)
             dimensions = dimensions or len(vector)
@@ -55,6 +57,8 @@ def read_vec(path, words):
             else:
                 folded.setdefault(word.lower(), vector)
     progress.done()
+    if number < promised:
+        fail(f"{path}: truncated: {number} lines instead of {promised}")
     found = {word: exact.get(word, folded.get(word.lower())) for word in words}
     return {word: vector for word, vector in found.items() if vector is not None}
 
