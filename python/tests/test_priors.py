@@ -1,6 +1,8 @@
 """Prior files, priors from memory, the distance model."""
 
 import subprocess
+import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -167,6 +169,36 @@ def test_distance_model():
         kys_slam.DistanceModel("nonsense")
     with pytest.raises(kys_slam.InputError, match="one prior"):
         kys_slam.DistanceModel("stock").distances(a, pb, b, pb)
+
+
+@pytest.mark.parametrize("shares", [False, True])
+def test_the_picture_of_tiers_tells_those_of_the_matcher(shares, tmp_path, monkeypatch):
+    """Stereo matches on one object, on two of a class, on two classes, on a mover, and without a prior."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "tools" / "experiments")
+    import tier_picture
+    prior = example()
+    prior.shares_instances = shares
+    for camera in prior.cameras:
+        camera.segments["label"] = [100, 100, 130]
+        camera.motion[:] = 50  # beyond the gate of stereo
+        camera.segment_map[:] = 0
+        camera.segment_map[20:40, 100:], camera.segment_map[60:80, 100:] = 2, 3
+        camera.segments["flags"][0] = kysp.DYNAMIC
+        camera.segment_map[100:120] = 1
+    prior.cameras[0].segment_map[60:70, 200:], prior.cameras[1].segment_map[60:70] = 2, 1
+    prior.cameras[1].segments["flags"][0] = 0
+    kys_slam.write_prior(tmp_path / "a.kysp", prior)
+    camera = kys_slam.StereoCamera(320, 240, 200, 200, 160, 120, 0.5)
+    points = np.array([[200, 30], [250, 65], [250, 64.5], [210, 75], [101, 70], [250, 110], [250, 200], [2, 25]],
+                      np.float32)
+    seen = types.SimpleNamespace(keypoints=points, depths=np.full(len(points), 100 / 5.0))  # 5 px
+    ends, tiers = tier_picture.stereo_tiers(kys_slam, seen, types.SimpleNamespace(name="a"), camera,
+                                            tmp_path, "kys")
+    same = "same instance" if shares else "cross instance"
+    assert np.allclose(ends[:, 0] - ends[:, 1], [5, 0])
+    assert list(tiers) == [same, "cross instance", "cross instance", same, "bypassed", "gated", "bypassed",
+                           "bypassed"]
 
 
 GREY = np.array([[i, i, i, 255] for i in range(256)], np.uint8)

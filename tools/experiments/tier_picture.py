@@ -8,6 +8,7 @@ how they compare with the landmark they see; lower pictures: stereo matches by h
 two keypoints compare.
 """
 import argparse
+import os
 import sys
 
 import matplotlib
@@ -16,6 +17,10 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "python",
+                                "kys_slam"))
+import kysp  # noqa: E402
 
 COLOURS = {"same instance": "#46dc5a", "cross instance": "#f0dc3c", "cross class": "#f58c28",
            "bypassed": "#78beff", "gated": "#e63232", "filtered": "#e63232", "none": "#a0a0a0"}
@@ -34,24 +39,37 @@ def observe(kys_slam, sequence, priors, mode, number):
     return None
 
 
-def stereo_tiers(kys_slam, seen, frame, camera, priors):
+def priors_at(kys_slam, prior, points, shares_instances):
+    """What a camera's prior file says of points (N, 2) px, as the matcher looks it up."""
+    height, width = prior.segment_map.shape
+    u, v = np.floor(points.T + 0.5)
+    inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+    u, v = np.where(inside, u, 0).astype(int), np.where(inside, v, 0).astype(int)
+    number = np.where(inside, prior.segment_map[v, u], 0)
+    void = np.zeros(1, prior.segments.dtype)
+    void["label"] = kysp.VOID_LABEL
+    segments = np.concatenate([void, prior.segments])[number]
+    instances = segments["instance"] % kysp.RIGHT_INSTANCES if shares_instances else segments["instance"]
+    dynamic = (segments["flags"] & kysp.DYNAMIC) != 0
+    motion = np.zeros(len(number)) if prior.motion is None else np.where(dynamic, prior.motion[v, u], 0)
+    column = lambda values, kind: np.ascontiguousarray(values, kind)
+    return kys_slam.Priors(column(segments["label"], np.uint16), column(instances, np.int32),
+                           column(segments["scale"], np.float32), column(motion, np.float32), dynamic)
+
+
+def stereo_tiers(kys_slam, seen, frame, camera, priors, mode):
     """Ends (N, 2, 2) px of the stereo matches in the two images, and their tiers."""
-    files = kys_slam.read_prior(f"{priors}/{frame.name}.kysp").cameras
+    file = kys_slam.read_prior(f"{priors}/{frame.name}.kysp")
     deep = seen.depths > 0
     left = seen.keypoints[deep]
     right = left - np.stack([camera.fx * camera.baseline / seen.depths[deep],
                              np.zeros(deep.sum())], axis=-1)
-    labels = []
-    for ends, prior in zip((left, right), files):
-        height, width = prior.segment_map.shape
-        u = np.clip(np.rint(ends[:, 0]).astype(int), 0, width - 1)
-        v = np.clip(np.rint(ends[:, 1]).astype(int), 0, height - 1)
-        label = np.append(65535, prior.segments["label"])
-        labels.append(label[prior.segment_map[v, u]])
-    # Instances of the two cameras have numbers of their own: never the same one.
-    tiers = np.where((labels[0] == 65535) | (labels[1] == 65535), "bypassed",
-                     np.where(labels[0] == labels[1], "cross instance", "cross class"))
-    return np.stack([left, right], axis=1), tiers
+    sides = [priors_at(kys_slam, prior, ends, file.shares_instances)
+             for ends, prior in zip((left, right), file.cameras)]
+    none = np.zeros((len(left), 32), np.uint8)  # descriptors do not change the tier
+    _, tiers = kys_slam.DistanceModel(mode, file.label_space).distances(
+        none, sides[0], none, sides[1], stereo=True)
+    return np.stack([left, right], axis=1), np.array(kys_slam.TIERS)[np.diagonal(tiers)]
 
 
 def draw(kys_slam, seen, frame, ends, tiers, output):
@@ -70,7 +88,7 @@ def draw(kys_slam, seen, frame, ends, tiers, output):
     below.imshow(np.vstack([frame.left, np.full((gap, width), 255, np.uint8), frame.right]),
                  cmap="gray", vmin=0, vmax=255)
     shift = np.array([0, height + gap])
-    for tier in ("cross instance", "bypassed", "cross class"):
+    for tier in kys_slam.TIERS:
         at = tiers == tier
         if at.any():
             lines = np.stack([ends[at, 0], ends[at, 1] + shift], axis=1)
@@ -104,7 +122,8 @@ def main():
         sequence = kys_slam.open_sequence(options.sequence, frames=options.frame + 1)
         number = min(options.frame, len(sequence) - 1)
         seen, frame = observe(kys_slam, sequence, options.priors, options.mode, number)
-        ends, tiers = stereo_tiers(kys_slam, seen, frame, sequence.camera, options.priors)
+        ends, tiers = stereo_tiers(kys_slam, seen, frame, sequence.camera, options.priors,
+                                   options.mode)
         draw(kys_slam, seen, frame, ends, tiers, options.output)
     except (kys_slam.InputError, OSError) as error:
         print(f"tier_picture.py: {error}", file=sys.stderr)
