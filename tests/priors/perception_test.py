@@ -19,6 +19,7 @@ sys.path.insert(0, str(ROOT / "tools" / "perception"))
 sys.path.insert(0, str(ROOT / "python" / "kys_slam"))
 import common  # noqa: E402
 import disparity  # noqa: E402
+import evaluate_kitti_06  # noqa: E402
 import flow  # noqa: E402
 import import_outputs  # noqa: E402
 import kysp  # noqa: E402
@@ -96,6 +97,22 @@ class Conversions(unittest.TestCase):
                 path.write_bytes(data)
                 with self.assertRaisesRegex(common.InputError, "000000.png: cannot read"):
                     common.read_rgb(path)
+
+
+class Kitti06(unittest.TestCase):
+    def test_the_car_is_where_it_is_seen(self):
+        """Frame 22: columns 452 to 475 by eye, half behind a tree; before that it is too small."""
+        def is_the_car(number, first, last):
+            frame = mock.Mock(cameras=[mock.Mock(segments=np.zeros(1, kysp.SEGMENT),
+                                                 segment_map=np.zeros((1, 1226), np.uint16))])
+            frame.cameras[0].segment_map[0, first:last + 1] = 1
+            row = {"frame": f"{number:06d}", "camera": "left", "identity": 0, "mean_depth_m": 80.0}
+            return evaluate_kitti_06.is_the_car(row, frame)
+
+        self.assertTrue(is_the_car(22, 452, 475))
+        self.assertFalse(is_the_car(22, 480, 500))
+        self.assertFalse(is_the_car(21, 452, 500))
+        self.assertFalse(is_the_car(50, 0, 500))
 
 
 class ImportedOutputs(unittest.TestCase):

@@ -24,8 +24,9 @@ import inputs  # noqa: E402
 import kysp  # noqa: E402
 from label_files import read_classes  # noqa: E402
 
+FIRST, LAST = 22, 49  # frames of the car
 # Of the car: column in the left image (px) and depth (m), by frame, linear between.
-COLUMN = {22: 490, 24: 452, 36: 367, 38: 340, 40: 310, 42: 273, 43: 250, 44: 220, 45: 187, 46: 150,
+COLUMN = {18: 490, 24: 452, 36: 367, 38: 340, 40: 310, 42: 273, 43: 250, 44: 220, 45: 187, 46: 150,
           47: 100, 48: 60, 49: 10}
 DEPTH = {24: 81, 36: 58, 42: 44.5, 45: 28, 47: 22.7, 49: 18}
 BF = 379.8  # px m, focal length times baseline
@@ -57,7 +58,7 @@ def extent(frame, camera, instance):
 def is_the_car(row, frame, reach=0.0):
     """Does the segment cover the car's column, or come as near to it as `reach` m?"""
     number = int(row["frame"])
-    if not min(COLUMN) <= number <= max(COLUMN):
+    if not FIRST <= number <= LAST:
         return False
     camera = 1 if row["camera"] == "right" else 0
     depth = between(DEPTH, number)
