@@ -296,6 +296,28 @@ class DataSets(unittest.TestCase):
                               "kitti/07": "ground_truth/kitti/07.txt",
                               "euroc/V102": "ground_truth/euroc/V1_02_medium.tum.txt"})
 
+    def test_files_beside_a_sequence_are_a_part_of_its_state(self):
+        """Ground truth of KITTI odometry; all but the left images of KITTI tracking."""
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            touch(root / "dataset" / "sequences" / "07" / "image_0" / "000000.png")
+            touch(root / "training" / "image_02" / "0001" / "000000.png")
+            states = lambda: {name: data_sets.state_of(*sequence.places)
+                              for name, sequence in data_sets.find(folder).items()}
+            before = states()
+            for name, file in (("kitti/07", "dataset/poses/07.txt"),
+                               ("tracking/0001", "training/image_03/0001/000000.png"),
+                               ("tracking/0001", "training/calib/0001.txt"),
+                               ("tracking/0001", "training/oxts/0001.txt")):
+                for content in ("", "other"):
+                    touch(root / file)
+                    (root / file).write_text(content)
+                    now = states()
+                    self.assertEqual([n for n in now if now[n] != before[n]], [name], file)
+                    before = now
+            touch(root / "dataset" / "poses" / "08.txt")
+            self.assertEqual(states(), before)
+
     def test_perception_beside_a_sequence(self):
         with tempfile.TemporaryDirectory() as folder:
             root = pathlib.Path(folder)
@@ -324,6 +346,7 @@ class Experiments(unittest.TestCase):
                 for given in spec["inputs"]:
                     self.assertTrue(given.startswith(("world/", "drive/")) or given in stand_ins, given)
                 self.assertIn(spec["baseline"], spec["configurations"], name)
+                self.assertIn("input", [spec["rows"], spec["columns"], *spec.get("per", [])], name)
                 if "published" in spec:
                     self.assertTrue(results.published(spec["published"]))
         for entry in configurations.values():
@@ -367,6 +390,31 @@ class Plans(unittest.TestCase):
             prior.write_text("other")
             os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
             self.assertNotEqual(ids(), first)
+
+    def test_other_code_of_the_steps_makes_other_jobs(self):
+        with tempfile.TemporaryDirectory() as folder:
+            code = pathlib.Path(folder) / "step.py"
+            ids = set()
+            with unittest.mock.patch.object(plan, "STEP", [str(code)]):
+                for text in ("a", "b", "b"):
+                    code.write_text(text)
+                    plan.code_of_step.cache_clear()
+                    planner = self.Planner()
+                    planner.jobs = {}
+                    ids.add(planner.add("run", ["x"], {}, [], 1, 1))
+            plan.code_of_step.cache_clear()
+            self.assertEqual(len(ids), 2)
+
+    def test_what_does_a_job_is_a_part_of_its_id(self):
+        """Modules of this repository that step.py loads or starts."""
+        loaded = subprocess.run(
+            [sys.executable, "-c", "import sys; sys.path.insert(0, sys.argv[1]); import step\n"
+             "print(*[m.__file__ for m in sys.modules.values() if getattr(m, '__file__', None)], sep='\\n')",
+             str(SOURCE / "tools" / "experiments")], capture_output=True, text=True, check=True)
+        ours = {os.path.realpath(p) for p in loaded.stdout.splitlines()}
+        ours = {p for p in ours if p.startswith(str(SOURCE) + os.sep) and ".venv" not in p}
+        self.assertLessEqual(ours - {str(SOURCE / "tools" / "common" / "inputs.py")},
+                             {os.path.realpath(p) for p in plan.STEP})
 
     def test_failed_jobs_are_done_again(self):
         with tempfile.TemporaryDirectory() as folder:

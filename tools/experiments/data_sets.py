@@ -19,6 +19,15 @@ class Sequence:
     def label_space(self):
         return "vkitti2" if self.name.startswith("vkitti/") else "coco_panoptic_133"
 
+    @property
+    def places(self):
+        """Its folder, and the files and folders elsewhere that the programs read with it."""
+        root, name = os.path.dirname(os.path.dirname(self.folder)), os.path.basename(self.folder)
+        beside = {"kitti": [f"poses/{name}.txt"],
+                  "tracking": [f"image_03/{name}", f"calib/{name}.txt", f"oxts/{name}.txt"]}
+        return [self.folder, *(os.path.join(root, place)
+                               for place in beside.get(self.name.partition("/")[0], []))]
+
 
 def name_of(folder):
     """The name of the sequence in this very folder, None when it is none."""
@@ -78,19 +87,24 @@ def find_trajectories(root):
     return found
 
 
-def state_of(folder):
-    """What tells one state of a folder from another: number of its files, and a digest of their names,
-    sizes and times of change."""
+def state_of(*places):
+    """What tells one state of files and folders from another: number of their files, and a digest of
+    these files' names, sizes and times of change."""
     count, state = 0, hashlib.sha256()
-    for path, inside, files in os.walk(folder):
-        inside.sort()
-        count += len(files)
-        for name in sorted(files):
-            file = os.path.join(path, name)
+    for place in places:
+        for file in [place] if os.path.isfile(place) else files_in(place):
+            count += 1
             now = os.stat(file)
-            state.update(repr((os.path.relpath(file, folder), now.st_size, now.st_mtime_ns)).encode(
+            state.update(repr((os.path.relpath(file, places[0]), now.st_size, now.st_mtime_ns)).encode(
                 "utf-8", "surrogateescape"))
     return [count, state.hexdigest()[:12]]
+
+
+def files_in(folder):
+    """Files at any depth, in a fixed order; none where there is no such folder."""
+    for path, inside, files in os.walk(folder):
+        inside.sort()
+        yield from (os.path.join(path, name) for name in sorted(files))
 
 
 def perception_of(sequence, root):

@@ -4,12 +4,13 @@
     plan.py --output DIR [--data ROOT] [--scale full|quick|miniature] [--only NAME ...]
 
 A job is a file DIR/jobs/ID.json: an input to simulate, prior files to make, or a run. ID names what
-it is and digests all that its result depends on: programs, arguments, the jobs it needs. What is
-done already (DIR/done/ID.json) is therefore never stale. DIR/plan.json lists the jobs, and by
-experiment the labels of its runs.
+it is and digests all that its result depends on: programs, the code of step.py, arguments, given
+data, the jobs it needs. What is done already (DIR/done/ID.json) is therefore never stale.
+DIR/plan.json lists the jobs, and by experiment the labels of its runs.
 """
 import argparse
 import copy
+import functools
 import hashlib
 import json
 import os
@@ -26,6 +27,10 @@ from inputs import whole  # runs knows where it is
 HERE = os.path.dirname(os.path.abspath(__file__))
 SOURCE = os.path.dirname(os.path.dirname(HERE))
 CONFIGS = os.path.join(SOURCE, "configs")
+# What does the jobs.
+STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall.py", "town_path.py",
+                                              "tier_picture.py")]
+STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
 NO_PRIORS = ("stock", "scaled")  # modes that look at none
 SEED_STEP = 1000  # from one seed of a stand-in to the next
@@ -45,6 +50,11 @@ def load_yaml(name):
 
 def short_digest(value):
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
+
+
+@functools.cache
+def code_of_step():
+    return [digest(path) for path in STEP]
 
 
 def slug(*words):
@@ -107,24 +117,24 @@ class Planner:
         self.left_out = {}
 
     def add(self, kind, words, spec, needs, threads, cost):
-        """Registers a job; returns its id. `spec` is all that its result depends on."""
-        ident = f"{kind}-{slug(*words)}-{short_digest([kind, spec, needs])}"
+        """Registers a job; returns its id. `spec` is all that its result depends on beside STEP."""
+        ident = f"{kind}-{slug(*words)}-{short_digest([kind, spec, needs, code_of_step()])}"
         self.jobs[ident] = {"id": ident, "kind": kind, "spec": spec, "needs": needs,
                             "threads": threads, "cost": cost}
         return ident
 
     # --- given data ----------------------------------------------------------------------------
 
-    def state_of(self, folder):
-        if folder not in self.states:
-            self.states[folder] = data_sets.state_of(folder)
-        return self.states[folder]
+    def state_of(self, *places):
+        if places not in self.states:
+            self.states[places] = data_sets.state_of(*places)
+        return self.states[places]
 
     def given_perception(self, name):
         """Parts of a spec: a recording and its perception, where they are and in what state."""
         sequence = self.given[name]
         perception = data_sets.perception_of(sequence, self.options.data)
-        return {"state": self.state_of(sequence.folder), "perception": perception,
+        return {"state": self.state_of(*sequence.places), "perception": perception,
                 "perception_state": perception and self.state_of(perception[1])}
 
     # --- input ---------------------------------------------------------------------------------
@@ -221,7 +231,7 @@ class Planner:
         arguments = ["--mode", mode, "--schedule", schedule]
         spec = {"input": folder}
         if job is None:
-            spec["state"] = self.state_of(folder)
+            spec["state"] = self.state_of(*self.given[name].places)
             if experiment.get("frames"):
                 arguments += ["--frames", str(experiment["frames"])]
             if self.given[name].label_space != "coco_panoptic_133":
