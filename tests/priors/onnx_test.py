@@ -128,7 +128,7 @@ class Onnx(unittest.TestCase):
         network = segment_onnx.Network(write_network(self.folder))
         self.segment(network)
         whole = (self.folder / "out.json").read_bytes()
-        for name in ("out/000001.png", "out/.segments/000001.json"):
+        for name in ("out/000001.png", "out/.notes/000001.png.json"):
             for content in (b"", b"[]", b'{"made_of": 1}', b"\xff"):
                 (self.folder / name).write_bytes(content)
                 self.assertEqual(self.segment(network)["frames"], 1, (name, content))

@@ -99,6 +99,72 @@ class Conversions(unittest.TestCase):
                     common.read_rgb(path)
 
 
+@unittest.skipUnless(Image, "Pillow is not installed")
+class Kept(unittest.TestCase):
+    """Outputs are kept if they are of the same images, network and settings; without a real network."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = Path(folder.name)
+        self.files = make_images(self.folder / "images", 3)
+        self.model = self.network(0)
+
+    @staticmethod
+    def network(weight):
+        weights = mock.Mock()
+        weights.detach().cpu().float().numpy.return_value = np.float32([weight])
+        model = mock.Mock(state_dict=lambda: {"layer": weights})
+        model.config.id2label = {0: "road"}
+        return model
+
+    def check(self, made, process):
+        """`process` makes the outputs of three images; `made` counts by what is estimated."""
+        counts = []
+
+        def run(settings):
+            before = made.call_count
+            process(settings)
+            counts.append(made.call_count - before)
+
+        run(1)
+        run(1)
+        Image.new("RGB", (140, 132)).save(self.files[2])
+        run(1)
+        self.model = self.network(1)
+        run(1)
+        run(2)
+        run(2)
+        return counts
+
+    def test_flow(self):
+        with mock.patch.object(flow, "estimate", return_value=np.zeros((132, 140, 2))) as made:
+            counts = self.check(made, lambda settings: flow.process(
+                self.files, self.folder / "flow", self.folder / "back", self.model, "cpu", settings))
+        self.assertEqual(counts, [4, 0, 2, 4, 4, 0])
+
+    def test_disparity(self):
+        right = make_images(self.folder / "right", 3)
+        with mock.patch.object(flow, "estimate", return_value=np.zeros((132, 140, 2))) as made:
+            counts = self.check(made, lambda settings: disparity.process(
+                self.files, right, self.folder / "disparity", None, self.model, "cpu", settings))
+            self.assertEqual(counts, [3, 0, 1, 3, 3, 0])
+            Image.new("RGB", (140, 132)).save(right[0])
+            made.reset_mock()
+            disparity.process(self.files, right, self.folder / "disparity", None, self.model, "cpu", 2)
+            self.assertEqual(made.call_count, 1)
+
+    def test_maps(self):
+        found = np.ones((132, 140), int), [{"id": 1, "label_id": 0}]
+        with mock.patch.object(panoptic, "run_panoptic", return_value=found) as made:
+            counts = self.check(made, lambda settings: panoptic.process(
+                self.files, self.folder / "maps", self.model, "processor", {"road": (7, False)}, "cpu",
+                threshold=settings))
+        self.assertEqual(counts, [3, 0, 1, 3, 3, 0])
+        document = json.loads((self.folder / "maps.json").read_text())
+        self.assertEqual([a["segments_info"][0]["category_id"] for a in document["annotations"]], [7] * 3)
+
+
 class Kitti06(unittest.TestCase):
     def test_the_car_is_where_it_is_seen(self):
         """Frame 22: columns 452 to 475 by eye, half behind a tree; before that it is too small."""

@@ -68,21 +68,34 @@ def digest_of(*parts):
     return value.hexdigest()
 
 
-def read_note(path, made_of, output):
+def digest_of_network(model):
+    """SHA-256 of the class and the weights of a torch network."""
+    value = hashlib.sha256(type(model).__name__.encode())
+    for name, weights in model.state_dict().items():
+        value.update(name.encode() + weights.detach().cpu().float().numpy().tobytes())
+    return value.hexdigest()
+
+
+def _note_of(output):
+    return output.parent / ".notes" / f"{output.name}.json"
+
+
+def read_note(output, made_of):
     """What write_note() noted of an output. None when the output is of something else than `made_of`,
     incomplete or not there: it is to be made again."""
     try:
-        note = json.loads(path.read_text(encoding="utf-8"))
+        note = json.loads(_note_of(output).read_text(encoding="utf-8"))
         current = note["made_of"] == made_of and note["output"] == digest_of(output)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, *BAD_CONTENT):
         return None
     return note if current else None
 
 
-def write_note(path, made_of, output, **more):
+def write_note(output, made_of, **more):
     """Notes beside an output what it was made of: a digest of the images, the network and the settings."""
     note = {"made_of": made_of, "output": digest_of(output), **more}
-    write_atomic(path, json.dumps(note).encode("ascii"))
+    _note_of(output).parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(_note_of(output), json.dumps(note).encode("ascii"))
     return note
 
 

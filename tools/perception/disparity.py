@@ -24,17 +24,20 @@ def to_disparity(flow, sign, largest_vertical=2.0):
 
 
 def process(left, right, output, output_right, model, device, iterations=20, overwrite=False):
-    """Disparity of all pairs; skips what is there."""
+    """Disparity of all pairs; what is there of the same images, network and settings is kept."""
     right_by_name = {f.stem: f for f in right}
     folders = [Path(output)] + ([Path(output_right)] if output_right else [])
     for folder in folders:
         common.note_images(folder, left[0].parent)
+    network = common.digest_of_network(model)
     for file in common.progress(left, "disparity"):
         targets = [folder / f"{file.stem}.pfm" for folder in folders]
-        if all(t.exists() for t in targets) and not overwrite:
-            continue
         if file.stem not in right_by_name:
             common.fail(f"{file}: has no partner in the right folder")
+        made_of = common.digest_of(f"disparity, {network}, {iterations} iterations", file,
+                                   right_by_name[file.stem])
+        if not overwrite and all(common.read_note(t, made_of) for t in targets):
+            continue
         pair = [common.read_rgb(file), common.read_rgb(right_by_name[file.stem])]
         if pair[0].shape != pair[1].shape:
             common.fail(f"{right_by_name[file.stem]}: has another size than the left image")
@@ -43,6 +46,8 @@ def process(left, right, output, output_right, model, device, iterations=20, ove
         if output_right:
             back = flow_module.estimate(model, *pair[::-1], device, iterations)
             common.write_pfm(targets[1], to_disparity(back, +1))
+        for target in targets:
+            common.write_note(target, made_of)
 
 
 def main():

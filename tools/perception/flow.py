@@ -56,13 +56,15 @@ def estimate(model, first, second, device, iterations=20):
 
 
 def process(files, output, backward, model, device, iterations=20, overwrite=False):
-    """Flow of all neighbours in `files`; skips what is there."""
+    """Flow of all neighbours in `files`; what is there of the same images, network and settings is kept."""
     folders = [Path(output)] + ([Path(backward)] if backward else [])
     for folder in folders:
         common.note_images(folder, files[0].parent)
+    network = common.digest_of_network(model)
     for now, following in common.progress(list(zip(files[:-1], files[1:])), "flow"):
         targets = [folder / f"{now.stem}.flo" for folder in folders]
-        if all(t.exists() for t in targets) and not overwrite:
+        made_of = common.digest_of(f"flow, {network}, {iterations} iterations", now, following)
+        if not overwrite and all(common.read_note(t, made_of) for t in targets):
             continue
         images = [common.read_rgb(now), common.read_rgb(following)]
         if images[0].shape != images[1].shape:
@@ -70,6 +72,8 @@ def process(files, output, backward, model, device, iterations=20, overwrite=Fal
         common.write_flo(targets[0], estimate(model, *images, device, iterations))
         if backward:
             common.write_flo(targets[1], estimate(model, *images[::-1], device, iterations))
+        for target in targets:
+            common.write_note(target, made_of)
 
 
 def main():

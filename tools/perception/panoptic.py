@@ -114,44 +114,57 @@ def run_semantic(image, model, processor, device):
         outputs, target_sizes=[image.shape[:2]])[0].cpu().numpy()
 
 
-def write_document(output, files, space):
-    """DIR.json beside the folder, from the parts of every image."""
+def write_document(output, files, segments, space):
+    """DIR.json beside the folder, from the segments of every image."""
     annotations, images = [], []
-    for i, file in enumerate(files):
-        part = json.loads((output / ".segments" / f"{file.stem}.json").read_text())
+    for i, (file, infos) in enumerate(zip(files, segments)):
         images.append({"id": i, "file_name": file.name})
-        annotations.append({"image_id": i, "file_name": f"{file.stem}.png", "segments_info": part})
+        annotations.append({"image_id": i, "file_name": f"{file.stem}.png", "segments_info": infos})
     categories = [{"id": id_, "name": name, "isthing": int(thing)}
                   for name, (id_, thing) in space.items()]
     document = {"images": images, "annotations": annotations, "categories": categories}
     common.write_atomic(output.parent / f"{output.name}.json", json.dumps(document).encode())
 
 
+def class_map(image, model, processor, device, categories):
+    """8-bit PNG of category ids."""
+    labels = run_semantic(image, model, processor, device)
+    lookup = np.array([categories[i][0] for i in sorted(categories)], np.uint8)
+    return png_bytes(lookup[labels])
+
+
+def panoptic_map(image, model, processor, device, threshold, categories):
+    """PNG of segment ids, and segments_info of COCO."""
+    segmentation, info = run_panoptic(image, model, processor, device, threshold)
+    ids, segments = to_coco(segmentation, info, categories)
+    rgb = np.stack([ids % 256, ids // 256 % 256, ids // 65536], -1).astype(np.uint8)
+    return png_bytes(rgb), segments
+
+
 def process(files, output, model, processor, space, device, task="panoptic", threshold=0.5,
             overwrite=False):
-    """Segments all files into `output`; skips what is there."""
+    """Segments all files into `output`; what is there of the same images, network and settings is kept."""
     output = Path(output)
-    (output / ".segments" if task == "panoptic" else output).mkdir(parents=True, exist_ok=True)
     common.note_images(output, files[0].parent)
     categories = categories_of(model, space)
     model.to(device).eval()
+    settings = json.dumps([task, threshold, common.digest_of_network(model), sorted(categories.items()),
+                           str(processor)])
+    segments = []
     for file in common.progress(files, task):
-        target, part = output / f"{file.stem}.png", output / ".segments" / f"{file.stem}.json"
-        if target.exists() and (part.exists() or task == "semantic") and not overwrite:
-            continue
-        image = common.read_rgb(file)
-        if task == "semantic":
-            labels = run_semantic(image, model, processor, device)
-            lookup = np.array([categories[i][0] for i in sorted(categories)], np.uint8)
-            common.write_atomic(target, png_bytes(lookup[labels]))
-            continue
-        segmentation, info = run_panoptic(image, model, processor, device, threshold)
-        ids, segments = to_coco(segmentation, info, categories)
-        rgb = np.stack([ids % 256, ids // 256 % 256, ids // 65536], -1).astype(np.uint8)
-        common.write_atomic(part, json.dumps(segments).encode())
-        common.write_atomic(target, png_bytes(rgb))
+        target, made_of = output / f"{file.stem}.png", common.digest_of(settings, file)
+        note = None if overwrite else common.read_note(target, made_of)
+        if note is None:
+            image = common.read_rgb(file)
+            if task == "semantic":
+                picture, found = class_map(image, model, processor, device, categories), []
+            else:
+                picture, found = panoptic_map(image, model, processor, device, threshold, categories)
+            common.write_atomic(target, picture)
+            note = common.write_note(target, made_of, segments=found)
+        segments.append(note["segments"])
     if task == "panoptic":
-        write_document(output, files, space)
+        write_document(output, files, segments, space)
 
 
 def load(name):

@@ -348,8 +348,6 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
     if they were made of the same images in the same way. \return number of maps made now, and seconds
     in the network and beside it for all images, summed; those of kept maps are as measured."""
     output = Path(output)
-    parts = output / ".segments"
-    parts.mkdir(parents=True, exist_ok=True)
     if images:
         common.note_images(output, Path(images[0]).parent)
     paired = other is not None and network.kind in ("semantic", "classes")
@@ -357,16 +355,16 @@ def segment_folder(network, images, output, other=None, mirrored=False, overwrit
 
     def segment(path):
         """The note of its map, and whether the map is new."""
-        picture, info = output / f"{path.stem}.png", parts / f"{path.stem}.json"
+        picture = output / f"{path.stem}.png"
         beside = Path(other) / path.name if paired else None
         made_of = common.digest_of(description, "mirrored" if mirrored else "", path,
                                    *([beside] if paired else []))
-        note = None if overwrite else common.read_note(info, made_of, picture)
+        note = None if overwrite else common.read_note(picture, made_of)
         if note is not None:
             return note, False
         ids, segments, seconds = segment_image(network, path, beside, mirrored)
         write_ids(picture, ids)
-        return common.write_note(info, made_of, picture, segments=segments, seconds=seconds), True
+        return common.write_note(picture, made_of, segments=segments, seconds=seconds), True
 
     pool = concurrent.futures.ThreadPoolExecutor(jobs)
     try:
