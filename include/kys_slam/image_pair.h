@@ -12,8 +12,10 @@ namespace kys_slam {
 /// How the images of two folders are paired and when they were taken.
 struct ImagePairOptions {
   SequenceOptions part;
-  /// Frame rate (Hz) of images without time stamps. Not needed when file names are time stamps in
-  /// ns (13 digits or more) or `times` is given.
+  /// Frame rate (Hz) of images without time stamps. Not needed when file names are time stamps (13
+  /// digits or more), an error when `times` is given. Stamps are in ns; where images would be less
+  /// than 1 ms apart in ns, 16 digits are us and 13 digits ms. 16 digits are an error where images
+  /// are 1 to 10 ms apart in ns: both units are possible.
   std::optional<double> rate;
   std::filesystem::path times;  ///< text, one time stamp (s) per left image; "": none
 };

@@ -55,7 +55,8 @@ class Sequence : public FrameSource {
     std::vector<TimedPose> ground_truth;               ///< left camera frame
     std::optional<Rigid3> T_b_c;                       ///< rectified left camera to body
     std::shared_ptr<const StereoRectifier> rectifier;  ///< null: images are rectified already
-    std::int64_t dropped = 0;  ///< images without a partner in the other camera
+    std::int64_t dropped = 0;     ///< images without a partner in the other camera
+    bool paired_by_time = false;  ///< false: by number, without a tolerance
   };
 
   /// \param first_index  index of content.frames[0] in the whole sequence
@@ -81,6 +82,8 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
   /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
+  /// Whether images are pairs by their time stamps (SequenceOptions::pairing_tolerance).
+  [[nodiscard]] bool paired_by_time() const { return content_.paired_by_time; }
 
   /// The rectified grey pair at a position. Thread-safe.
   /// \throws InputError naming the file: missing, truncated, corrupt, of another size.

@@ -127,6 +127,7 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
   Sequence::Content content;
   content.name = mav.parent_path().filename().string();
   content.layout = is_tum_vi(mav) ? "TUM-VI" : "EuRoC";
+  content.paired_by_time = true;
   pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), options.pairing_tolerance,
                content);
   if (content.frames.empty()) {

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 
 #include "io/sequence_parts.h"
 
@@ -23,6 +24,32 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// The unit of stamps in ns. Unix time has 19 digits in ns, 16 in us and 13 in ms; 13 and 16 digits
+/// may be ns as well, since the start of a computer. Then the distance of the images decides: no
+/// camera takes 1000 pairs per second, and none that is tracked takes less than one in 10 s.
+/// Nothing when numbers are too close to be times.
+std::optional<std::int64_t> unit_of(const fs::path& first,
+                                    const std::vector<std::int64_t>& stamps) {
+  constexpr std::int64_t kMillisecond = 1'000'000;  // ns
+  if (stamps.size() < 2) return 1;
+  std::vector<std::int64_t> apart;
+  for (std::size_t i = 1; i < stamps.size(); ++i) apart.push_back(stamps[i] - stamps[i - 1]);
+  const auto middle = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2);
+  std::nth_element(apart.begin(), middle, apart.end());
+  const std::size_t digits = std::to_string(stamps.front()).size();
+  if (*middle < kMillisecond) {
+    if (digits == 16) return 1'000;
+    if (digits == 13) return kMillisecond;
+    return std::nullopt;
+  }
+  if (digits == 16 && *middle < 10 * kMillisecond) {
+    throw InputError(first.string() +
+                     ": the names are time stamps in ns or in us, which cannot be told apart; give "
+                     "--rate or --times");
+  }
+  return 1;
+}
+
 /// ns, when every name is a stamp and they increase.
 std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& images) {
   std::vector<std::int64_t> stamps;
@@ -33,6 +60,10 @@ std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& 
     if (!stamps.empty() && *value <= stamps.back()) return std::nullopt;
     stamps.push_back(*value);
   }
+  const auto unit = unit_of(images.front(), stamps);
+  if (!unit || stamps.back() > std::numeric_limits<std::int64_t>::max() / *unit)
+    return std::nullopt;
+  for (std::int64_t& stamp : stamps) stamp *= *unit;
   return stamps;
 }
 
@@ -98,13 +129,23 @@ void set_times(const fs::path& left, const ImagePairOptions& options,
 std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::path& right_given,
                                           StereoRig rig, const ImagePairOptions& options) {
   check_options(options);
+  if (options.rate && !options.times.empty()) {
+    throw InputError(
+        "--rate and --times exclude each other: give --times alone for the time of each "
+        "image, --rate alone for a constant rate");
+  }
   const fs::path left = sequence_folder(left_given), right = sequence_folder(right_given);
   Sequence::Content content;
   content.name = left.parent_path().filename().string();
   content.layout = "image pair";
   const std::vector<fs::path> left_images = list_images(left), right_images = list_images(right);
-  const auto left_ns = stamps_of(left_images), right_ns = stamps_of(right_images);
-  if (left_ns && right_ns && options.times.empty() && !options.rate) {
+  std::optional<std::vector<std::int64_t>> left_ns, right_ns;
+  if (options.times.empty() && !options.rate) {
+    left_ns = stamps_of(left_images);
+    right_ns = stamps_of(right_images);
+  }
+  if (left_ns && right_ns) {
+    content.paired_by_time = true;
     pair_stamps(left_images, right_images, *left_ns, *right_ns, options.part.pairing_tolerance,
                 content);
     if (content.frames.empty()) {

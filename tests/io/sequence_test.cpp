@@ -324,12 +324,18 @@ TEST(VirtualKitti, ReadsIntrinsicsAndWorldToCameraPoses) {
   expect_input_error([&] { open_kitti_sequence(root); }, {"extrinsic.txt:2", "columns"});
 }
 
-TEST(ImagePair, ALostImageDoesNotShiftThePairsAfterIt) {
-  const TemporaryFolder folder;
+/// Of images of 60x40 px, rectified.
+StereoRig write_pair_rig(const TemporaryFolder& folder) {
   write_text(folder / "rig.yaml",
              "left: {width: 60, height: 40, fx: 50, fy: 50, cx: 30, cy: 20}\n"
              "right: {width: 60, height: 40, fx: 50, fy: 50, cx: 30, cy: 20}\n"
              "T_left_right: [1, 0, 0, 0.2,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1]\n");
+  return read_stereo_rig(std::vector<fs::path>{folder / "rig.yaml"});
+}
+
+TEST(ImagePair, ALostImageDoesNotShiftThePairsAfterIt) {
+  const TemporaryFolder folder;
+  const StereoRig rig = write_pair_rig(folder);
   for (int i = 0; i < 5; ++i) {  // 50 ms apart, the right ones 2 ms later
     fs::create_directories(folder / "left");
     fs::create_directories(folder / "right");
@@ -338,17 +344,65 @@ TEST(ImagePair, ALostImageDoesNotShiftThePairsAfterIt) {
     write_png(folder / ("left/" + std::to_string(stamp) + ".png"), image);
     if (i != 1) write_png(folder / ("right/" + std::to_string(stamp + 2000000) + ".png"), image);
   }
-  const std::vector<fs::path> rig{folder / "rig.yaml"};
   ImagePairOptions options;
   options.part.pairing_tolerance = 0.06;
-  const auto sequence =
-      open_image_pair(folder / "left", folder / "right", read_stereo_rig(rig), options);
+  const auto sequence = open_image_pair(folder / "left", folder / "right", rig, options);
   ASSERT_EQ(sequence->frame_count(), 4);
   EXPECT_EQ(sequence->dropped(), 1);
   for (int i = 0; i < 4; ++i) {
     const StereoFrame frame = sequence->read(i);
     EXPECT_EQ(frame.left.at(30, 20), frame.right.at(30, 20));
   }
+}
+
+TEST(ImagePair, UnitOfTheTimeStampsInNames) {
+  const TemporaryFolder folder;
+  const StereoRig rig = write_pair_rig(folder);
+  int count = 0;
+  const auto open = [&](std::int64_t first, std::int64_t apart) {
+    const fs::path root = folder / std::to_string(count++);
+    for (const char* side : {"left", "right"}) {
+      fs::create_directories(root / side);
+      for (int i = 0; i < 3; ++i) {
+        write_png(root / side / (std::to_string(first + apart * i) + ".png"),
+                  GrayImage(60, 40, std::uint8_t(i)));
+      }
+    }
+    return open_image_pair(root / "left", root / "right", rig);
+  };
+  struct Row {
+    std::int64_t first, apart;
+    double seconds, seconds_apart;
+  };
+  for (const Row& row :
+       {Row{1403715273262142976, 50'000'000, 1403715273.262142976, 0.05},  // ns
+        Row{1403715273262142, 50'000, 1403715273.262142, 0.05},            // us
+        Row{1403715273262142, 900'000, 1403715273.262142, 0.9},
+        Row{1403715273262, 50, 1403715273.262, 0.05},          // ms
+        Row{1403715273262, 50'000'000, 1403.715273262, 0.05},  // ns since the start
+        Row{3403715273262142, 50'000'000, 3403715.273262142, 0.05},
+        Row{34037152732621, 5'000'000, 34037.152732621, 0.005}}) {
+    const auto sequence = open(row.first, row.apart);
+    EXPECT_TRUE(sequence->paired_by_time());
+    ASSERT_EQ(sequence->frame_count(), 3) << row.first;
+    EXPECT_NEAR(sequence->frame(0).timestamp, row.seconds, 1e-6) << row.first;
+    EXPECT_NEAR(sequence->frame(2).timestamp, row.seconds + 2 * row.seconds_apart, 1e-6);
+  }
+  // 5 s in us, or 5 ms in ns.
+  expect_input_error([&] { open(1403715273262142, 5'000'000); }, {"1403715273262142.png", "us"});
+  for (const std::int64_t date : {20261125161700L, 1L}) {  // 1 s apart as a date; frame numbers
+    expect_input_error([&] { open(date, 1); }, {"--rate or --times"});
+  }
+}
+
+TEST(ImagePair, RateAndTimesExcludeEachOther) {
+  const TemporaryFolder folder;
+  ImagePairOptions options;
+  options.rate = 10;
+  options.times = folder / "times.txt";
+  expect_input_error(
+      [&] { open_image_pair(folder.path(), folder.path(), write_pair_rig(folder), options); },
+      {"--rate", "--times"});
 }
 
 TEST(Euroc, PairsByTimeAndCountsWhatHasNoPartner) {
