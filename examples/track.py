@@ -27,9 +27,12 @@ def main(path: str, ply: str) -> None:
                                     trajectory.poses[connected])
         print(f"ATE {figures['ate_m']['rmse']:.3f} m")
 
-    # Landmarks that several keyframes see, for Open3D: open3d.io.read_point_cloud(ply)
+    # Landmarks that several keyframes see, for Open3D: open3d.io.read_point_cloud(ply). Sub-maps that
+    # were never connected have frames of their own: only the one of the trajectory.
     snapshot = slam.snapshot()
-    points = snapshot.landmark_points[snapshot.landmark_observations >= 3].astype("<f4")
+    chosen = ((snapshot.landmark_submaps == snapshot.main_submap)
+              & (snapshot.landmark_observations >= 3))
+    points = snapshot.landmark_points[chosen].astype("<f4")
     with open(ply, "wb") as file:
         file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\n"
                    b"property float y\nproperty float z\nend_header\n" % len(points))

@@ -1,5 +1,6 @@
 """The system fed with NumPy arrays: the same poses as the command line, errors, threads."""
 
+import functools
 import gc
 import sys
 import threading
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import kys_slam
+from conftest import ROOT
 
 
 def run_kitti(kitti, folder, change=lambda image: image, **options):
@@ -215,3 +217,34 @@ def test_stubs_say_types():
     assert "-> object" not in stub
     assert "def __iter__(self) -> Iterator[StereoFrame]" in stub
     assert Path(kys_slam.__file__).with_name("py.typed").exists()
+
+
+def test_example_writes_one_submap(corridor, corridor_camera, tmp_path, monkeypatch):
+    """Darkness, then another corridor: two sub-maps, and the points of one."""
+    cv2 = pytest.importorskip("cv2")
+    dark = (np.zeros((240, 320), np.uint8),) * 2
+    other = [[image[::-1] for image in c[:2]] for c in corridor]  # a sub-map waits for some frames
+    frames = [c[:2] for c in corridor] + [dark] * 3 + [other[0]] * 12 + other
+    for side in (0, 1):
+        (tmp_path / f"image_{side}").mkdir()
+        for i, frame in enumerate(frames):
+            cv2.imwrite(str(tmp_path / f"image_{side}" / f"{i:06d}.png"), frame[side])
+    (tmp_path / "times.txt").write_text("".join(f"{i / 10}\n" for i in range(len(frames))))
+    (tmp_path / "calib.txt").write_text(
+        "P0: 250 0 159.5 0 0 250 119.5 0 0 0 1 0\nP1: 250 0 159.5 -50 0 250 119.5 0 0 0 1 0\n")
+    system = functools.partial(kys_slam.System, settings={"orb.features": 600})  # more keyframes
+    slam = system(corridor_camera)
+    for frame in kys_slam.open_sequence(tmp_path):
+        slam.feed_frame(frame)
+    slam.finish()
+    seen = slam.snapshot()
+    often = seen.landmark_observations >= 3
+    main = seen.landmark_submaps == seen.main_submap
+    assert slam.submaps == 2 and np.count_nonzero(often & main) < np.count_nonzero(often)
+    monkeypatch.setattr(kys_slam, "System", system)
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    import track
+    track.main(str(tmp_path), str(tmp_path / "map.ply"))
+    data = (tmp_path / "map.ply").read_bytes().split(b"end_header\n", 1)[1]
+    assert np.array_equal(np.frombuffer(data, "<f4").reshape(-1, 3),
+                          seen.landmark_points[often & main].astype("<f4"))
