@@ -111,9 +111,27 @@ def _video_length(video) -> int:
     return int(value) if 0 < value < 2**31 else 0
 
 
+def _check_same_rate(paths, videos, lengths) -> None:
+    """Raises InputError when the frames of one number are not of one moment, by the rates of two videos.
+    Rates that containers measure are right to a frame in the length of the video."""
+    rates = [v.get(_cv2().CAP_PROP_FPS) for v in videos]
+    if len(videos) < 2 or not all(np.isfinite(r) and 0 < r <= 1e5 for r in rates):
+        return
+    shared = min(lengths)
+    if abs(rates[1] / rates[0] - 1) <= max(5e-4, 1 / shared if shared else 0):
+        return
+    raise InputError(f"{paths[1]}: {rates[1]:.6g} frames per second, {paths[0]} has {rates[0]:.6g}, and "
+                     "frames are paired by number; give --rate when frames of one number are of one "
+                     "moment all the same")
+
+
 def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, start: int = 0,
                 frames: Optional[int] = None, rate: Optional[float] = None) -> Recording:
     """Two videos of the same frames, or one (`right` None) with both images side by side.
+
+    rate: frames per second; None: as the left video says. Frames are paired by number: two videos whose
+    rates differ by more than 0.05 %, and by more than one frame in the whole length, are an InputError
+    unless `rate` is given.
 
     A video that ends more than one frame before the number that its header counts is an InputError,
     after the frames before. One frame is counted: some containers state their duration alone.
@@ -122,6 +140,8 @@ def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, st
     videos = [_open_video(path) for path in paths]
     fps = _video_rate(videos[0], left, rate)
     lengths = [_video_length(v) for v in videos]
+    if not rate:
+        _check_same_rate(paths, videos, lengths)
     counts = {"frames of the longer video": max(lengths) - min(lengths) if all(lengths) else 0,
               "frames that a video does not hold": 0}
 
@@ -276,6 +296,42 @@ def _decode_image(message, topic: str) -> np.ndarray:
     return to_gray(pixels[:, :, :3], bgr=not encoding.startswith("rgb"))
 
 
+class _InOrder:
+    """Puts items of one camera into a queue in the order of their stamps, and counts those out of order.
+
+    Of a stamp that is not above the one before, the next one tells which of the two is wrong: when both
+    follow in order on the last but one, the one before was too high, otherwise this one is late. The last
+    item of the queue must stay there until then."""
+
+    def __init__(self, queue: Deque, counts: Dict[str, int]) -> None:
+        self._queue, self._counts = queue, counts
+        self._before = self._newest = -2**63  # stamps of the last two that are in order, ns
+        self._held: Optional[Tuple[int, object]] = None
+
+    def put(self, stamp: int, item: object) -> None:
+        held, self._held = self._held, None
+        if held and self._before < held[0] < stamp <= self._newest:
+            self._queue.pop()
+            self._counts["out of order"] += 1
+            self._newest = self._before
+            self._append(*held)
+        elif held:
+            self._counts["out of order"] += 1
+        if stamp > self._newest:
+            self._append(stamp, item)
+        else:
+            self._held = (stamp, item)
+
+    def end(self) -> None:
+        """No more items."""
+        if self._held:
+            self._counts["out of order"] += 1
+
+    def _append(self, stamp: int, item: object) -> None:
+        self._before, self._newest = self._newest, stamp
+        self._queue.append((stamp, item))
+
+
 def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
                  counts: Dict[str, int]) -> Iterator[Tuple[int, object, object]]:
     """Pairs of the items of two cameras by time.
@@ -283,11 +339,12 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
     stream: (side 0 or 1, stamp in ns, item), roughly in order.
     tolerance: s, largest difference of the stamps of a pair.
     Yields (left stamp, left item, right item). What has no partner, or one that is nearer to another
-    item, is counted.
+    item, is counted, and so is an item whose stamp is out of order: late, or far ahead of those that
+    follow it.
     """
     limit = int(round(tolerance * 1e9))
     queues: Tuple[Deque, Deque] = (deque(), deque())
-    newest = [None, None]
+    ordered = tuple(_InOrder(queue, counts) for queue in queues)
     last = None
 
     def match(least: int):
@@ -319,13 +376,11 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
 
     counts.update({"unmatched left": 0, "unmatched right": 0, "out of order": 0})
     for side, stamp, item in stream:
-        if newest[side] is not None and stamp <= newest[side]:
-            counts["out of order"] += 1
-            continue
-        newest[side] = stamp
-        queues[side].append((stamp, item))
+        ordered[side].put(stamp, item)
         # One image of lead, so that a nearer partner may still come.
         yield from match(2)
+    for camera in ordered:
+        camera.end()
     yield from match(1)
     counts["unmatched left"] += len(queues[0])
     counts["unmatched right"] += len(queues[1])

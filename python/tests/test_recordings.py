@@ -159,6 +159,22 @@ def test_pairs_by_time():
     assert counts == {"unmatched left": 0, "unmatched right": 1, "out of order": 1}
 
 
+@pytest.mark.parametrize("sides", ((0,), (1,), (0, 1)))
+@pytest.mark.parametrize("wrong", (0, 3, 6))
+@pytest.mark.parametrize("stamp", (0, -7, 10**15))
+def test_one_wrong_stamp_costs_one_pair(sides, wrong, stamp):
+    ms = 1_000_000
+    stream = [(side, stamp + side if i == wrong and side in sides else 10**12 + (50 * i + side) * ms, i)
+              for i in range(10) for side in (0, 1)]
+    counts = {}
+    pairs = list(recordings.pair_by_time(iter(stream), 0.01, counts))
+    kept = [i for i in range(10) if i != wrong]
+    if wrong == 0 and stamp <= 0 and len(sides) == 2:  # early, but in order
+        kept = list(range(10))
+    assert [(a, b) for _, a, b in pairs] == [(i, i) for i in kept]
+    assert sum(counts.values()) == (2 if len(kept) == 9 else 0)
+
+
 def test_pairing_after_a_lost_image():
     """The second right image is lost; the tolerance is above half the spacing."""
     ms = 1_000_000
@@ -183,10 +199,10 @@ def test_a_topic_without_a_slash():
     assert recordings._camera_info(reader, "x.mcap", "left")["K"] == k
 
 
-def write_video(path, images):
+def write_video(path, images, rate=10):
     cv2 = pytest.importorskip("cv2")
     height, width = images[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 10, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), rate, (width, height))
     if not writer.isOpened():
         pytest.skip("this OpenCV writes no lossless video")
     for image in images:
@@ -212,6 +228,21 @@ def test_videos(corridor, tmp_path):
     assert len(two) == len(corridor)
     truth = np.array([c[3] for c in corridor])
     assert np.abs(two[:, 1:4] - truth).max() < 0.03
+
+
+def test_videos_of_different_rates(corridor, tmp_path, capsys):
+    """Pairs by number would drift apart; one frame apart at the end is what containers round."""
+    (tmp_path / "camera.yaml").write_text(OWN)
+    write_video(tmp_path / "left.avi", [c[0] for c in corridor])
+    write_video(tmp_path / "right.avi", [c[1] for c in corridor], 12.5)
+    write_video(tmp_path / "near.avi", [c[1] for c in corridor], 10.05)
+    calibration = ("--calibration", tmp_path / "camera.yaml", "--set", "orb.features=600")
+    videos = [str(tmp_path / name) for name in ("left.avi", "right.avi")]
+    assert cli.main(["run", *videos, *map(str, calibration), "--output", str(tmp_path / "o")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "right.avi: 12.5 frames per second" in error and "--rate" in error
+    said = run(tmp_path, *videos, *calibration, "--rate", 10)[1]
+    assert run(tmp_path, tmp_path / "left.avi", tmp_path / "near.avi", *calibration)[1] == said
 
 
 def test_mask_folder(corridor, tmp_path):
