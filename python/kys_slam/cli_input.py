@@ -94,11 +94,13 @@ def _pair_inside(path: Path):
     return None
 
 
-def make_settings(args, layout: str) -> kys_slam.Settings:
-    """The settings, checked. layout: of the recording, which selects the defaults."""
-    indoor = args.kind == "indoor" or (args.kind is None and layout in INDOOR_LAYOUTS)
+def make_settings(args, recording) -> kys_slam.Settings:
+    """The settings, checked. The recording selects the defaults: by its layout, and by the priors that
+    a feature file may have."""
+    indoor = args.kind == "indoor" or (args.kind is None and recording.layout in INDOOR_LAYOUTS)
     settings = kys_slam.Settings.indoor() if indoor else kys_slam.Settings()
-    has_priors = args.priors or (args.masks and (Path(args.masks) / "classes.txt").exists())
+    has_priors = (args.priors or getattr(recording, "label_space", "")
+                  or (args.masks and (Path(args.masks) / "classes.txt").exists()))
     if has_priors:  # a mode that is named anywhere takes the place of this one
         settings["kys.mode"] = "verified"
     if args.config:

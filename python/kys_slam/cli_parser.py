@@ -83,7 +83,7 @@ def _add_run(commands) -> None:
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (python/README.md)")
     slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
-                      " (default: verified with --priors, stock without)")
+                      " (default: verified with priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
                       help="defaults of the settings (default: by the recording)")
     slam.add_argument("--config", metavar="FILE", help="YAML file of settings")

@@ -26,7 +26,7 @@ def _run_recording(args) -> int:
     began = time.monotonic()
     _check_options(args)
     recording = open_recording(args)
-    settings = make_settings(args, recording.layout)
+    settings = make_settings(args, recording)
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")

@@ -222,6 +222,17 @@ void bind_sequence(nb::module_& m) {
           "has_images", [](const Input& s) { return s.input.has_images; },
           "False: feature files, whose frames hold keypoints")
       .def_prop_ro(
+          "label_space", [](const Input& s) { return s.input.label_space; },
+          "of the priors in a feature file; \"\": the recording has none of its own")
+      .def_prop_ro(
+          "paired_by_time",
+          [](const Input& s) {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            return sequence != nullptr && sequence->paired_by_time();
+          },
+          "whether left and right images are pairs by their time stamps, with the tolerance, and "
+          "not by number")
+      .def_prop_ro(
           "ground_truth",
           [](const Input& s) -> nb::object {
             const auto& truth = s.input.ground_truth;
@@ -297,7 +308,9 @@ void bind_sequence(nb::module_& m) {
       "left"_a, "right"_a, "rig"_a, "start"_a = 0, "frames"_a = nb::none(),
       "pairing_tolerance"_a = 0.003, "rate"_a = nb::none(), "times"_a = "",
       "Opens the images of two folders. `rate`: frames per second, for names that are no time "
-      "stamps; `times`: a file with one stamp (s) per image.");
+      "stamps; `times`: a file with one stamp (s) per image; not both. Names of 13 digits or more "
+      "are time stamps: in ns, or of Unix time in us (16 digits) or ms (13 digits) when images "
+      "would be less than 1 ms apart otherwise. `pairing_tolerance`: s, of names that are stamps.");
 
   m.def(
       "decode_gray",

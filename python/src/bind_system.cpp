@@ -29,7 +29,8 @@ using namespace nb::literals;
 
 namespace {
 
-/// Priors of a frame as they were given with it, else those of its features, else of a folder.
+/// Priors of a frame as they were given with it, else of the folder, else those of its features.
+/// With a folder those of features are not used, as in the C++ programs.
 class Priors final : public PriorProvider {
  public:
   bool look_up(const StereoFrame& frame, std::span<const Keypoint> left,
@@ -44,27 +45,43 @@ class Priors final : public PriorProvider {
       given->lookup(CameraSide::kRight, right, right_priors);
       return true;
     }
-    if (frame.has_priors && frame.left_priors.size() == left.size() &&
-        frame.right_priors.size() == right.size()) {
-      left_priors = frame.left_priors;
-      right_priors = frame.right_priors;
+    if (folder) {
+      if (!folder->look_up(frame, left, right, left_priors, right_priors)) return false;
+      segments_ = folder->segments();
       return true;
     }
-    if (!folder || !folder->look_up(frame, left, right, left_priors, right_priors)) return false;
-    segments_ = folder->segments();
+    if (!frame.has_priors) {
+      ++without_;
+      return false;
+    }
+    if (frame.left_priors.size() != left.size() || frame.right_priors.size() != right.size()) {
+      throw InputError("frame " + std::to_string(frame.index) +
+                       ": features and priors differ in number");
+    }
+    ++of_features_;
+    left_priors = frame.left_priors;
+    right_priors = frame.right_priors;
     return true;
   }
   [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
 
   std::unique_ptr<PriorFolder> folder;
   std::optional<PriorFile> given;
+  /// Frames without priors where others have some.
+  [[nodiscard]] std::int64_t missing() const {
+    if (folder) return static_cast<std::int64_t>(folder->missing());
+    return of_features_ > 0 ? without_ : 0;
+  }
+
 
  private:
   std::span<const kys::Prior> segments_;
 };
+  std::int64_t without_ = 0, of_features_ = 0;  // frames
 
 void warn(const std::string& message) {
   const nb::gil_scoped_acquire acquired;
+/// One line of Python's logging, which goes to stderr unless the program says otherwise.
   nb::module_::import_("warnings").attr("warn")(message);
 }
 
@@ -156,9 +173,7 @@ class Slam {
   void forget_callback() { callback_.reset(); }
 
   nb::dict write_run(const std::filesystem::path& folder, RunInfo info) {
-    if (priors_->folder) {
-      info.missing_priors = static_cast<std::int64_t>(priors_->folder->missing());
-    }
+    info.missing_priors = priors_->missing();
     info.mode = settings_.get("kys.mode");
     RunOutcome outcome;
     std::string text;

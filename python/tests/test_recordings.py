@@ -9,6 +9,7 @@ import pytest
 
 import kys_slam
 from bags import write_bag
+from conftest import run_program
 from kys_slam import cli, recordings
 
 FRAMES = 30
@@ -243,6 +244,26 @@ def test_videos_of_different_rates(corridor, tmp_path, capsys):
     assert error.count("\n") == 1 and "right.avi: 12.5 frames per second" in error and "--rate" in error
     said = run(tmp_path, *videos, *calibration, "--rate", 10)[1]
     assert run(tmp_path, tmp_path / "left.avi", tmp_path / "near.avi", *calibration)[1] == said
+
+
+def test_feature_files_with_priors_choose_the_mode(tmp_path):
+    """As run_stereo_kitti does, to the byte."""
+    (tmp_path / "drive.txt").write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {0.6 * i}\n" for i in range(12)))
+    features = tmp_path / "drive.features"
+    simulate = ("simulate_features", tmp_path / "drive.txt", "--output", features, "--features", 800,
+                "--traffic", "jam", "--quiet", "--perception")
+    for perception, options, mode in (("estimated", (), "verified"), ("estimated", ("--mode", "kys"), "kys"),
+                                      ("none", (), "stock")):
+        run_program(*simulate, perception)
+        run_program("run_stereo_kitti", features, "--quiet", "--output", tmp_path / "c++", *options,
+                    "--overwrite")
+        assert run(tmp_path, features, *options)[1] == (tmp_path / "c++" / "trajectory.tum").read_bytes()
+        ours, theirs = (json.loads((tmp_path / folder / "summary.json").read_text())
+                        for folder in ("run", "c++"))
+        assert ours["mode"] == theirs["mode"] == mode
+        assert ours.get("missing_priors") == theirs.get("missing_priors")
+    with pytest.raises(AssertionError):
+        run(tmp_path, features, "--mode", "kys")
 
 
 def test_mask_folder(corridor, tmp_path):
