@@ -3,6 +3,7 @@
 #include <kys_slam/system.h>
 #include <kys_slam/util/atomic_file.h>
 #include <nanobind/stl/filesystem.h>
+#include <kys_slam/util/interrupt.h>
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
@@ -450,10 +451,53 @@ void bind_pipe(nb::module_& m) {
 
 void bind_system(nb::module_& m) {
   bind_settings(m);
+/// Python's handlers of signals wait until a call of the library returns, this one does not.
+class SignalGuard {
+ public:
+  explicit SignalGuard(nb::callable on_interrupt) : on_interrupt_(std::move(on_interrupt)) {
+    guard_ = std::make_unique<InterruptGuard>([this] { call(); });
+  }
+  ~SignalGuard() { close(); }
+
+  [[nodiscard]] bool requested() const { return requested_ || (guard_ && guard_->requested()); }
+  void close() {
+    if (!guard_) return;
+    const nb::gil_scoped_release released;  // its thread may be waiting for it
+    requested_ = guard_->requested();
+    guard_.reset();
+  }
+
+ private:
+  void call() const {
+    const nb::gil_scoped_acquire acquired;
+    try {
+      on_interrupt_();
+    } catch (nb::python_error& error) {
+      error.discard_as_unraisable("interrupt");
+    }
+  }
+
+  nb::callable on_interrupt_;
+  std::unique_ptr<InterruptGuard> guard_;
+  bool requested_ = false;
+};
+
+void bind_guard(nb::module_& m) {
+  nb::class_<SignalGuard>(m, "_InterruptGuard",
+                          "Until close(), the first SIGINT, SIGTERM or SIGHUP calls `on_interrupt` "
+                          "from a thread of its own, also while the library computes; a second "
+                          "SIGINT or SIGTERM ends the program. Ignored signals stay ignored. Then "
+                          "the handlers are the system's, not Python's. At most one at a time.")
+      .def(nb::init<nb::callable>(), "on_interrupt"_a)
+      .def_prop_ro("requested", &SignalGuard::requested, "whether a signal came")
+      .def("close", &SignalGuard::close);
+}
+
   bind_report(m);
   bind_pipe(m);
   m.def("check_writable", &check_writable, "file"_a,
         "Raises InputError when the file cannot be written. Leaves no file.");
+  bind_guard(m);
   nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
                     const std::optional<std::filesystem::path>&, bool>(),
