@@ -5,7 +5,7 @@ import os
 import sys
 from typing import Callable, List, Optional
 
-from kys_slam.cli_errors import INTERRUPTED, describe
+from kys_slam.cli_errors import describe, interrupted
 from kys_slam.cli_parser import make_parser
 
 
@@ -30,8 +30,7 @@ def main(argv: Optional[List[str]] = None) -> int:
         sys.stdout.flush()  # here, where a reader that has gone is no error
         return status
     except KeyboardInterrupt:  # before anything is tracked; later the run ends in order
-        print("kys-slam: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return interrupted()
     except BrokenPipeError:  # the reader of the output has seen enough, e.g. head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

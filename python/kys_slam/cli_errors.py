@@ -1,6 +1,7 @@
 """Exit statuses and messages of kys-slam."""
 
 import contextlib
+import logging
 import os
 import sys
 import traceback
@@ -25,6 +26,35 @@ def describe(error: BaseException) -> Tuple[int, str]:
     at = traceback.extract_tb(error.__traceback__)[-1]
     return DEFECT, (f"a defect of the program: {type(error).__name__}: {text} "
                     f"({Path(at.filename).name}:{at.lineno})")
+
+
+def interrupted() -> int:
+    """Says so; there are no results."""
+    print("kys-slam: interrupted", file=sys.stderr)
+    return INTERRUPTED
+
+
+def warn(message: str) -> None:
+    """One line of stderr; the run goes on."""
+    print(f"kys-slam: warning: {message}", file=sys.stderr, flush=True)
+
+
+class _Warnings(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        warn(record.getMessage())
+
+
+@contextlib.contextmanager
+def library_warns() -> Iterator[None]:
+    """What the package logs looks like the other warnings of the command."""
+    logger, handler = logging.getLogger("kys_slam"), _Warnings()
+    logger.addHandler(handler)
+    before, logger.propagate = logger.propagate, False
+    try:
+        yield
+    finally:
+        logger.propagate = before
+        logger.removeHandler(handler)
 
 
 class Failures:

@@ -6,6 +6,7 @@ import time
 import kys_slam
 from kys_slam import InputError
 
+from kys_slam.cli_errors import warn
 
 class _Progress:
     """A bar on a terminal, a line now and then elsewhere."""
@@ -51,7 +52,7 @@ class _PairWatch:
 
     def _tell(self, before: str) -> None:
         if self.history.warning != before:
-            print(f"kys-slam: warning: {self.history.warning}", file=sys.stderr, flush=True)
+            warn(self.history.warning)
 
 
 def _check_pair(frame) -> None:
@@ -96,7 +97,7 @@ class Feed:
         """Each warning once."""
         if warning not in self._told:
             self._told.add(warning)
-            print(f"kys-slam: warning: {where}{warning}", file=sys.stderr, flush=True)
+            warn(where + warning)
 
     def finish(self) -> list:
         """All warnings that a run's summary has."""

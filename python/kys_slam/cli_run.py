@@ -9,7 +9,8 @@ from typing import Iterator
 
 import kys_slam
 from kys_slam import InputError
-from kys_slam.cli_errors import TRACKING_FAILED, Failures
+from kys_slam._core import _InterruptGuard
+from kys_slam.cli_errors import TRACKING_FAILED, Failures, interrupted, library_warns, warn
 from kys_slam.cli_feed import Feed
 from kys_slam.cli_input import make_settings, open_recording
 from kys_slam.cli_output import must_be_new, open_recorders, output_folder
@@ -18,7 +19,7 @@ from kys_slam.live import Playback
 
 def run(args) -> int:
     """Returns an exit status."""
-    with _signals_interrupt():
+    with _signals_interrupt(), library_warns():
         return _run_recording(args)
 
 

@@ -77,8 +77,10 @@ class System(_core.System):
     camera: the rectified pair.
     settings: Settings, or a dict of them; None: the defaults (driving).
     schedule: "pipelined" (mapping beside tracking), "sequential": both reproducible; "realtime".
-    priors: folder of prior files, found by the name given with a frame; None: none.
-    strict_priors: a missing prior file raises InputError.
+    priors: folder of prior files, found by the name given with a frame; None: none but those in
+        the frames of a feature file.
+    strict_priors: a missing prior file raises InputError. Otherwise the first one is a warning of the
+        logger "kys_slam".
     observer: called with an Observation after every frame, in the thread that feeds.
 
     Poses, trajectory, map and snapshot may be asked for from any thread at any time.

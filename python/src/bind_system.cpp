@@ -1,9 +1,10 @@
 #include <kys_slam/prior_folder.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
 #include <kys_slam/util/atomic_file.h>
-#include <nanobind/stl/filesystem.h>
 #include <kys_slam/util/interrupt.h>
+#include <nanobind/stl/filesystem.h>
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
@@ -66,24 +67,25 @@ class Priors final : public PriorProvider {
   }
   [[nodiscard]] std::span<const kys::Prior> segments() const override { return segments_; }
 
-  std::unique_ptr<PriorFolder> folder;
-  std::optional<PriorFile> given;
   /// Frames without priors where others have some.
   [[nodiscard]] std::int64_t missing() const {
     if (folder) return static_cast<std::int64_t>(folder->missing());
     return of_features_ > 0 ? without_ : 0;
   }
 
+  std::unique_ptr<PriorFolder> folder;
+  std::optional<PriorFile> given;
 
  private:
+  std::int64_t without_ = 0, of_features_ = 0;  // frames
   std::span<const kys::Prior> segments_;
 };
-  std::int64_t without_ = 0, of_features_ = 0;  // frames
 
+/// One line of Python's logging, which goes to stderr unless the program says otherwise.
 void warn(const std::string& message) {
   const nb::gil_scoped_acquire acquired;
-/// One line of Python's logging, which goes to stderr unless the program says otherwise.
-  nb::module_::import_("warnings").attr("warn")(message);
+  const nb::object logger = nb::module_::import_("logging").attr("getLogger")("kys_slam");
+  logger.attr("warning")("%s", printable(message));
 }
 
 using MaybeArray = std::optional<AnyArray>;
@@ -449,8 +451,6 @@ void bind_pipe(nb::module_& m) {
       .def_prop_ro("skipped", &PythonPipe::skipped);
 }
 
-void bind_system(nb::module_& m) {
-  bind_settings(m);
 /// Python's handlers of signals wait until a call of the library returns, this one does not.
 class SignalGuard {
  public:
@@ -493,11 +493,13 @@ void bind_guard(nb::module_& m) {
       .def("close", &SignalGuard::close);
 }
 
+void bind_system(nb::module_& m) {
+  bind_settings(m);
   bind_report(m);
   bind_pipe(m);
+  bind_guard(m);
   m.def("check_writable", &check_writable, "file"_a,
         "Raises InputError when the file cannot be written. Leaves no file.");
-  bind_guard(m);
   nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
                     const std::optional<std::filesystem::path>&, bool>(),
