@@ -69,9 +69,7 @@ def open_recording(args):
         return _open_folders(args, inside, part)
     _check_options(args, path, "a sequence of a known layout")
     sequence = kys_slam.open_sequence(path, pair=args.pair, **part, **_pairing(args))
-    if args.tolerance is not None and sequence.layout not in INDOOR_LAYOUTS:
-        raise InputError(f"{path}: images of {sequence.layout} are paired by number, --tolerance does "
-                         "not apply")
+    _check_tolerance(args, path, sequence, f"images of {sequence.layout} are paired by number")
     return sequence
 
 
@@ -79,10 +77,18 @@ def _pairing(args) -> dict:
     return {} if args.tolerance is None else {"pairing_tolerance": args.tolerance}
 
 
+def _check_tolerance(args, path: Path, sequence, why: str) -> None:
+    if args.tolerance is not None and not sequence.paired_by_time:
+        raise InputError(f"{path}: {why}, --tolerance does not apply")
+
+
 def _open_folders(args, paths, part):
     _check_options(args, paths[0], "two folders of images")
-    return kys_slam.open_image_pair(*paths, _read_rig(args), rate=args.rate, times=args.times, **part,
-                                    **_pairing(args))
+    sequence = kys_slam.open_image_pair(*paths, _read_rig(args), rate=args.rate, times=args.times,
+                                        **part, **_pairing(args))
+    _check_tolerance(args, paths[0], sequence, "images are paired by time only when their names are time "
+                     "stamps and neither --rate nor --times is given; otherwise")
+    return sequence
 
 
 def _pair_inside(path: Path):

@@ -69,8 +69,8 @@ def _add_run(commands) -> None:
     camera.add_argument("--times", default="", metavar="FILE", help="time stamps, s, one per image")
     camera.add_argument("--topics", nargs=2, metavar=("LEFT", "RIGHT"), help="image topics of a bag")
     camera.add_argument("--tolerance", type=_number(0, 3600, exclusive=False), metavar="S",
-                        help="largest time difference of a pair (default: 0.003 for folders, 0.01 "
-                        "for bags)")
+                        help="largest time difference of images that are paired by time (default: "
+                        "0.003 for folders, 0.01 for bags)")
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
                         help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
                         "exist), or image_2 and image_3")
@@ -78,7 +78,8 @@ def _add_run(commands) -> None:
                         help="do not check whether the pair is swapped or not rectified")
     slam = p.add_argument_group("tracking")
     slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
-    slam.add_argument("--strict-priors", action="store_true", help="a missing prior file is an error")
+    slam.add_argument("--strict-priors", action="store_true",
+                      help="with --priors: a missing prior file is an error")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (python/README.md)")

@@ -113,6 +113,8 @@ def _signals_interrupt() -> Iterator[None]:
     def interrupt(number, frame):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come; the results are being saved
         raise KeyboardInterrupt
+    if args.strict_priors and not args.priors:
+        raise InputError("--strict-priors needs --priors")
 
     before = {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
     taken = [n for n, handler in before.items() if handler != signal.SIG_IGN]
