@@ -2,11 +2,12 @@
 
 import sys
 import time
+from typing import Callable
 
 import kys_slam
 from kys_slam import InputError
-
 from kys_slam.cli_errors import warn
+
 
 class _Progress:
     """A bar on a terminal, a line now and then elsewhere."""
@@ -69,8 +70,11 @@ class Feed:
         self.progress, self.watch = _Progress(total, args.quiet), _PairWatch()
         self.done, self._told = 0, set()
 
-    def all(self, frames) -> None:
+    def all(self, frames, interrupted: Callable[[], bool]) -> None:
+        """Feeds them all, or those before `interrupted` says True."""
         for frame in frames:
+            if interrupted():
+                return
             if self.done == 0 and not self.args.no_check and frame.left is not None:
                 _check_pair(frame)
             self._feed(frame)

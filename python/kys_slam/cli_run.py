@@ -5,7 +5,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Iterator
+from typing import Iterator, Optional
 
 import kys_slam
 from kys_slam import InputError
@@ -41,43 +41,61 @@ def _run_recording(args) -> int:
     if args.load_map:
         slam.load_map(args.load_map, args.localize_only)
     recorders = open_recorders(args, slam)
-    feed = Feed(args, slam, masks, len(recording))
-    failures, interrupted = Failures(), False
-    start_up_s = time.monotonic() - began
-    wall, cpu = time.monotonic(), time.process_time()
     frames = recording
     if args.schedule == "realtime":
-        frames = Playback(recording, args.late, args.queue, args.speed)
-    try:
+        frames = Playback(recording, args.late, args.queue, args.speed,
+                          float(settings.get("control.stall_ms")))
+    feed = Feed(args, slam, masks, len(recording))
+    start_up_s = time.monotonic() - began
+    with _signals_save(slam, frames) as guard:
+        failures = Failures()
+        wall, cpu = time.monotonic(), time.process_time()
         with failures.guard():
-            feed.all(frames)
-    except KeyboardInterrupt:
-        interrupted = True
-        slam.interrupt()
-    feed.progress.end()
-    if failures.status and feed.done == 0:  # nothing to save
-        for recorder in recorders:
-            recorder.discard()
-        failures.print()
-        return failures.status
-    with failures.guard():
-        slam.finish()
-    end_reason = "interrupted" if interrupted else "; ".join(failures.messages)
-    result = None
-    with failures.guard():
-        result = slam.write_run(output, recording.name, recording.ground_truth, start_up_s=start_up_s,
-                                wall_s=time.monotonic() - wall, cpu_s=time.process_time() - cpu,
-                                end_reason=end_reason, left_out=_left_out(recording, frames, masks),
-                                warnings=feed.finish())
-    if args.save_map:
+            feed.all(frames, lambda: guard.requested)
+        feed.progress.end()
+        if feed.done == 0 and (failures.status or guard.requested):  # nothing to save
+            for recorder in recorders:
+                recorder.discard()
+            failures.print()
+            return failures.status or interrupted()
         with failures.guard():
-            slam._save_map_or_beside(args.save_map, output)
+            slam.finish()
+        end_reason = "; ".join(failures.messages)
+        if guard.requested and not end_reason:
+            end_reason = "interrupted"
+        result = None
+        with failures.guard():
+            result = slam.write_run(output, recording.name, recording.ground_truth,
+                                    start_up_s=start_up_s, wall_s=time.monotonic() - wall,
+                                    cpu_s=time.process_time() - cpu, end_reason=end_reason,
+                                    left_out=_left_out(recording, frames, masks),
+                                    warnings=feed.finish())
+        if args.save_map:
+            with failures.guard():
+                _save_map(args, slam, output)
+        _close(recorders, failures)
+        return _tell(args, result, output, failures)
+
+
+def _save_map(args, slam: kys_slam.System, output: Path) -> None:
+    """A run without keyframes has no map, and leaves one that exists as it is."""
+    if not args.load_map and not any(report.keyframe for report in slam.reports()):
+        warn(f"{args.save_map}: no map is written, since this run has no keyframes")
+        return
+    slam._save_map_or_beside(args.save_map, output)
+
+
+def _close(recorders: list, failures: Failures) -> None:
     for recorder in recorders:
         with failures.guard():
             recorder.close()
             if recorder.skipped:
                 print(f"kys-slam: {recorder.skipped} frames were not shown, the viewer was behind",
                       file=sys.stderr)
+
+
+def _tell(args, result: Optional[dict], output: Path, failures: Failures) -> int:
+    """Prints what came of the run. Returns its exit status."""
     if result and not args.quiet:
         print(result["table"], end="")
         print(f"\nresults in {output}")
@@ -95,6 +113,8 @@ def _check_options(args) -> None:
     """Raises InputError for options that contradict each other and for files that cannot be written."""
     if args.localize_only and not args.load_map:
         raise InputError("--localize-only needs --load-map")
+    if args.strict_priors and not args.priors:
+        raise InputError("--strict-priors needs --priors")
     if args.schedule != "realtime" and (args.late, args.queue, args.speed) != ("wait", 2, 1):
         raise InputError("--late, --queue and --speed need --schedule realtime: elsewhere frames are "
                          "read as fast as they are tracked")
@@ -109,12 +129,11 @@ def _check_options(args) -> None:
 
 @contextlib.contextmanager
 def _signals_interrupt() -> Iterator[None]:
-    """SIGTERM and SIGHUP end a run as Ctrl-C does, unless the parent process ignores them (nohup)."""
+    """SIGTERM and SIGHUP end what comes before tracking as Ctrl-C does, unless the parent process ignores
+    them (nohup)."""
     def interrupt(number, frame):
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come; the results are being saved
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # often both come
         raise KeyboardInterrupt
-    if args.strict_priors and not args.priors:
-        raise InputError("--strict-priors needs --priors")
 
     before = {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
     taken = [n for n, handler in before.items() if handler != signal.SIG_IGN]
@@ -125,6 +144,26 @@ def _signals_interrupt() -> Iterator[None]:
     finally:
         for number in taken:
             signal.signal(number, before[number] or signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def _signals_save(slam: kys_slam.System, frames) -> Iterator[_InterruptGuard]:
+    """The first signal ends tracking and optimisation early, and the run goes on to save what there is; a
+    second one ends the program, as with the C++ programs."""
+    def interrupt() -> None:  # in a thread of the guard
+        slam.interrupt()
+        if isinstance(frames, Playback):
+            frames.stop()
+
+    python = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    guard = _InterruptGuard(interrupt)
+    try:
+        yield guard
+    finally:
+        guard.close()
+        for number, handler in python.items():
+            if handler is not None:
+                signal.signal(number, handler)
 
 
 def _left_out(recording, frames, masks) -> dict:

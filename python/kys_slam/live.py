@@ -82,9 +82,14 @@ class Playback:
     of FrameQueue says. Gaps of more than LONGEST_PAUSE are shortened."""
 
     def __init__(self, recording: Iterable[Any], policy: str = "wait", capacity: int = 2,
-                 speed: float = 1.0) -> None:
-        """speed: 2 plays twice as fast as recorded."""
-        self._recording, self._speed = recording, speed
+                 speed: float = 1.0, stall_ms: float = 0.0) -> None:
+        """speed: 2 plays twice as fast as recorded.
+        stall_ms: ms by which each frame comes later after the one before: the setting
+            control.stall_ms of the system that is fed, which sleeps that long in every frame. The time
+            is added to the pace, as in the C++ programs; otherwise it vanishes in the wait for the next
+            frame, or frames are dropped for it.
+        """
+        self._recording, self._speed, self._stall_s = recording, speed, stall_ms / 1000
         self._queue = FrameQueue(policy, capacity)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name="playback", daemon=True)
@@ -94,22 +99,27 @@ class Playback:
         """Frames that came while too many waited."""
         return self._queue.dropped
 
+    def stop(self) -> None:
+        """No more frames but those that wait. From any thread."""
+        self._stop.set()
+        self._queue.close()
+
     def __iter__(self) -> Iterator[Any]:
         self._thread.start()
         try:
             yield from self._queue
         finally:
-            self._stop.set()
-            self._queue.close()
+            self.stop()
             self._thread.join()
 
     def _play(self) -> None:
         error, offset = None, None
         try:
-            for frame in self._recording:
-                due = frame.timestamp / self._speed
+            for number, frame in enumerate(self._recording):
+                due = frame.timestamp / self._speed + number * self._stall_s
                 now = time.monotonic()
-                offset = now - due if offset is None else min(offset, now + LONGEST_PAUSE - due)
+                latest = now + LONGEST_PAUSE + self._stall_s
+                offset = now - due if offset is None else min(offset, latest - due)
                 if self._stop.wait(max(0, due + offset - now)):
                     break
                 self._queue.put(frame)
