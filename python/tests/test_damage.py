@@ -10,13 +10,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import kys_slam
 from bags import write_bag
-from kys_slam import cli, live
+from kys_slam import cli, cli_run, live
 from kys_slam.cli_errors import DEFECT
 from test_recordings import OWN, write_video
 
@@ -147,6 +148,41 @@ def test_jump_of_the_time_stamps_in_realtime(monkeypatch):
     assert seen == [0.0, 1e10, 1e10 + 0.01]
 
 
+def test_stall_comes_on_top_of_the_pace(folders, monkeypatch):
+    """As in the C++ programs, on a clock that goes on when somebody waits."""
+    class Frame(NamedTuple):
+        timestamp: float
+
+    class Clock:
+        now = 100.0
+
+        def wait(self, seconds):
+            self.now += seconds
+
+        def set(self):
+            pass
+
+    def times(**options):
+        clock, seen = Clock(), []
+        monkeypatch.setattr(live.time, "monotonic", lambda: clock.now)
+        playback = live.Playback([Frame(5.0), Frame(5.1), Frame(5.3)], **options)
+        playback._stop = clock
+        monkeypatch.setattr(playback._queue, "put", lambda frame: seen.append(clock.now - 100))
+        playback._play()
+        return seen
+
+    assert times() == pytest.approx([0, 0.1, 0.3])
+    assert times(stall_ms=50) == pytest.approx([0, 0.15, 0.4])
+    assert times(stall_ms=50, speed=2) == pytest.approx([0, 0.1, 0.25])
+    monkeypatch.undo()
+    given = []
+    monkeypatch.setattr(cli_run, "Playback", type("P", (live.Playback,), {
+        "__init__": lambda self, *a: given.append(a[4]) or live.Playback.__init__(self, *a)}))
+    assert cli.main([str(a) for a in run_of(folders, "--schedule", "realtime", "--frames", 2, "--set",
+                                            "control.stall_ms=20")]) == 0
+    assert given == [20]
+
+
 # Output
 
 def test_map_is_checked_before_tracking(folders, capsys):
@@ -161,6 +197,18 @@ def test_map_is_saved_when_other_results_are_not(folders, capsys):
     assert "frames.csv" in error
     assert (folders / "m.map").stat().st_size > 1000
     assert (folders / "run" / "trajectory.tum").exists()
+
+
+def test_map_of_no_keyframes_is_not_written(folders, capsys):
+    """Dark images; the map of another run stays."""
+    cv2 = pytest.importorskip("cv2")
+    for side in ("left", "right"):
+        for path in (folders / side).iterdir():
+            cv2.imwrite(str(path), np.zeros((240, 320), np.uint8))
+    (folders / "m.map").write_bytes(b"earlier")
+    assert cli.main([str(a) for a in run_of(folders, "--no-check", "--save-map", folders / "m.map")]) == 3
+    assert f"{folders / 'm.map'}: no map is written" in capsys.readouterr().err
+    assert (folders / "m.map").read_bytes() == b"earlier"
 
 
 def test_map_goes_beside_the_rest(folders, monkeypatch, capsys):
@@ -209,6 +257,72 @@ def test_signals_save_what_there_is(folders, number):
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         assert process.wait(60) == 0
+
+
+def run_with_signals(folders, function, numbers, *more, late=False):
+    """A run in a process that gets signals when it calls a function: before, or within (`late`: a second
+    later, when it takes longer)."""
+    send = f"[os.kill(os.getpid(), n) for n in {[int(n) for n in numbers]}]"
+    send = f"threading.Timer(1, lambda: {send}).start()" if late else f"{send}; heard.wait(20)"
+    code = f"""if True:
+        import os, signal, sys, threading
+        import kys_slam.cli_feed
+        from kys_slam import cli
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        heard, interrupt, call = threading.Event(), kys_slam.System.interrupt, kys_slam.{function}
+        kys_slam.System.interrupt = lambda self: (interrupt(self), heard.set())
+        def signalled(*given, **named):
+            {send}
+            return call(*given, **named)
+        kys_slam.{function} = signalled
+        sys.exit(cli.main(sys.argv[1:]))
+    """
+    return subprocess.run([sys.executable, "-c", code, *map(str, run_of(folders, *more))],
+                          stderr=subprocess.PIPE, text=True, timeout=50, check=False)
+
+
+@pytest.mark.parametrize("number", (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+@pytest.mark.parametrize("method", ("finish", "write_run", "_save_map_or_beside", "snapshot"))
+def test_signals_after_the_last_frame(folders, method, number):
+    """While optimisation ends, and while results, map and recordings are written."""
+    more = ["--save-map", folders / "m.map"]
+    if method == "snapshot":  # of a recorder's end
+        reader = pytest.importorskip("mcap.reader")
+        pytest.importorskip("mcap_protobuf")
+        more += ["--record", folders / "r.mcap"]
+    done = run_with_signals(folders, f"System.{method}", [number], *more)
+    assert (done.returncode, done.stderr) == (0, "")
+    summary = summary_of(folders / "run")
+    assert summary["complete"] is (method != "finish")
+    assert summary.get("end_reason") == ("interrupted" if method == "finish" else None)
+    assert frames_of(folders / "run") == 12 and (folders / "m.map").stat().st_size > 1000
+    if method == "snapshot":
+        with open(folders / "r.mcap", "rb") as stream:
+            assert "/map" in {channel.topic for _, channel, _ in
+                              reader.make_reader(stream).iter_messages()}
+
+
+def test_signal_in_a_call_of_the_library(folders):
+    """Each frame would sleep for a minute."""
+    done = run_with_signals(folders, "System.feed_frame", [signal.SIGINT], "--set", "control.stall_ms=60000",
+                            late=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert summary_of(folders / "run")["end_reason"] == "interrupted"
+    assert frames_of(folders / "run") == 1
+
+
+def test_second_signal_ends_the_program(folders):
+    done = run_with_signals(folders, "System.finish", [signal.SIGTERM, signal.SIGTERM])
+    assert done.returncode == -signal.SIGTERM
+
+
+def test_signal_before_the_first_frame(folders):
+    """There is nothing to save, and earlier results stay."""
+    assert cli.main([str(a) for a in run_of(folders)]) == 0
+    before = (folders / "run" / "summary.json").read_bytes()
+    done = run_with_signals(folders, "cli_feed.Feed.all", [signal.SIGTERM], "--overwrite")
+    assert (done.returncode, done.stderr) == (130, "kys-slam: interrupted\n")
+    assert (folders / "run" / "summary.json").read_bytes() == before
 
 
 def test_one_recording_that_fails(folders, capsys):
@@ -312,6 +426,41 @@ def test_options_of_other_inputs(folders, shots, corridor, capsys):
     assert "--rate" in refused(capsys, "run", folders / "both.avi", *camera, "--rate", 0)
     for size in ("99999999999x5", "0x5", "5", "x", "5x5x5"):
         assert "--size" in refused(capsys, "calibrate", folders / "camera.yaml", "--size", size)
+
+
+def test_options_that_need_others(folders, capsys):
+    """None is ignored without a word."""
+    assert "needs --priors" in refused(capsys, *run_of(folders, "--strict-priors"))
+    (folders / "times.txt").write_text("".join(f"{i}\n" for i in range(12)))
+    times = ("--times", folders / "times.txt")
+    assert "exclude each other" in refused(capsys, *run_of(folders, "--rate", 10, *times))
+    for more in (("--rate", 10), times):
+        error = refused(capsys, *run_of(folders, "--tolerance", 0.01, *more))
+        assert "--tolerance does not apply" in error and "neither --rate nor --times" in error
+    for side in ("left", "right"):
+        for i, path in enumerate(sorted((folders / side).iterdir())):
+            path.rename(path.with_name(f"{i:03d}.png"))
+    assert "--tolerance does not apply" in refused(capsys, *run_of(folders, "--tolerance", 0.01))
+    assert not (folders / "run").exists()
+
+
+def test_missing_prior_file_is_one_line(folders, corridor_camera, capsys, caplog):
+    from test_priors import example
+    (folders / "priors").mkdir()
+    names = sorted(path.stem for path in (folders / "left").iterdir())
+    for name in names[:2]:
+        kys_slam.write_prior(folders / "priors" / f"{name}.kysp", example(corridor_camera))
+    said = (f"{folders / 'priors' / names[2]}.kysp: no prior file for this frame; it has no priors "
+            "(reported once)")
+    assert cli.main([str(a) for a in run_of(folders, "--frames", 4, "--priors", folders / "priors")]) == 0
+    assert capsys.readouterr().err == f"kys-slam: warning: {said}\n"
+    assert summary_of(folders / "run")["missing_priors"] == 2
+    slam = kys_slam.System(corridor_camera, {"kys.mode": "kys"}, priors=folders / "priors")
+    for frame in kys_slam.open_image_pair(folders / "left", folders / "right",
+                                          kys_slam.read_stereo_rig([folders / "camera.yaml"]), frames=4):
+        slam.feed_frame(frame)
+    assert [(r.name, r.levelname, r.getMessage()) for r in caplog.records] == [
+        ("kys_slam", "WARNING", said)]
 
 
 def test_classes_with_digits_of_another_kind(folders, capsys):
