@@ -6,7 +6,7 @@
 namespace kys_slam {
 
 /// A call in the wrong state, an error of the calling program: a frame fed after `finish`, a map
-/// loaded after the first frame.
+/// loaded after the first frame or after another one.
 class LogicError : public std::logic_error {
  public:
   explicit LogicError(const std::string& message) : std::logic_error(message) {}

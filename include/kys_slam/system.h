@@ -41,10 +41,11 @@ class System {
   System(const System&) = delete;
   System& operator=(const System&) = delete;
 
-  /// Loads a saved map, in which frames are relocalised. Call it before the first frame. With
-  /// `localize_only` the map does not change. Otherwise frames that are not recognised start a
-  /// sub-map, which is merged when a known place is seen. \throws InputError when the file is not a
-  /// map, or a map of another camera, pyramid or label space
+  /// Loads a saved map, in which frames are relocalised. Call it before the first frame,
+  /// once. With `localize_only` the map does not change. Otherwise frames that are not recognised
+  /// start a sub-map, which is merged when a known place is seen. \throws InputError when the file
+  /// is not a map, or a map of another camera, pyramid or label space
+  /// \throws LogicError after the first frame or another map
   void load_map(const std::filesystem::path& file, bool localize_only = false);
   /// Saves the whole map for `load_map`. Call it after `finish`. \throws InputError when the file
   /// cannot be written.

@@ -541,7 +541,7 @@ void bind_system(nb::module_& m) {
             without_gil([&] { s.system().load_map(file, localize_only); });
           },
           "file"_a, "localize_only"_a = false,
-          "Before the first frame: goes on with a map saved earlier.")
+          "Before the first frame, once: goes on with a map saved earlier.")
       .def(
           "save_map",
           [](Slam& s, const std::filesystem::path& file) {

@@ -48,6 +48,7 @@ System::~System() = default;
 void System::load_map(const std::filesystem::path& file, bool localize_only) {
   Impl& s = *impl_;
   if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
+  if (s.map_loaded) throw LogicError("a map can be loaded once only");
   Map map = kys_slam::load_map(file, label_space_name(s.options.control.label_space));
   if (localize_only && map.keyframes().empty()) {
     throw InputError(file.string() + ": holds no keyframes");
@@ -63,11 +64,12 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   if (const bool beliefs = s.model.uses_belief(); map.keeps_beliefs() != beliefs) {
     map = Map(with_motion_of_mode(map.contents(), beliefs, make_belief_start(s.options, s.model)));
   }
-  s.first_keyframe = {map.keyframe_id_end()};
   if (s.priors) {
     const std::vector<std::uint8_t> is_thing = things_of(s.options.control.label_space);
     s.front_end.raise_instances(map.instance_end(is_thing), is_thing);
   }
+  s.map_loaded = true;
+  s.first_keyframe = {map.keyframe_id_end()};
   s.tracker.continue_map(map.keyframe_id_end(), map.landmark_id_end(), localize_only);
   ChangeSet changes = s.runner.continue_map(std::move(map));
   s.front_end.set_disparity_offset(changes.disparity_offset);

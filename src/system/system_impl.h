@@ -58,6 +58,7 @@ struct System::Impl {
 
   std::mutex mutex;  // held while a frame is fed and while the map is read
   bool finished = false;
+  bool map_loaded = false;
   FrameObserver observer;
   // Of the frame fed last, for the observer.
   FrameReport seen_report;

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <kys/prior.h>
 #include <kys_slam/error.h>
+#include <kys_slam/logic_error.h>
 #include <kys_slam/system.h>
 
 #include <cmath>
@@ -129,6 +130,20 @@ std::string schedule_name(const ::testing::TestParamInfo<Schedule>& schedule) {
 INSTANTIATE_TEST_SUITE_P(Schedules, SavedMapTest,
                          ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
                          schedule_name);
+
+/// What was made of the first map would mix with the second.
+TEST(SavedMap, ASecondOneIsRefused) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "a.map";
+  const FeatureWorld world = road();
+  System first(kitti_camera(), Settings(), Schedule::kSequential);
+  first.feed(world.look(0, weaving_pose(0)));
+  first.finish();
+  first.save_map(file);
+  System second(kitti_camera(), Settings(), Schedule::kSequential);
+  second.load_map(file);
+  EXPECT_THROW(second.load_map(file), LogicError);
+}
 
 TEST(SavedMap, OfAnotherCameraOrPyramidIsRefusedInOneLine) {
   const TemporaryFolder folder;
