@@ -40,6 +40,8 @@ inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
 /// largest id.
 inline constexpr std::uint64_t kIdsAtLeast = 65536;
 inline constexpr std::uint64_t kIdsPerObject = 1024;  ///< features or keyframe records
+/// Ids of landmarks that a culled keyframe may have used: with it went its features.
+inline constexpr std::uint64_t kIdsPerCulled = 4096;
 
 /// CRC-32 of zlib, PNG and Ethernet.
 std::uint32_t checksum(std::span<const std::uint8_t> bytes);

@@ -224,8 +224,10 @@ void check_id_ends(const MapContents& contents) {
   std::uint64_t features = 0;
   for (const KeyFrame& k : contents.keyframes) features += k.features->size();
   const std::uint64_t records = contents.keyframes.size() + contents.culled.size();
+  const std::uint64_t landmarks =
+      mf::kIdsPerObject * features + mf::kIdsPerCulled * contents.culled.size();
   require(contents.keyframe_id_end <= mf::kIdsAtLeast + mf::kIdsPerObject * records &&
-              contents.landmark_id_end <= mf::kIdsAtLeast + mf::kIdsPerObject * features,
+              contents.landmark_id_end <= mf::kIdsAtLeast + landmarks,
           "has ids out of all proportion");
 }
 

@@ -117,6 +117,26 @@ TEST(MapFile, KeepsWhatIsAligned) {
   EXPECT_EQ(encode_map(loaded), encode_map(map));
 }
 
+/// A camera that stays in one room: keyframes come and go, and ids of landmarks are not used again.
+TEST(MapFile, OfALongRunInOnePlaceIsReadAgain) {
+  Map map(testing::kitti_camera(), ScaleLevels(1.2, 8));
+  constexpr std::uint32_t kKeyframes = 600;
+  constexpr std::uint32_t kFeatures = 300;
+  for (std::uint32_t k = 0; k < kKeyframes; ++k) {
+    map.add_keyframe(testing::make_keyframe(
+        k, testing::random_features(map.camera(), k == 0 ? 100 : kFeatures, 1, 1.0)));
+    if (k == 0) continue;
+    map.connect_to_spanning_tree({k}, {0});
+    for (std::uint32_t f = 0; f < kFeatures; ++f) {
+      const std::uint32_t id = 2 * (k * kFeatures + f);
+      map.add_landmark(testing::make_landmark(id, {0, 0, 10}, {k}));
+      map.add_observation({id}, {k}, f);
+    }
+    ASSERT_TRUE(map.cull_keyframe({k}));
+  }
+  EXPECT_NO_THROW(expect_equal(map, parse_map(encode_map(map), "room")));
+}
+
 TEST(MapFile, SavedAgainIsTheSameBytes) {
   const Map map = sample_map();
   const auto bytes = encode_map(map, kSampleLabelSpace);
