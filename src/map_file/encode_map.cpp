@@ -29,7 +29,8 @@ void write_pose(ByteWriter& out, const Rigid3& T) {
 
 void write_prior(ByteWriter& out, const kys::Prior& prior) {
   out.u16(prior.label);
-  out.u8(static_cast<std::uint8_t>(prior.dynamic));
+  out.u8(static_cast<std::uint8_t>((prior.dynamic != 0 ? mf::kMoves : 0) |
+                                   (prior.unjudged != 0 ? mf::kNotJudged : 0)));
   out.u32(static_cast<std::uint32_t>(prior.instance));
   out.f32(prior.scale);
   out.f32(prior.motion);

@@ -36,6 +36,8 @@ inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
 inline constexpr std::uint32_t kHasBeliefs = 1;  ///< flag of the header
 inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
 inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
+inline constexpr std::uint8_t kMoves = 1;        ///< flag of a prior
+inline constexpr std::uint8_t kNotJudged = 2;    ///< flag of a prior
 /// Limit of ids beyond the number of objects in the file, because tables are allocated by the
 /// largest id.
 inline constexpr std::uint64_t kIdsAtLeast = 65536;

@@ -73,13 +73,15 @@ Rigid3 read_pose(ByteReader& in) {
 
 kys::Prior read_prior(ByteReader& in) {
   const std::uint16_t label = in.u16();
-  const std::uint8_t dynamic = in.u8();
+  const std::uint8_t flags = in.u8();
   const auto instance = static_cast<std::int32_t>(in.u32());
-  require(dynamic <= 1, "has a prior with an unknown flag");
+  require((flags & ~(mf::kMoves | mf::kNotJudged)) == 0, "has a prior with an unknown flag");
   const float scale =
       read_f32(in, 0, std::numeric_limits<float>::max(), "has a prior whose scale is no number");
   const float motion = read_f32(in, 0, 100, "has a prior whose motion is not in 0..100");
-  return kys::make_prior(label, instance, scale, motion, dynamic == 1);
+  kys::Prior prior = kys::make_prior(label, instance, scale, motion, (flags & mf::kMoves) != 0);
+  prior.unjudged = (flags & mf::kNotJudged) != 0 ? 1 : 0;
+  return prior;
 }
 
 kys::Descriptor read_descriptor(ByteReader& in) {

@@ -117,6 +117,26 @@ TEST(MapFile, KeepsWhatIsAligned) {
   EXPECT_EQ(encode_map(loaded), encode_map(map));
 }
 
+TEST(MapFile, KeepsWhetherMotionWasJudged) {
+  Map map(testing::kitti_camera(), ScaleLevels(1.2, 8));
+  std::vector<kys::Prior> priors;
+  for (const bool judged : {false, true}) {
+    priors.push_back(kys::make_prior(13, 1, 5, 0, false));
+    priors.back().unjudged = judged ? 0 : 1;
+  }
+  const auto seen = testing::random_features(map.camera(), 2, 5);
+  map.add_keyframe(
+      testing::make_keyframe(0, std::make_shared<const FrameFeatures>(seen->with_priors(priors))));
+  Landmark landmark = testing::make_landmark(0, {0, 0, 10});
+  landmark.prior = priors[0];
+  map.add_landmark(landmark);
+  map.add_observation({0}, {0}, 0);
+  const Map loaded = parse_map(encode_map(map, kSampleLabelSpace), "a", kSampleLabelSpace);
+  EXPECT_EQ(loaded.keyframe({0}).features->prior(0), priors[0]);
+  EXPECT_EQ(loaded.keyframe({0}).features->prior(1), priors[1]);
+  EXPECT_EQ(loaded.landmark({0}).prior, priors[0]);
+}
+
 /// A camera that stays in one room: keyframes come and go, and ids of landmarks are not used again.
 TEST(MapFile, OfALongRunInOnePlaceIsReadAgain) {
   Map map(testing::kitti_camera(), ScaleLevels(1.2, 8));
