@@ -127,12 +127,16 @@ bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::at
   return !refined.stopped;
 }
 
-/// Number of residuals beyond that of the unknowns.
+/// Number of residuals beyond that of the unknowns; points that no keyframe here sees are none.
 int redundancy_of(const BundleProblem& problem) {
   int residuals = 0;
-  for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
-  return residuals - 6 * static_cast<int>(problem.T_c_w.size()) -
-         3 * static_cast<int>(problem.points.size());
+  std::vector<std::uint8_t> seen(problem.points.size(), 0);
+  for (const auto& o : problem.observations) {
+    residuals += std::isnan(o.u_right) ? 2 : 3;
+    seen[static_cast<std::size_t>(o.point)] = 1;
+  }
+  const auto points = static_cast<int>(std::count(seen.begin(), seen.end(), 1));
+  return residuals - 6 * static_cast<int>(problem.T_c_w.size()) - 3 * points;
 }
 
 /// Through the costs of the whole map at three offsets.

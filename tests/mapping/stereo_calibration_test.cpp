@@ -125,6 +125,28 @@ TEST(StereoCalibration, AnEstimateFromTheNewestKeyframesIsOfTheseAlone) {
   EXPECT_EQ(more.offset, all.offset);
 }
 
+/// Landmarks that the newest keyframes do not see are no unknowns of theirs.
+TEST(StereoCalibration, WhatTheNewestKeyframesDoNotSeeDoesNotCount) {
+  FeatureWorld::Options options;
+  options.points = 4000;
+  options.length = 400;
+  options.pixel_noise = 0.2;
+  options.aligned = true;
+  const FeatureWorld world(testing::kitti_camera(), options);
+  std::vector<Rigid3> poses;
+  for (int i = 0; i < kKeyFrames; ++i) poses.push_back(testing::weaving_pose(200 + 0.8 * i));
+  const Map alone = testing::map_of_world(world, poses).map;
+  std::vector<Rigid3> longer;
+  for (int i = 0; i < 3 * kKeyFrames; ++i) longer.push_back(testing::weaving_pose(0.8 * i));
+  longer.insert(longer.end(), poses.begin(), poses.end());
+  const Map whole = testing::map_of_world(world, longer).map;
+  ASSERT_GT(whole.landmarks().size(), 2 * alone.landmarks().size());
+  const DisparityOffset wanted = estimate_disparity_offset(alone, {});
+  const DisparityOffset found = estimate_disparity_offset(whole, {}, nullptr, kKeyFrames);
+  ASSERT_GT(wanted.sigma, 0);
+  EXPECT_NEAR(found.sigma / wanted.sigma, 1, 0.05) << found.sigma << " and " << wanted.sigma;
+}
+
 TEST(StereoCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
   Map map = map_with_error(0.3f, 5);
   map.set_disparity_offset(-0.21f);
