@@ -126,6 +126,8 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   result.reason = "relocalised";
   result.relocalised = true;
   Stopwatch watch;
+  // The back end was waited for: it may have moved the map since track().
+  if (last_) refresh_last_frame();
   Frame frame = make_frame(input);
   frame.T_c_w = place.T_c_w;
   if (submap(place.reference) == submap(reference_) && !is_possible(frame, result)) return result;

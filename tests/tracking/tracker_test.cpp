@@ -129,6 +129,22 @@ class TrackerTest : public ::testing::Test {
     }
     return place;
   }
+  /// The whole map is moved: keyframes and landmarks alike.
+  [[nodiscard]] ChangeSet moved_map(const Rigid3& T_new_old) const {
+    ChangeSet changes;
+    tracker_.replica().keyframes().for_each([&](KeyFrameId id, const KeyFrameView& keyframe) {
+      KeyFrameView moved = keyframe;
+      moved.T_c_w = keyframe.T_c_w * T_new_old.inverse();
+      changes.keyframes.emplace_back(id, moved);
+    });
+    tracker_.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
+      LandmarkView moved = landmark;
+      moved.p_w = T_new_old * landmark.p_w;
+      moved.normal = (T_new_old.R() * landmark.normal.cast<double>()).cast<float>();
+      changes.landmarks.emplace_back(id, moved);
+    });
+    return changes;
+  }
   /// T_w_c of the truth relative to the first frame.
   static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
 
@@ -314,6 +330,23 @@ TEST_F(TrackerTest, ARelocalisedFrameHasNoVelocity) {
   EXPECT_EQ(track_world(5, 2.0).reason, "motion model");
 }
 
+/// Between a frame that is lost and its relocalisation the back end may close a loop.
+TEST_F(TrackerTest, ARelocalisedFrameIsComparedWithWhereTheLastOneIsInTheMovedMap) {
+  track_world(0, 0);
+  track_world(1, 0.4);
+  track_world(2, 0.8);
+  EXPECT_EQ(track(3, see(world(77), 3, weaving_pose(0)).features).status, TrackingStatus::kLost);
+  const Rigid3 T_new_old(so3_exp({0, 0.3, 0}), {5, 0, -2});
+  tracker_.apply(moved_map(T_new_old));
+  const auto seen = see(world_, 3, weaving_pose(1.2)).features;
+  const Rigid3 T_w_c = T_new_old * truth(1.2);
+  const TrackResult again =
+      tracker_.resume({3, 0.3, seen}, known_place(tracker_, {0}, *seen, T_w_c.inverse()), 0);
+  ASSERT_EQ(again.status, TrackingStatus::kTracked) << again.reason;
+  EXPECT_FALSE(again.jumped);
+  EXPECT_LT((again.T_c_w.inverse().t() - T_w_c.t()).norm(), 2e-3);
+}
+
 /// The camera went on while its picture repeated, and that picture was lost besides.
 TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
   for (int i = 0; i < 3; ++i) track_world(i, 2.0 * i);
@@ -444,19 +477,8 @@ TEST_F(TrackerTest, AKeyframeEntersTheReplicaAtOnceAndCarriesCounts) {
 TEST_F(TrackerTest, PosesFollowWhenTheBackEndMovesTheMap) {
   track_world(0, 0);
   const TrackResult before = track_world(1, 0.4);
-  // The whole map is moved: keyframe and landmarks alike.
   const Rigid3 T_new_old(so3_exp({0, 0.3, 0}), {5, 0, -2});
-  ChangeSet changes;
-  KeyFrameView keyframe = tracker_.replica().keyframes().at({0});
-  keyframe.T_c_w = keyframe.T_c_w * T_new_old.inverse();
-  changes.keyframes.emplace_back(KeyFrameId{0}, keyframe);
-  tracker_.replica().landmarks().for_each([&](LandmarkId id, const LandmarkView& landmark) {
-    LandmarkView moved = landmark;
-    moved.p_w = T_new_old * landmark.p_w;
-    moved.normal = (T_new_old.R() * landmark.normal.cast<double>()).cast<float>();
-    changes.landmarks.emplace_back(id, moved);
-  });
-  tracker_.apply(changes);
+  tracker_.apply(moved_map(T_new_old));
   EXPECT_LT(minus(tracker_.current_pose(before.pose).inverse(), T_new_old * before.T_c_w.inverse())
                 .norm(),
             1e-9);
