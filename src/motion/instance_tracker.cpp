@@ -138,6 +138,16 @@ float InstanceTracker::weight(const kys::Prior& prior) const {
   return static_cast<float>(std::clamp((p - kNoWeight) / (kFullWeight - kNoWeight), 0.0, 1.0));
 }
 
+void InstanceTracker::turn_world(const Eigen::Quaterniond& R_new_old) {
+  for (auto& [instance, thing] : things_) {
+    if (thing.velocity) *thing.velocity = R_new_old * *thing.velocity;
+  }
+}
+
+void InstanceTracker::forget_velocities() {
+  for (auto& [instance, thing] : things_) thing.velocity.reset();
+}
+
 std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
   std::vector<InstanceBelief> changed;
   for (auto& [instance, thing] : things_) {

@@ -96,6 +96,10 @@ class InstanceTracker {
                                           kys::Statistics& statistics);
   /// Call it for a lost frame: the next frame is not compared with earlier ones. Beliefs stay.
   void forget_frames() { frames_.clear(); }
+  /// Call it when the world has turned, as by a loop: velocities are those of the world.
+  void turn_world(const Eigen::Quaterniond& R_new_old);
+  /// Call it in a new world: how fast things are in it is not known.
+  void forget_velocities();
   [[nodiscard]] std::size_t frames_kept() const { return frames_.size(); }
 
   /// Probability of being static, 0..1; 1 for an instance that is not tracked.

@@ -142,7 +142,10 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   bool tracked = track_local_map(frame, result);
   result.times.local_map = watch.lap_ms();
   if (tracked) {
-    if (submap(reference_) != submap(before)) first_keyframe_ = reference_;
+    if (submap(reference_) != submap(before)) {
+      first_keyframe_ = reference_;
+      if (instances_) instances_->forget_velocities();
+    }
     tracked = finish_tracked(std::move(frame), waiting, result);
   }
   if (!tracked) {
@@ -175,7 +178,10 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
   }
   result.status = TrackingStatus::kStarted;
   result.reason = "start";
-  if (instances_) judge_instances(frame, result);
+  if (instances_) {
+    instances_->forget_velocities();
+    judge_instances(frame, result);
+  }
   result.keyframe = make_keyframe(frame);
   first_keyframe_ = result.keyframe->id;
   result.inliers = result.matches = static_cast<int>(result.keyframe->new_landmarks.size());
@@ -247,6 +253,7 @@ std::shared_ptr<const FrameFeatures> Tracker::with_beliefs(
 /// The map may have moved since the last frame: its pose follows its keyframe, its landmarks their
 /// successors.
 void Tracker::refresh_last_frame() {
+  const Rigid3 T_c_w_before = last_->T_c_w;
   const Replica::Anchor anchor = replica_.resolve(last_->pose.reference);
   // The culled keyframe's own frame lies between: T_c_ref_old * T_ref_old_ref_new.
   last_->pose = {anchor.keyframe, last_->pose.T_c_reference * anchor.T_c_k};
@@ -255,6 +262,9 @@ void Tracker::refresh_last_frame() {
     if (id.valid()) id = replica_.resolve(id);
   }
   reference_ = replica_.resolve(reference_).keyframe;
+  if (std::exchange(map_moved_, false) && instances_) {
+    instances_->turn_world(last_->T_c_w.rotation.conjugate() * T_c_w_before.rotation);
+  }
 }
 
 Rigid3 Tracker::current_pose(const FramePose& pose) const {

@@ -104,6 +104,7 @@ class Tracker {
   /// Applies a change set to the replica; call it between two frames.
   void apply(ChangeSet changes) {
     patches_.apply(changes);
+    map_moved_ |= changes.moved;
     replica_.apply(std::move(changes));
   }
 
@@ -203,6 +204,7 @@ class Tracker {
   float close_depth_;  // m
 
   Replica replica_;
+  bool map_moved_ = false;  // as by a loop, since the last frame was refreshed
   LandmarkPatches patches_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion

@@ -81,7 +81,8 @@ class Street {
 
   /// \param with_file false: there is none for this frame. Returns its priors as believed.
   std::vector<kys::Prior> frame(bool with_file = true) {
-    const Rigid3 T_c_w{Eigen::Quaterniond::Identity(), {0, 0, -0.8 * frames_}};
+    const Rigid3 T_c_w = Rigid3(Eigen::Quaterniond::Identity(), {0, 0, -0.8 * frames_}) *
+                         Rigid3(turn_, {0, 0, 0}).inverse();
     FeatureSet set;
     std::vector<float> u_right;
     std::vector<kys::Prior> priors;
@@ -90,6 +91,7 @@ class Street {
     for (const Point& p : points_) {
       Eigen::Vector3d p_w = p.p_w;
       if (p.prior.instance == kDriving) p_w.z() += 0.7 * frames_;
+      p_w = turn_ * p_w;
       const Eigen::Vector3d p_c = T_c_w * p_w;
       if (p_c.z() < 2 || p.prior.instance == without_keypoints_) continue;
       const Eigen::Vector3d pixel = kCamera.project_stereo(p_c);
@@ -122,6 +124,13 @@ class Street {
     return believed;
   }
 
+  /// The world turns, as after a loop.
+  void turn_world(const Eigen::Quaterniond& R_new_old) {
+    turn_ = R_new_old * turn_;
+    for (Rigid3& T_c_w : past_) T_c_w = T_c_w * Rigid3(R_new_old, {0, 0, 0}).inverse();
+    tracker_.turn_world(R_new_old);
+  }
+
   const std::vector<kys::Prior>& seen() const { return seen_; }
   InstanceTracker& tracker() { return tracker_; }
   const InstanceState* state(std::int32_t instance) const {
@@ -152,6 +161,7 @@ class Street {
   std::vector<kys::Prior> seen_;
   std::vector<InstanceState> states_;
   int frames_ = 0;
+  Eigen::Quaterniond turn_ = Eigen::Quaterniond::Identity();
   std::vector<kys::Prior> segments_;
   std::int32_t without_disparity_ = -1;
   std::int32_t without_keypoints_ = -1;
@@ -276,6 +286,15 @@ TEST(InstanceTracker, AnInstanceWithoutKeypointsIsReportedWhileItsSegmentIsSeen)
   ASSERT_NO_FATAL_FAILURE(expect_unmeasured(car));
   EXPECT_LT(car->p_static, 0.1);
   EXPECT_EQ(street.state(kNeverSeen), nullptr);
+}
+
+TEST(InstanceTracker, AVelocityTurnsWithTheWorld) {
+  Street street;
+  for (int i = 0; i < 6; ++i) street.frame();
+  ASSERT_GT(street.state(kDriving)->matches, 30);
+  street.turn_world(so3_exp({0, 2.5, 0}));
+  street.frame();
+  EXPECT_GT(street.state(kDriving)->matches, 30);
 }
 
 TEST(InstanceTracker, StuffIsNotDoubted) {
