@@ -130,12 +130,11 @@ bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::at
 /// Number of residuals beyond that of the unknowns; points that no keyframe here sees are none.
 int redundancy_of(const BundleProblem& problem) {
   int residuals = 0;
-  std::vector<std::uint8_t> seen(problem.points.size(), 0);
-  for (const auto& o : problem.observations) {
-    residuals += std::isnan(o.u_right) ? 2 : 3;
-    seen[static_cast<std::size_t>(o.point)] = 1;
+  for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
+  int points = 0;
+  for (std::size_t k = 0; k < problem.points.size(); ++k) {
+    points += problem.first[k + 1] > problem.first[k] ? 1 : 0;
   }
-  const auto points = static_cast<int>(std::count(seen.begin(), seen.end(), 1));
   return residuals - 6 * static_cast<int>(problem.T_c_w.size()) - 3 * points;
 }
 
