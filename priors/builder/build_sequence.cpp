@@ -88,7 +88,7 @@ class SequenceBuilder {
     const double pixels = static_cast<double>(frames() * readers_.size()) * sequence_.camera.width *
                           sequence_.camera.height;
     output_.count_segments(pixels, summary_);
-    output_.write_tables(settings_.options);
+    output_.write_tables(settings_.options, summary_);
     return summary_;
   }
 
@@ -140,8 +140,7 @@ class SequenceBuilder {
   }
 
   [[nodiscard]] bool needs_images() const {
-    return inputs_.disparity == "sgbm" || inputs_.flow[0] == "dis" || inputs_.flow[1] == "dis" ||
-           settings_.debug_images || settings_.options.detection.method == DetectionMethod::kRobust;
+    return settings_.debug_images || reads_images(inputs_, settings_.options);
   }
 
   void measure_frame(std::size_t t, PreparedFrame prepared, Measured& out) {
@@ -209,7 +208,6 @@ class SequenceBuilder {
     priors.content_key = measured.key;
     priors.shares_instances = preparation_.shares_identities();
     std::string rows;
-    bool without_motion = false;
     BuildTimes& times = measured.times;
     for (std::size_t c = 0; c < measured.cameras.size(); ++c) {
       const CameraFusion fusion = export_camera(settings_.options, std::move(measured.cameras[c]));
@@ -223,7 +221,6 @@ class SequenceBuilder {
                                       [](const MotionDecision& d) { return d.judged; });
       rows += table_rows(sequence_.names[t], c, fusion);
       times.fusion += fusion.times;
-      without_motion |= c == 0 && !fusion.ego_motion;
       priors.cameras.push_back(fusion.priors);
     }
     MotionCoding coding;
@@ -236,7 +233,6 @@ class SequenceBuilder {
     write_file_atomic(output_.file_of(t), bytes, Durable::kNo);
     const std::lock_guard lock(mutex_);
     ++summary_.built;
-    summary_.frames_without_motion += without_motion;
     summary_.times += times;
   }
 

@@ -25,6 +25,8 @@ struct BuildSequence {
   std::vector<std::string> names;     ///< stems of the left images
   std::vector<double> timestamps;     ///< s, of the frames; needed for keypoints
   std::array<std::string, 2> images;  ///< names of the folders of left and right images
+  /// Left and right image of the frames. Priors made from images are built again when these change.
+  std::vector<std::array<std::filesystem::path, 2>> files;
   std::function<std::pair<GrayImage, GrayImage>(std::size_t)> read;
 
   /// s, of a frame; without time stamps, frames are at 10 Hz.

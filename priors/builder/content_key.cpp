@@ -3,6 +3,8 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/util/hash.h>
 
+#include <algorithm>
+#include <bit>
 #include <filesystem>
 #include <system_error>
 
@@ -66,6 +68,13 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
   digest.add(last ? "last" : sequence_.names[t + 1]);
   digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
              std::to_string(static_cast<int>(inputs_.flow_encoding)));
+  if (reads_images(inputs_, options_)) {
+    for (std::size_t i = t; i < std::min(t + 2, sequence_.names.size()); ++i) {
+      digest.add(std::to_string(std::bit_cast<std::uint64_t>(sequence_.time_of(i))));
+      if (i >= sequence_.files.size()) continue;
+      for (const fs::path& image : sequence_.files[i]) digest.add_file(image);
+    }
+  }
   for (std::size_t c = 0; c < readers_.size(); ++c) {
     digest.add_file(readers_[c].path_of(name));
     const fs::path classes = readers_[c].class_path_of(name);
@@ -92,6 +101,11 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
     }
   }
   return digest.value();
+}
+
+bool reads_images(const BuildInputs& inputs, const BuilderOptions& options) {
+  return inputs.disparity == "sgbm" || inputs.flow[0] == "dis" || inputs.flow[1] == "dis" ||
+         inputs.keypoints || options.detection.method == DetectionMethod::kRobust;
 }
 
 std::uint64_t key_with_later(const std::string& name, std::uint64_t last) {

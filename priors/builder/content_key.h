@@ -13,6 +13,9 @@
 
 namespace kys_slam {
 
+/// Whether priors are also made from the images of the sequence, and when these were taken.
+bool reads_images(const BuildInputs& inputs, const BuilderOptions& options);
+
 /// Keys of prior files: hashes of all that a file is made from. A file is current when it holds the
 /// key of its frame.
 class ContentKeys {

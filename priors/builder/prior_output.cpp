@@ -3,6 +3,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/prior_file.h>
 #include <kys_slam/prior_format.h>
+#include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 
 #include <fstream>
@@ -50,14 +51,18 @@ void PriorOutput::count_segments(double pixels, BuildSummary& summary) const {
   summary.flagged_pixels = pixels > 0 ? flagged / pixels : 0;
 }
 
-void PriorOutput::write_tables(const BuilderOptions& options) const {
+void PriorOutput::write_tables(const BuilderOptions& options, BuildSummary& summary) const {
   std::string segments = kSegmentsHeader, background = kBackgroundHeader;
   for (std::size_t t = 0; t < names_.size(); ++t) {
     std::ifstream rows(rows_of(t));
+    const std::string left = "B" + csv_field(names_[t]) + ",left,";
+    bool motion = false;
     for (std::string line; std::getline(rows, line);) {
+      motion = motion || line.starts_with(left);
       if (line.starts_with('S')) segments += line.substr(1) + "\n";
       if (line.starts_with('B')) background += line.substr(1) + "\n";
     }
+    summary.frames_without_motion += motion ? 0 : 1;
   }
   write_file_atomic(folder_ / "segments.csv", segments);
   write_file_atomic(folder_ / "background.csv", background);

@@ -37,8 +37,8 @@ class PriorOutput {
                                                               std::uint64_t key) const;
   /// Counts what is in the files of all frames. \param pixels  of all images
   void count_segments(double pixels, BuildSummary& summary) const;
-  /// Joins the rows of all frames.
-  void write_tables(const BuilderOptions& options) const;
+  /// Joins the rows of all frames, and counts those without motion.
+  void write_tables(const BuilderOptions& options, BuildSummary& summary) const;
 
  private:
   std::filesystem::path folder_;

@@ -169,7 +169,9 @@ TEST_F(BuildSequenceTest, FindsTheMoverKeepsIdentitiesAndResumes) {
     mover = segments[0].instance;
     EXPECT_GE(file.segments(CameraSide::kRight)[0].instance, prior_format::kRightInstances);
   }
-  EXPECT_EQ(build("a", 1).kept, 5u);
+  const BuildSummary resumed = build("a", 1);
+  EXPECT_EQ(resumed.kept, 5u);
+  EXPECT_EQ(resumed.frames_without_motion, 1u);
   write_frame("000002", 2);  // newer input: that frame again
   fs::last_write_time(root_ / "flow" / "000002.flo",
                       fs::file_time_type::clock::now() + std::chrono::seconds(5));
@@ -228,6 +230,34 @@ TEST_F(BuildSequenceTest, OtherClassesOfTheSegmentsAreBuiltAgain) {
   for (kys::LabelClass& c : classes) c.name = c.name == "car" ? "motor" : c.name;
   labels_ = kys::LabelSpace(labels_.name(), classes, std::vector<float>(133 * 133), "other");
   EXPECT_EQ(build("a", 1).built, 5u) << "another label space of the same name";
+}
+
+TEST_F(BuildSequenceTest, OtherImagesAreBuiltAgainWhereTheyAreUsed) {
+  have_images();
+  for (const std::string& name : sequence_.names) {
+    sequence_.files.push_back({root_ / (name + "l.png"), root_ / (name + "r.png")});
+    for (const fs::path& image : sequence_.files.back()) std::ofstream(image) << "image";
+  }
+  build("folders", 1);
+  build_robust("robust", 1, 0);
+  EXPECT_EQ(build_robust("robust", 1, 0).kept, 5u);
+  std::ofstream(sequence_.files[3][1]) << "another one";
+  EXPECT_EQ(build("folders", 1).kept, 5u) << "nothing is made from images there";
+  EXPECT_EQ(build_robust("robust", 1, 0).built, 3u) << "it, the one before, and what comes after";
+  inputs_.disparity = "sgbm";
+  build("sgbm", 1);
+  std::ofstream(sequence_.files[3][0]) << "a third one";
+  EXPECT_EQ(build("sgbm", 1).built, 2u);
+}
+
+TEST_F(BuildSequenceTest, OtherTimeStampsAreBuiltAgainWhereTheyAreUsed) {
+  have_images();
+  sequence_.timestamps = {0, 0.1, 0.2, 0.3, 0.4};
+  build("folders", 1);
+  build_robust("robust", 1, 0);
+  sequence_.timestamps[4] = 0.4000001;
+  EXPECT_EQ(build("folders", 1).kept, 5u);
+  EXPECT_EQ(build_robust("robust", 1, 0).built, 2u) << "it and the one before";
 }
 
 TEST_F(BuildSequenceTest, RowsThatAreNotThoseOfTheFileAreBuiltAgain) {

@@ -21,8 +21,10 @@ BuildSequence open_build_sequence(const std::filesystem::path& folder, const std
                      first.right.parent_path().filename().string()};
   sequence.camera = opened->camera();
   for (std::int64_t i = 0; i < opened->frame_count(); ++i) {
-    sequence.names.push_back(opened->frame(i).name);
-    sequence.timestamps.push_back(opened->frame(i).timestamp);
+    const Sequence::Frame& frame = opened->frame(i);
+    sequence.names.push_back(frame.name);
+    sequence.timestamps.push_back(frame.timestamp);
+    sequence.files.push_back({frame.left, frame.right});
   }
   sequence.read = [opened](std::size_t t) {
     StereoFrame frame = opened->read(static_cast<std::int64_t>(t));
@@ -36,10 +38,13 @@ void select_frames(BuildSequence& sequence, std::int64_t start,
   const auto all = static_cast<std::int64_t>(sequence.names.size());
   if (start >= all) throw InputError("--start is beyond the last frame");
   const std::int64_t count = std::min(frames.value_or(all), all - start);
-  const auto first = sequence.names.begin() + start;
-  sequence.names = {first, first + count};
-  const auto first_time = sequence.timestamps.begin() + start;
-  sequence.timestamps = {first_time, first_time + count};
+  const auto select = [&](auto& of_frames) {
+    const auto first = of_frames.begin() + start;
+    of_frames = {first, first + count};
+  };
+  select(sequence.names);
+  select(sequence.timestamps);
+  select(sequence.files);
   sequence.read = [read = sequence.read, start = static_cast<std::size_t>(start)](std::size_t t) {
     return read(start + t);
   };
