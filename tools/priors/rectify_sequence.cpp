@@ -7,7 +7,9 @@
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <utility>
 
 #include "common/command_line.h"
 #include "open_sequence.h"
@@ -29,6 +31,27 @@ void check_source(const fs::path& output, const std::string& source) {
   throw InputError("--output " + output.string() + ": is not empty and not made of this sequence");
 }
 
+/// Images that are there were made of the images and with the calibration of today: the first pair
+/// tells, since every calibration changes all of them.
+void check_first_pair(const BuildSequence& sequence, const fs::path& left, const fs::path& right) {
+  const std::string file = sequence.names.front() + ".png";
+  if (!path_exists(left / file) && !path_exists(right / file)) return;
+  const auto pair = sequence.read(0);
+  const auto same = [](const fs::path& path, const GrayImage& image) {
+    if (!path_exists(path)) return true;
+    const GrayImage there = read_gray(path);
+    return there.width() == image.width() && there.height() == image.height() &&
+           std::equal(there.data(), there.data() + there.size(), image.data());
+  };
+  for (const auto& [path, image] :
+       {std::pair(left / file, &pair.first), {right / file, &pair.second}}) {
+    if (same(path, *image)) continue;
+    throw InputError(path.string() +
+                     ": was made with another calibration or of another image; remove the folder, "
+                     "or give another --output");
+  }
+}
+
 int run(int argc, char** argv) {
   CLI::App app(
       "Writes the rectified images of a sequence in KITTI layout (image_0, image_1, calib.txt), "
@@ -48,6 +71,7 @@ int run(int argc, char** argv) {
   }
   const std::string source = printable(fs::canonical(input).string(), kMostPathBytes) + "\n";
   check_source(output, source);
+  check_first_pair(sequence, left, right);
   make_output_folder(output);
   write_file_atomic(fs::path(output) / kSource, source);
   make_output_folder(left);

@@ -220,3 +220,19 @@ def paths_output_of_rectify_sequence_is_of_one_source(f, programs):
     refused(programs.run(*rectify), "rectified", "not made of this sequence")
     f.write("full/notes.txt", "mine")
     refused(programs.run(*rectify[:3], f("full")), "full", "is not empty")
+
+
+@case
+def paths_output_of_rectify_sequence_is_of_one_calibration(f, programs):
+    make_euroc(f("euroc"), f.sequence)
+    rectify = ["rectify_sequence", f("euroc"), "--output", f("rectified")]
+    passed(programs.run(*rectify))
+    passed(programs.run(*rectify))
+    for camera in (0, 1):
+        path = f("euroc", "mav0", f"cam{camera}", "sensor.yaml")
+        with open(path, encoding="ascii") as file:
+            text = file.read()
+        f.write(path, text.replace("[0.0, 0.0, 0.0, 0.0]", "[-0.2, 0.0, 0.0, 0.0]"))
+    refused(programs.run(*rectify), f("rectified"), "another calibration")
+    rectify[3] = f("anew")
+    passed(programs.run(*rectify))
