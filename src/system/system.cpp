@@ -6,6 +6,7 @@
 #include <kys_slam/util/process_figures.h>
 #include <kys_slam/util/stopwatch.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <mutex>
@@ -25,6 +26,22 @@ constexpr std::size_t kManyLandmarks = 20000;  // changed at once: by a loop, no
 std::string describe(const StereoCamera& c) {
   return fmt::format("{}x{} px, fx {:.9g}, fy {:.9g}, cx {:.9g}, cy {:.9g}, baseline {:.9g} m",
                      c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.baseline);
+}
+
+/// Labels of a map are in the label space of the name that it says.
+void check_labels(const Map& map, const std::string& label_space,
+                  const std::filesystem::path& file) {
+  int most = -1;
+  const auto see = [&](const kys::Prior& prior) {
+    if (prior.label != kys::kVoidLabel) most = std::max<int>(most, prior.label);
+  };
+  map.keyframes().for_each([&](KeyFrameId, const KeyFrame& k) {
+    for (const kys::Prior& prior : k.features->priors()) see(prior);
+  });
+  map.landmarks().for_each([&](LandmarkId, const Landmark& l) { see(l.prior); });
+  if (most < 0 || most < static_cast<int>(things_of(label_space).size())) return;
+  throw InputError(fmt::format("{}: label {} is not in label space {}", file.string(), most,
+                               label_space_name(label_space)));
 }
 
 }  // namespace
@@ -53,6 +70,7 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   if (localize_only && map.keyframes().empty()) {
     throw InputError(file.string() + ": holds no keyframes");
   }
+  check_labels(map, s.options.control.label_space, file);
   if (!(map.camera() == s.camera)) {
     throw InputError(file.string() + ": the map was made with another camera (" +
                      describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");

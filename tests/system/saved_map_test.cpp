@@ -305,5 +305,40 @@ TEST_F(MapWithBeliefs, MuOfASavedMapBecomesTheBeliefOfItsClass) {
   }
 }
 
+std::string refusal_of(System& system, const std::filesystem::path& file, bool localize_only) {
+  try {
+    system.load_map(file, localize_only);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_F(MapWithBeliefs, LabelsBeyondTheLabelSpaceAreRefused) {
+  System first = of_mode("verified");
+  run(first, 2);
+  MapContents contents = map_of(first).contents();
+  for (Landmark& landmark : contents.landmarks) landmark.prior.label = 132;
+  save_map(Map(contents), file(), "coco_panoptic_133");
+  System last = of_mode("verified");
+  EXPECT_EQ(refusal_of(last, file(), false), "");
+  contents.landmarks.back().prior.label = 133;
+  save_map(Map(contents), file(), "coco_panoptic_133");
+  for (const char* mode : {"verified", "stock"}) {
+    System system = of_mode(mode);
+    EXPECT_EQ(refusal_of(system, file(), false),
+              file().string() + ": label 133 is not in label space coco_panoptic_133");
+  }
+}
+
+TEST(SavedMap, WithoutKeyframesNothingIsFoundInIt) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "empty.map";
+  System system(kitti_camera(), Settings(), Schedule::kSequential);
+  save_map(map_of(system), file);
+  EXPECT_EQ(refusal_of(system, file, true), file.string() + ": holds no keyframes");
+  EXPECT_EQ(refusal_of(system, file, false), "") << "a map to begin with";
+}
+
 }  // namespace
 }  // namespace kys_slam
