@@ -33,7 +33,8 @@ class Settings {
   /// Sets one setting from "KEY=VALUE". \throws InputError as above, or when there is no "=".
   void assign(std::string_view assignment);
   [[nodiscard]] std::string get(std::string_view key) const;
-  /// \throws InputError naming the first invalid setting.
+  /// \throws InputError naming the first invalid setting or contradiction, and the file that was
+  ///         loaded if it was there already at its end.
   void check() const;
 
   struct Description {
@@ -50,6 +51,8 @@ class Settings {
  private:
   friend struct PrivateAccess;
   std::unique_ptr<SettingsData> data_;
+  std::string file_;           ///< loaded last
+  std::string contradiction_;  ///< in the settings after it was loaded; "": none
 };
 
 }  // namespace kys_slam

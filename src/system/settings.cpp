@@ -1,5 +1,5 @@
 #include <fmt/format.h>
-#include <kys_slam/check_options.h>
+#include <kys/option_list.h>
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/settings.h>
@@ -95,9 +95,14 @@ void flatten(const YAML::Node& node, const std::string& prefix, const std::strin
 
 Settings::Settings() : data_(std::make_unique<SettingsData>()) {}
 Settings::~Settings() = default;
-Settings::Settings(const Settings& other) : data_(std::make_unique<SettingsData>(*other.data_)) {}
+Settings::Settings(const Settings& other)
+    : data_(std::make_unique<SettingsData>(*other.data_)),
+      file_(other.file_),
+      contradiction_(other.contradiction_) {}
 Settings& Settings::operator=(const Settings& other) {
   *data_ = *other.data_;
+  file_ = other.file_;
+  contradiction_ = other.contradiction_;
   return *this;
 }
 Settings::Settings(Settings&&) noexcept = default;
@@ -152,10 +157,15 @@ void Settings::load(const std::filesystem::path& file) {
   } catch (const InputError& error) {
     throw InputError(file.string() + ": " + error.what());
   }
+  // What is set later may put it right.
+  file_ = file.string();
+  contradiction_ = kys::complaint_about(*data_);
 }
 
 void Settings::check() const {
-  check_options(*data_);
+  const std::string complaint = kys::complaint_about(*data_);
+  if (complaint.empty()) return;
+  throw InputError(complaint == contradiction_ ? file_ + ": " + complaint : complaint);
 }
 
 std::vector<Settings::Description> Settings::describe() const {
