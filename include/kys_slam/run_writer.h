@@ -17,6 +17,7 @@ namespace kys_slam {
 struct RunInfo {
   std::string sequence;
   std::string mode;
+  std::string recording;                ///< that of FrameInput; "": not known
   std::vector<TimedPose> ground_truth;  ///< left camera; empty: none
   double start_up_s = 0;                ///< s, from the start of the program to the first frame
   double wall_s = 0;                    ///< s, from the first frame to the end of the back end

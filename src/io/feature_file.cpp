@@ -4,6 +4,7 @@
 #include <kys_slam/feature_file.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/memory_limit.h>
+#include <kys_slam/util/paths.h>
 #include <libdeflate.h>
 #include <unistd.h>
 
@@ -156,8 +157,8 @@ FeatureSequenceWriter::FeatureSequenceWriter(const fs::path& path, const Feature
                                              const FeatureTruth& truth)
     : impl_(std::make_unique<Impl>()) {
   check_writable(path);
-  impl_->path = path;
-  impl_->temporary = path;
+  impl_->path = behind_links(path);
+  impl_->temporary = impl_->path;
   impl_->temporary += ".partial-" + std::to_string(getpid());
   impl_->file.reset(std::fopen(impl_->temporary.c_str(), "wb"));
   if (!impl_->file) impl_->fail();

@@ -3,6 +3,7 @@
 #include <kys_slam/feature_file.h>
 #include <kys_slam/frame_input.h>
 #include <kys_slam/settings.h>
+#include <kys_slam/util/hash.h>
 #include <kys_slam/util/paths.h>
 
 #include <cmath>
@@ -17,7 +18,25 @@ namespace kys_slam {
 
 namespace {
 
+/// \param file  that the first frame is in, or features of it; its first bytes are enough
+std::string recording_of(std::int64_t index, double timestamp, const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) return "";
+  std::string bytes(std::size_t{64} << 10, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  bytes.resize(static_cast<std::size_t>(in.gcount()));
+  if (bytes.empty()) return "";
+  Fnv1a digest;
+  digest.add(fmt::format("{:.9f} ", timestamp));
+  digest.add(bytes);
+  return fmt::format("frame {}: {:016x}", index, digest.value());
+}
+
 FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOptions& options) {
+  if (options.pair != CameraPair::kFirst) {
+    throw InputError(path.string() + ": has no camera pairs; a choice is for KITTI odometry");
+  }
   auto features =
       std::make_unique<FeatureSequence>(path, options.start, options.frames.value_or(-1));
   FrameInput input;
@@ -28,6 +47,7 @@ FrameInput open_feature_file(const std::filesystem::path& path, const SequenceOp
   input.scale_factor = features->info().scale_factor;
   input.levels = features->info().levels;
   input.label_space = features->info().label_space;
+  input.recording = recording_of(0, 0, path);
   input.frames = std::move(features);
   return input;
 }
@@ -48,6 +68,8 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
   input.name = sequence->name();
   input.layout = sequence->layout();
   input.ground_truth = sequence->ground_truth();
+  const Sequence::Frame& first = sequence->frame(0);
+  input.recording = recording_of(options.start, first.timestamp, first.left);
   input.frames = std::move(sequence);
   return input;
 }

@@ -6,6 +6,7 @@
 #include <kys_slam/run_writer.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/atomic_file.h>
+#include <kys_slam/util/paths.h>
 #include <kys_slam/util/process_figures.h>
 
 #include <algorithm>
@@ -218,6 +219,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   json["sequence"] = printable(info.sequence);
   json["mode"] = info.mode;
+  if (!info.recording.empty()) json["recording"] = info.recording;
   json["schedule"] = to_string(schedule);
   json["complete"] = info.complete;
   if (!info.complete) json["end_reason"] = printable(info.end_reason);
@@ -327,8 +329,10 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   make_output_folder(folder);
   // The summary comes last: without it a folder is not a complete run.
   std::error_code ignored;
-  std::filesystem::remove(folder / "summary.json", ignored);
-  if (info.ground_truth.empty()) std::filesystem::remove(folder / "ground_truth.tum", ignored);
+  std::filesystem::remove(behind_links(folder / "summary.json"), ignored);
+  if (info.ground_truth.empty()) {
+    std::filesystem::remove(behind_links(folder / "ground_truth.tum"), ignored);
+  }
   Files files;
   files.write([&] { write_tum_poses(folder / "trajectory.tum", outcome.connected); });
   files.write(

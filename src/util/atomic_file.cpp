@@ -109,8 +109,9 @@ void remove_left_files(const fs::path& folder) {
 }  // namespace
 
 void write_file_atomic(const fs::path& path, std::span<const std::uint8_t> bytes, Durable durable) {
-  check_target(path);
-  TemporaryFile file(path);
+  const fs::path target = behind_links(path);
+  check_target(target);
+  TemporaryFile file(target);
   file.write(bytes.data(), bytes.size());
   file.commit(durable);
 }
@@ -122,7 +123,7 @@ void write_file_atomic(const fs::path& path, std::string_view text, Durable dura
 
 void make_output_folder(const fs::path& folder) {
   std::error_code error;
-  fs::create_directories(folder, error);
+  fs::create_directories(behind_links(folder), error);
   if (error || !fs::is_directory(folder, error)) {
     fail(folder, error ? error.value() : ENOTDIR);
   }
@@ -134,8 +135,9 @@ void make_output_folder(const fs::path& folder) {
 }
 
 void check_writable(const fs::path& path) {
-  check_target(path);
-  const TemporaryFile file(path);
+  const fs::path target = behind_links(path);
+  check_target(target);
+  const TemporaryFile file(target);
 }
 
 }  // namespace kys_slam

@@ -77,6 +77,19 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
   return entries;
 }
 
+fs::path behind_links(const fs::path& path) {
+  constexpr int kMostLinks = 40;  // as the kernel
+  std::error_code error;
+  fs::path target = path;
+  for (int i = 0; fs::is_symlink(fs::symlink_status(target, error)); ++i) {
+    if (i == kMostLinks) fail(path, {ELOOP, std::generic_category()});
+    const fs::path next = fs::read_symlink(target, error);
+    if (error) fail(target, error);
+    target = target.parent_path() / next;  // `next` alone when it is absolute
+  }
+  return target;
+}
+
 bool is_same_path(const fs::path& a, const fs::path& b) {
   std::error_code error;
   return fs::equivalent(a, b, error) && !error;

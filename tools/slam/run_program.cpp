@@ -76,7 +76,7 @@ void declare(CLI::App& app, Arguments& a) {
                "print every setting with unit, meaning and range, and exit");
   app.add_option("--output", a.output, "folder for the results (default: runs/<sequence>-<mode>)");
   app.add_flag("--overwrite", a.overwrite,
-               "allow an output folder with the run of another sequence or mode");
+               "allow an output folder with the run of another sequence, recording or mode");
   app.add_option(
          "--schedule", a.schedule,
          "pipelined: mapping in parallel with tracking, reproducible; sequential: mapping after "
@@ -214,6 +214,12 @@ void track(System& system, FrameSource& frames, const Arguments& a, const Pace& 
   info.cpu_s = process_figures().cpu_seconds() - cpu_before;
 }
 
+/// Whether both are known, begin with the same frame, and are not of the same recording.
+bool are_of_two_recordings(const std::string& a, const std::string& b) {
+  const std::size_t colon = a.find(':');
+  return colon != std::string::npos && b.starts_with(a.substr(0, colon + 1)) && a != b;
+}
+
 /// A second run of the same sequence and mode takes the place of the first; another one's results
 /// are not overwritten by mistake.
 void check_not_of_another_run(const std::filesystem::path& output, const RunInfo& info) {
@@ -227,11 +233,12 @@ void check_not_of_another_run(const std::filesystem::path& output, const RunInfo
   };
   const std::string sequence = text("sequence");
   const std::string mode = text("mode");
-  if (sequence == printable(info.sequence) && mode == info.mode) return;
+  const bool other = are_of_two_recordings(text("recording"), info.recording);
+  if (sequence == printable(info.sequence) && mode == info.mode && !other) return;
   throw InputError(
-      fmt::format("{}: holds another run (sequence '{}', mode '{}'); --overwrite, or "
+      fmt::format("{}: holds another run (sequence '{}', mode '{}'{}); --overwrite, or "
                   "another --output",
-                  output.string(), sequence, mode));
+                  output.string(), sequence, mode, other ? ", another recording" : ""));
 }
 
 /// Where priors come from, and how many frames had none.
@@ -346,6 +353,7 @@ int run(const RunProgram& program, const Arguments& a) {
   RunInfo info;
   info.sequence = input.name;
   info.mode = settings.get("kys.mode");
+  info.recording = input.recording;
   info.ground_truth = input.ground_truth;
   const std::filesystem::path output =
       a.output.empty() ? std::filesystem::path("runs") / (info.sequence + "-" + info.mode)

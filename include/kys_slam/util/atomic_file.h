@@ -14,8 +14,9 @@ namespace kys_slam {
 enum class Durable { kYes, kNo };
 
 /// Writes a whole file: a temporary file in the same folder, then a rename. Readers see the old
-/// content or the new one, never a part, also when the program is killed. \throws InputError
-/// "cannot write PATH: reason" (missing folder, no permission, disk full).
+/// content or the new one, never a part, also when the program is killed. A link stays; the file
+/// it leads to is written. \throws InputError "cannot write PATH: reason" (missing folder, no
+/// permission, disk full).
 void write_file_atomic(const std::filesystem::path& path, std::span<const std::uint8_t> bytes,
                        Durable durable = Durable::kYes);
 void write_file_atomic(const std::filesystem::path& path, std::string_view text,

@@ -26,6 +26,10 @@ int compare_names(std::string_view a, std::string_view b);
 /// Sorts files of frames by compare_names() of their stems.
 void sort_frames(std::vector<std::filesystem::path>& files);
 
+/// Where a path leads that is a link, or a link to a link: what is written goes there, and the link
+/// stays. Other paths as they are. What it leads to need not exist. \throws InputError for a loop
+std::filesystem::path behind_links(const std::filesystem::path& path);
+
 /// Whether both exist and are the same file or folder.
 bool is_same_path(const std::filesystem::path& a, const std::filesystem::path& b);
 

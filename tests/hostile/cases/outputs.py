@@ -1,12 +1,13 @@
 """Outputs that cannot be written."""
+import json
 import os
 import shutil
 import signal
 import subprocess
 import time
 
-from harness import (FRAMES, OUTPUTS, Result, as_nobody, case, complete, expect, lines, passed,
-                     refused)
+from harness import (FRAMES, FX, OUTPUTS, Result, as_nobody, case, complete, expect, lines, passed,
+                     refused, write_calibration)
 
 
 def read(path):
@@ -193,3 +194,66 @@ def output_is_the_input(f, programs):
     refused(programs.run("run_stereo_kitti", features, "--output", f.output, "--quiet", "--save-map",
                          features), "--save-map", "is the input")
     expect(read(features) == before, "the input is overwritten")
+
+
+@case
+def output_of_another_recording(f, programs):
+    """Of the same name: told by the first frame and its time, where both are known."""
+    def run(*more):
+        return programs.run("run_stereo_kitti", f.sequence, "--output", f.output, "--quiet", *more)
+    passed(run())
+    passed(run("--frames", "6"))
+    passed(run("--start", "3"))
+    passed(run("--overwrite"))
+    image = read(f.image(0, 0))
+    shutil.copy(f.image(1, 0), f.image(0, 0))
+    refused(run(), "another recording", "--overwrite")
+    f.write("seq/image_0/000000.png", image)
+    times = read(f("seq", "times.txt"))
+    f.write("seq/times.txt", "".join(f"{5 + i}\n" for i in range(FRAMES)))
+    refused(run(), "another recording", "--overwrite")
+    summary = os.path.join(f.output, "summary.json")
+    with open(summary, encoding="utf-8") as file:
+        old = json.load(file)
+    del old["recording"]
+    f.write(summary, json.dumps(old))
+    passed(run())
+    f.write("seq/times.txt", times)
+    passed(run("--overwrite"))
+    write_calibration(f.sequence, fx=FX + 1)  # the same recording
+    passed(run())
+
+
+@case
+def output_through_links(f, programs):
+    """A link stays, what it leads to is written; also where it leads to nothing yet."""
+    os.makedirs(f("far"))
+    path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
+    os.mkdir(f.output)
+    links = {f("m.map"): os.path.join("far", "a.map"), f("f.features"): f("far", "a.features"),
+             os.path.join(f.output, "summary.json"): f("far", "a.json")}
+    for link, target in links.items():
+        os.symlink(target, link)
+    for _ in range(2):
+        passed(programs.kitti(f, "--save-map", f("m.map")))
+        passed(programs.run("simulate_features", path, "--output", f("f.features"), "--quiet"))
+        complete(f)
+        for link, target in links.items():
+            expect(os.path.getsize(f(target)) > 100, f"{target} is not written")
+            expect(os.path.islink(link), f"{link} is no link any more")
+    os.symlink("nothing", f("link"))
+    passed(programs.run("run_stereo_kitti", f.sequence, "--output", f("link"), "--quiet"))
+    expect(os.path.isfile(f("nothing", "summary.json")), "nothing is written where it leads")
+    os.symlink("lo", f("lo"))
+    refused(programs.kitti(f, "--save-map", f("lo")), "lo", "symbolic links")
+
+
+@case
+def output_of_the_simulator_through_a_link(f, programs):
+    os.mkdir(f("far"))
+    for name, target in (("link", "far"), ("new", "nothing")):
+        os.symlink(target, f(name))
+        passed(programs.run("simulate_sequence", "street", "--output", f(name), "--frames", "2", "--size",
+                            "124x48", "--images-only", "--quiet"))
+        expect(os.path.islink(f(name)), "the link is replaced")
+        expect(os.path.isfile(f(target, "calib.txt")), "nothing is written where it leads")

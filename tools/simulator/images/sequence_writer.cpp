@@ -264,6 +264,7 @@ SequenceFigures write_sequence(const World& world, const WriteOptions& options) 
   if (world.times.empty()) throw InputError("a sequence needs at least one frame");
   fs::path output = options.output.lexically_normal();
   if (output.filename().empty()) output = output.parent_path();
+  output = behind_links(output);
   check_free(output);
   check_replaceable(output);
   fs::path partial = output;
