@@ -8,6 +8,8 @@
 
 #include <array>
 #include <cmath>
+#include <set>
+#include <string_view>
 
 #include "io/sequence_parts.h"
 
@@ -26,16 +28,26 @@ double seconds(std::int64_t nanoseconds) {
 
 /// The rows "timestamp,file name" of one camera.
 std::vector<Shot> read_shots(const fs::path& camera) {
+  constexpr std::int64_t kLeastInterval = 100000;  // ns; seconds since 1970 have steps of 238 ns
   const TextTable table(camera / "data.csv");
   std::vector<Shot> shots;
+  std::set<std::string_view> names;
   for (const TextRow& row : table.rows()) {
     if (row.fields.size() != 2) table.fail(row, "expected 'timestamp,file name'");
     const fs::path name(row.fields[1]);
     if (name.has_parent_path()) table.fail(row, "file name with a folder");
     shots.push_back({table.integer(row, 0), camera / "data" / name});
     if (shots.back().nanoseconds < 0) table.fail(row, "negative time stamp");
-    if (shots.size() > 1 && shots.back().nanoseconds <= shots[shots.size() - 2].nanoseconds) {
-      table.fail(row, "time stamps do not increase");
+    if (!names.insert(row.fields[1]).second) {
+      table.fail(row, "the image " + name.string() + " is listed twice");
+    }
+    if (shots.size() > 1) {
+      const std::int64_t before = shots[shots.size() - 2].nanoseconds;
+      if (shots.back().nanoseconds <= before) table.fail(row, "time stamps do not increase");
+      if (shots.back().nanoseconds - before < kLeastInterval) {
+        table.fail(row, std::to_string(shots.back().nanoseconds - before) +
+                            " ns after the image before: cameras are slower");
+      }
     }
     if (!path_exists(shots.back().image)) {
       table.fail(row, "the image " + shots.back().image.string() + " is missing");
@@ -143,6 +155,7 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
       mav / (is_tum_vi(mav) ? "mocap0" : "state_groundtruth_estimate0") / "data.csv";
   if (path_exists(truth)) {
     content.ground_truth = read_euroc_poses(truth);
+    if (content.ground_truth.empty()) throw InputError(truth.string() + ": holds no poses");
     for (TimedPose& pose : content.ground_truth) pose.T_w_c = pose.T_w_c * *content.T_b_c;
   }
   return make_sequence(std::move(content), options, folder);

@@ -476,7 +476,18 @@ TEST(Euroc, BadInput) {
   const std::string stamp = "1403715273262142976";
   write_text(root / "mav0/cam0/data.csv",
              stamp + "," + stamp + ".png\n" + stamp + "," + stamp + ".png\n");
+  expect_refused({"cam0/data.csv:2", "twice"});
+  fs::copy(root / "mav0/cam0/data" / (stamp + ".png"), root / "mav0/cam0/data/copy.png");
+  write_text(root / "mav0/cam0/data.csv", stamp + "," + stamp + ".png\n" + stamp + ",copy.png\n");
   expect_refused({"cam0/data.csv:2", "increase"});
+  fs::copy(root / "mav0/cam0/data" / (stamp + ".png"), root / "mav0/cam0/data/copy.png");
+  write_text(root / "mav0/cam0/data.csv",
+             stamp + "," + stamp + ".png\n1403715273262142996,copy.png\n");
+  expect_refused({"cam0/data.csv:2", "20 ns"});
+  for (const char* text : {"", "#timestamp, p_RS_R_x [m]\n"}) {
+    write_text(root / "mav0/state_groundtruth_estimate0/data.csv", text);
+    expect_refused({"state_groundtruth_estimate0/data.csv", "no poses"});
+  }
 }
 
 TEST(RealExcerpts, OpenAndRead) {
