@@ -98,6 +98,14 @@ TEST(EvaluateTrajectory, MovesTheReferenceFromBodyToCamera) {
   EXPECT_EQ(moved.status, 0) << moved.output;
   EXPECT_NE(moved.output.find("\"max\": 0.0"), std::string::npos) << moved.output;
   EXPECT_NE(evaluate_trajectory(files).output.find("\"max\": 1.0"), std::string::npos);
+  // EuRoC's order of the quaternion comes with commas, not with nanoseconds.
+  const std::string t = "140371527326214";
+  write_text(folder / "body.tum", t + "1000 0 0 0 0 0 0 1\n" + t + "4000 0 0 5 0 0 0 1\n");
+  write_text(folder / "camera.tum", t + "1000 1 0 0 0 0 0 1\n" + t + "4000 1 0 5 0 0 0 1\n");
+  const Finished late =
+      evaluate_trajectory(files + " --body-to-camera " + (folder / "sensor.yaml").string());
+  EXPECT_EQ(late.status, 0) << late.output;
+  EXPECT_EQ(late.output.find("\"max\": 2.0"), std::string::npos) << late.output;
 }
 
 }  // namespace

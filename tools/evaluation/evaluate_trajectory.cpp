@@ -4,6 +4,7 @@
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/text_table.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -25,7 +26,13 @@ struct Arguments {
   bool json = false;
 };
 
-/// Twelve columns: KITTI. Eight: TUM. More, or eight with integer nanoseconds first: EuRoC.
+bool has_commas(const TextRow& row) {
+  const char* end = row.fields[0].data() + row.fields[0].size();
+  return std::find(end, row.fields[1].data(), ',') != row.fields[1].data();
+}
+
+/// Twelve columns: KITTI. Eight: TUM. More, or eight with commas and integer nanoseconds first:
+/// EuRoC.
 Format format_of(const std::string& path) {
   const TextTable table(path);
   if (table.rows().empty()) throw InputError(path + ": no poses");
@@ -34,8 +41,8 @@ Format format_of(const std::string& path) {
   if (columns == 12) return Format::kKitti;
   const bool nanoseconds =
       row.fields[0].size() >= 16 && row.fields[0].find('.') == std::string_view::npos;
-  if (columns >= 8 && nanoseconds) return Format::kEuroc;
-  if (columns == 8) return Format::kTum;
+  if (columns == 8) return nanoseconds && has_commas(row) ? Format::kEuroc : Format::kTum;
+  if (columns > 8 && nanoseconds) return Format::kEuroc;
   table.fail(row, std::to_string(columns) +
                       " columns: neither KITTI (12) nor TUM (8) nor an EuRoC ground truth");
 }
