@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "priors/input/coco_categories.h"
 #include "priors/input/json_input.h"
 #include "priors/input/vkitti_names.h"
 
@@ -160,27 +161,7 @@ void PanopticReader::read_json() {
   const std::string text = read_text(json_);
   try {
     const Json document = parse_json(text, json_.string());
-    // Categories by name where the file lists them; else the ids are those of the label space.
-    if (document.contains("categories")) {
-      std::map<std::int64_t, std::string> name_of;
-      for (const Json& category : document.at("categories")) {
-        const auto name = category.at("name").get<std::string>();
-        const auto id = integer_at<std::int64_t>(category, "id", json_.string());
-        if (name_of.emplace(id, name).first->second != name) {
-          throw InputError(json_.string() + ": category " + std::to_string(id) +
-                           " is listed with two names");
-        }
-        const auto& classes = labels_->classes();
-        const auto found = std::find_if(classes.begin(), classes.end(),
-                                        [&](const kys::LabelClass& c) { return c.name == name; });
-        if (found == classes.end()) continue;  // an error only when a segment uses it
-        label_of_category_[id] = static_cast<std::uint16_t>(found - classes.begin());
-      }
-    } else {
-      for (std::size_t i = 0; i < labels_->size(); ++i) {
-        label_of_category_[labels_->classes()[i].id] = static_cast<std::uint16_t>(i);
-      }
-    }
+    label_of_category_ = coco_categories(document, *labels_, json_.string());
     for (const Json& annotation : document.at("annotations")) {
       auto& segments =
           annotations_[fs::path(annotation.at("file_name").get<std::string>()).stem().string()];

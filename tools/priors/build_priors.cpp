@@ -37,10 +37,12 @@ void declare(CLI::App& app, Arguments& a) {
       "Instead of panoptic maps: 8-bit class maps (category ids; 255 is void, and 0 unless the "
       "label space has a class 0); no instances, no motion");
   app.add_option("--semantic-right", a.semantic[1], "The same of the right camera");
-  app.add_option("--disparity", a.inputs.disparity,
-                 "Left disparity: folder of KITTI PNG, PFM or NPY; or 'sgbm' to estimate it");
+  CLI::Option* disparity =
+      app.add_option("--disparity", a.inputs.disparity,
+                     "Left disparity: folder of KITTI PNG, PFM or NPY; or 'sgbm' to estimate it");
   app.add_option("--disparity-right", a.inputs.disparity_right,
-                 "Right disparity, folder (default: the left one is warped)");
+                 "Right disparity, folder (default: the left one is warped)")
+      ->needs(disparity);
   app.add_option("--flow-left", a.inputs.flow[0],
                  "Flow to the next frame, left: folder of KITTI PNG, .flo or NPY; or 'dis'");
   app.add_option("--flow-right", a.inputs.flow[1], "The same of the right camera");
@@ -83,6 +85,18 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "No progress");
 }
 
+/// Flow that would not be looked at.
+void check_flow(const BuildInputs& inputs) {
+  if (!inputs.flow[1].empty() && inputs.panoptic[1].empty()) {
+    throw InputError("--flow-right needs --panoptic-right");
+  }
+  const char* const sides[] = {"left", "right"};
+  for (std::size_t c = 0; c < 2; ++c) {
+    if (inputs.flow_back[c].empty() || !inputs.flow[c].empty()) continue;
+    throw InputError(std::string("--flow-back-") + sides[c] + " needs --flow-" + sides[c]);
+  }
+}
+
 void prepare(Arguments& a) {
   for (std::size_t c = 0; c < 2; ++c) {
     if (!a.panoptic[c].empty() && !a.semantic[c].empty()) {
@@ -91,6 +105,10 @@ void prepare(Arguments& a) {
     a.inputs.panoptic[c] = a.panoptic[c].empty() ? a.semantic[c] : a.panoptic[c];
   }
   if (!a.semantic[0].empty()) a.inputs.panoptic_encoding = PanopticEncoding::kClassMap;
+  if (a.inputs.panoptic[0].empty()) {
+    throw InputError("--panoptic-left or --semantic-left is needed");
+  }
+  check_flow(a.inputs);
   for (const std::string& source : a.flow) {
     if (source == "keypoints") {
       a.inputs.keypoints = true;
@@ -99,9 +117,6 @@ void prepare(Arguments& a) {
     for (std::string& flow : a.inputs.flow) {
       if (flow.empty()) flow = source;
     }
-  }
-  if (a.inputs.panoptic[0].empty()) {
-    throw InputError("--panoptic-left or --semantic-left is needed");
   }
   if (!a.config.empty()) load_options(a.config, a.settings.options);
   for (const std::string& assignment : a.set) {

@@ -1,5 +1,6 @@
 #include "decision_errors.h"
 
+#include <kys/error.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/prior_format.h>
@@ -11,6 +12,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "seeded_random.h"
 
@@ -33,11 +35,10 @@ const MotionCoding kExact = {.tolerance_steps = 0};
 /// Numbers of one purpose do not depend on those of another.
 enum Stream : std::uint64_t { kLengths = 1, kPlaces = 2, kFlips = 1'000'000 };
 
-std::vector<bool> vehicle_labels(const std::string& label_space) {
+std::vector<bool> vehicle_labels(const kys::LabelSpace& labels) {
   static const std::array<std::string, 13> names = {
       "bicycle", "car",  "motorcycle", "minibike", "bus", "train", "truck",
       "van",     "boat", "ship",       "Truck",    "Car", "Van"};
-  const kys::LabelSpace labels = kys::load_label_space(label_space);
   std::vector<bool> out(labels.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     out[i] = std::find(names.begin(), names.end(), labels.classes()[i].name) != names.end();
@@ -48,7 +49,13 @@ std::vector<bool> vehicle_labels(const std::string& label_space) {
 /// Changes the decisions of one file. `frame` counts the files of the folder.
 class Disturbance {
  public:
-  Disturbance(DecisionError error, std::uint64_t seed) : error_(error), seed_(seed) {}
+  /// \param labels  of all files; without, the label space that a file names
+  Disturbance(DecisionError error, std::uint64_t seed, const std::optional<kys::LabelSpace>& labels)
+      : error_(error), seed_(seed) {
+    if (!labels) return;
+    label_space_ = labels->name();
+    vehicle_ = vehicle_labels(*labels);
+  }
 
   void apply(FramePriors& priors, std::uint64_t frame) {
     priors.content_key = 0;  // no longer what its inputs would give
@@ -74,7 +81,7 @@ class Disturbance {
     switch (error_) {
       case DecisionError::kParked:
         if (label_space != label_space_) {
-          vehicle_ = vehicle_labels(label_space);
+          vehicle_ = vehicle_labels(kys::load_label_space(label_space));
           label_space_ = label_space;
         }
         return was || (segment.label < vehicle_.size() && vehicle_[segment.label]);
@@ -215,20 +222,32 @@ void grow_moving_segments(CameraPriors& camera, int radius) {
 }
 
 DecisionErrorCounts disturb_decisions(const fs::path& folder, const fs::path& output,
-                                      DecisionError error, std::uint64_t seed) {
+                                      DecisionError error, std::uint64_t seed,
+                                      const std::string& label_space) {
+  std::optional<kys::LabelSpace> labels;
+  ExpectedPriors expected;
+  if (!label_space.empty()) {
+    labels = kys::load_label_space(label_space);
+    expected.label_space = labels->name();
+    expected.label_count = labels->size();
+  }
   const std::vector<fs::path> files = list_prior_files(folder);
   check_output(output);
   std::vector<bool> kept(files.size(), true);
   if (error == DecisionError::kDrop) kept = kept_frames(files.size(), seed);
-  Disturbance disturbance(error, seed);
+  Disturbance disturbance(error, seed, labels);
   DecisionErrorCounts counts;
   Progress progress("prior files", static_cast<std::int64_t>(files.size()));
   FramePriors last;
   for (std::size_t i = 0; i < files.size(); ++i) {
-    FramePriors priors = decode_priors(PriorFile::open(files[i]));
+    FramePriors priors = decode_priors(PriorFile::open(files[i], expected));
     ++counts.files;
     count_things(priors, &counts.things, counts.moving_before);
-    disturbance.apply(priors, i);
+    try {
+      disturbance.apply(priors, i);
+    } catch (const kys::Error& unknown) {
+      throw InputError(files[i].string() + ": " + unknown.what() + " (--label-space)");
+    }
     if (error == DecisionError::kLate) {
       std::swap(priors, last);
       if (i == 0) kept[i] = false;

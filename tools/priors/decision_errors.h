@@ -47,9 +47,11 @@ void grow_moving_segments(CameraPriors& camera, int radius);
 /// Adds one kind of error to the prior files of a folder. The same seed gives the same bytes.
 /// \param folder  prior files, one per frame, in order of name
 /// \param output  must not contain prior files
-/// \throws InputError for files that cannot be read or written.
+/// \param label_space  of the files, by name or path; "": the built-in one that they name, which
+///   kParked needs
+/// \throws InputError for files that cannot be read or written, or are of another label space.
 DecisionErrorCounts disturb_decisions(const std::filesystem::path& folder,
                                       const std::filesystem::path& output, DecisionError error,
-                                      std::uint64_t seed);
+                                      std::uint64_t seed, const std::string& label_space = {});
 
 }  // namespace kys_slam

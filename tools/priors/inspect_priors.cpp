@@ -75,22 +75,25 @@ Reasons read_reasons(const fs::path& folder) {
   return reasons;
 }
 
-/// Names of a label space by dense label; empty when there is no such space.
+/// Names of a label space by dense label.
 std::vector<std::string> names_of(const std::string& label_space) {
   std::vector<std::string> names;
-  try {
-    const kys::LabelSpace space = kys::load_label_space(label_space);
-    for (const kys::LabelClass& c : space.classes()) names.push_back(printable(c.name));
-  } catch (const kys::Error&) {
-    return {};
-  }
+  const kys::LabelSpace space = kys::load_label_space(label_space);
+  for (const kys::LabelClass& c : space.classes()) names.push_back(printable(c.name));
   return names;
 }
 
+/// Names of the label space of a file; empty when there is no such space.
+std::vector<std::string> names_of(const PriorFile& file) {
+  try {
+    return names_of(file.label_space());
+  } catch (const kys::Error&) {
+    return {};
+  }
+}
+
 void print(const fs::path& path, const PriorFile& file, const Reasons& reasons,
-           const std::string& label_space) {
-  const std::vector<std::string> names =
-      names_of(label_space.empty() ? file.label_space() : label_space);
+           const std::vector<std::string>& names) {
   std::printf("%s: %dx%d, %s, calibration %016llx, %zu bytes%s\n", printable(path.string()).c_str(),
               file.width(), file.height(), file.label_space().c_str(),
               static_cast<unsigned long long>(file.calibration_hash()), file.file_size(),
@@ -143,11 +146,13 @@ int run(int argc, char** argv) {
   app.add_option("--png", png, "Folder for images: one per camera and file");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   if (!png.empty()) make_output_folder(png);
+  std::vector<std::string> names;
+  if (!label_space.empty()) names = names_of(label_space);
   const Reasons reasons =
       read_reasons(fs::is_directory(input) ? fs::path(input) : fs::path(input).parent_path());
   for (const fs::path& path : list_prior_files(input)) {
     const PriorFile file = PriorFile::open(path);
-    print(path, file, reasons, label_space);
+    print(path, file, reasons, names.empty() ? names_of(file) : names);
     if (png.empty()) continue;
     const FramePriors priors = decode_priors(file);
     for (std::size_t c = 0; c < priors.cameras.size(); ++c) {

@@ -20,7 +20,7 @@ int run(int argc, char** argv) {
   namespace fs = std::filesystem;
   CLI::App app("Adds errors to perception outputs or to prior files.");
   app.require_subcommand(1);
-  std::string input, output, error_case, label_space = "coco_panoptic_133";
+  std::string input, output, error_case, own_space, label_space = "coco_panoptic_133";
   double share = 0.1, relative = 0.06, correlation = 0;
   std::uint64_t seed = 1;
   FieldEncoding encoding = FieldEncoding::kUnspecified;
@@ -45,7 +45,7 @@ int run(int argc, char** argv) {
   for (auto* command : {segments, flow, decisions}) {
     command->add_option("input", input, "Folder")->required();
     command->add_option("--output", output, "Folder to write to")->required();
-    command->add_option("--seed", seed, "Seed")->capture_default_str();
+    command->add_option("--seed", seed, "Seed")->check(whole_number(0))->capture_default_str();
   }
   segments
       ->add_option("--share", share, "Share of thing segments, 0..1; a smaller share is a subset")
@@ -62,6 +62,9 @@ int run(int argc, char** argv) {
   decisions->add_option("--case", error_case, "Kind of error")
       ->required()
       ->check(CLI::IsMember(decision_error_names()));
+  decisions->add_option("--label-space", own_space,
+                        "Label space of the files, by name or path (default: the built-in one "
+                        "that they name)");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   while (input.size() > 1 && input.back() == '/') input.pop_back();
   while (output.size() > 1 && output.back() == '/') output.pop_back();
@@ -72,7 +75,7 @@ int run(int argc, char** argv) {
     std::printf("relabelled %zu of %zu thing segments\n", done.hit, done.things);
   } else if (decisions->parsed()) {
     const DecisionErrorCounts done =
-        disturb_decisions(input, output, parse_decision_error(error_case), seed);
+        disturb_decisions(input, output, parse_decision_error(error_case), seed, own_space);
     std::printf("wrote %zu of %zu files; of %zu thing segments %zu were called moving, now %zu\n",
                 done.written, done.files, done.things, done.moving_before, done.moving_after);
   } else {

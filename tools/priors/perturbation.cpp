@@ -10,9 +10,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "priors/input/coco_categories.h"
 #include "priors/input/json_input.h"
 #include "seeded_random.h"
 
@@ -78,6 +80,8 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
   const std::string text = read_text(json_in);
   try {
     Json document = parse_json(text, json_in);
+    const std::map<std::int64_t, std::uint16_t> label_of =
+        coco_categories(document, labels, json_in);
     std::set<std::int64_t> observed;
     for (const Json& a : document.at("annotations")) {
       for (const Json& s : a.at("segments_info")) {
@@ -89,8 +93,13 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
     for (Json& a : document.at("annotations")) {
       const std::uint64_t frame = hash_of(a.at("file_name").get<std::string>());
       for (Json& s : a.at("segments_info")) {
-        const auto category = integer_at<std::int32_t>(s, "category_id", json_in);
-        if (!labels.at(labels.index_of(category)).thing) continue;
+        const auto category = integer_at<std::int64_t>(s, "category_id", json_in);
+        const auto label = label_of.find(category);
+        if (label == label_of.end()) {
+          throw InputError(json_in + ": category " + std::to_string(category) +
+                           " is not in label space " + labels.name());
+        }
+        if (!labels.at(label->second).thing) continue;
         ++things;
         const auto id = integer_at<std::uint64_t>(s, "id", json_in);
         if (seeded_uniform(seed, frame, id) >= share || classes.size() < 2) continue;

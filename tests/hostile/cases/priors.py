@@ -1,4 +1,6 @@
 """Prior files."""
+import csv
+import json
 import os
 import shutil
 import struct
@@ -23,6 +25,15 @@ def make_priors(f, programs, label_space="coco_panoptic_133", category=90, name=
             data[16:20] = struct.pack("<I", zlib.crc32(data[20:]))
             prior.seek(0)
             prior.write(data)
+
+
+def copy_label_space(f, name, change=lambda text: text):
+    """A label space of one's own: COCO's with other text."""
+    data = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "kys", "data")
+    for ending in (".classes.csv", ".table.csv"):
+        with open(os.path.join(data, "coco_panoptic_133" + ending), encoding="utf-8") as file:
+            f.write(name + ending, change(file.read()) if "classes" in ending else file.read())
+    return f(name)
 
 
 @case
@@ -120,9 +131,55 @@ def objects_of_a_class_that_is_not_utf8(f, programs):
 @case
 def priors_of_a_label_space_given_as_a_path(f, programs):
     make_priors(f, programs)
-    data = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "kys", "data")
-    for name in os.listdir(data):
-        if name.startswith("coco_panoptic_133."):
-            shutil.copy(os.path.join(data, name), f(name))
+    copy_label_space(f, "coco_panoptic_133")
     passed(programs.run("validate_priors", f("priors"), "--sequence", f.sequence, "--label-space",
                         f("coco_panoptic_133")))
+
+
+@case
+def priors_of_a_label_space_of_ones_own(f, programs):
+    """The programs look it up where they are told, and nowhere else."""
+    own = copy_label_space(f, "own", lambda text: text.replace(",car\n", ",carriage\n"))
+    make_priors(f, programs, label_space=own, category=3)
+    inspect = ["inspect_priors", f("priors")]
+    passed(programs.run(*inspect))
+    expect("carriage" in programs.run(*inspect, "--label-space", own).out, "no names")
+    refused(programs.run(*inspect, "--label-space", f("wrong")), "wrong")
+    perturb = ["perturb_priors", "decisions", f("priors"), "--output", f("parked"), "--case", "parked"]
+    refused(programs.run(*perturb, "--label-space", "cityscapes_19"), "000000.kysp", "cityscapes_19")
+    passed(programs.run(*perturb, "--label-space", own))
+
+
+@case
+def priors_segments_of_other_category_ids(f, programs):
+    """The names of the JSON decide about categories, as in build_priors."""
+    os.mkdir(f("pan"))
+    png(f("pan", "0.png"), [bytes(8)] * 8)
+    document = {"annotations": [{"file_name": "0.png", "segments_info":
+                                 [{"id": i, "category_id": 901 + i % 3} for i in range(1, 90)]}],
+                "categories": [{"id": 901, "name": "car"}, {"id": 902, "name": "person"},
+                               {"id": 903, "name": "road"}]}
+    perturb = ["perturb_priors", "segments", f("pan"), "--output", f("out"), "--share", "1"]
+    f.write("pan.json", json.dumps(document))
+    result = programs.run(*perturb)
+    passed(result)
+    expect("of 59 thing segments" in result.out, result.out)
+    del document["categories"]
+    f.write("pan.json", json.dumps(document))
+    refused(programs.run(*perturb), "pan.json: category 902 is not in label space coco_panoptic_133")
+
+
+@case
+def objects_of_classes_with_commas_and_quotes(f, programs):
+    """They are one field of objects.csv, as other programs read it."""
+    path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(40)))
+    passed(programs.run("simulate_features", path, "--output", f("f.features"), "--quiet", "--traffic",
+                        "jam", "--perception", "exact", "--seed", "2"))
+    own = copy_label_space(f, "coco_panoptic_133",
+                           lambda text: text.replace(",truck\n", ',truck, the "big" one\n'))
+    passed(programs.run("run_stereo_kitti", f("f.features"), "--output", f.output, "--quiet", "--set",
+                        f"control.label_space={own}"))
+    with open(os.path.join(f.output, "objects.csv"), encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    expect({len(row) for row in rows} == {14}, "rows of other lengths")
+    expect(any(row[4] == 'truck, the "big" one' for row in rows), {row[4] for row in rows})
