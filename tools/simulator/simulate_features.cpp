@@ -92,7 +92,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
   app.add_option("--seed", o.seed, "seed of landmarks and noise")
-      ->check(CLI::NonNegativeNumber)
+      ->check(kys_slam::whole_number(0))
       ->capture_default_str();
   app.add_option("--start", o.start, "first pose used")->capture_default_str();
   app.add_option("--frames", o.frames, "poses used (default: all)");

@@ -82,11 +82,12 @@ int run(int argc, char** argv) {
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
   app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
-  app.add_option("--drop-camera", write_options.drop_camera,
-                 "hall: camera (0 or 1) whose frames are dropped")
-      ->check(CLI::Range(0, 1));
+  auto* camera = app.add_option("--drop-camera", write_options.drop_camera,
+                                "hall: camera (0 or 1) whose frames are dropped")
+                     ->check(CLI::Range(0, 1));
   auto* share = app.add_option("--drop-share", write_options.drop_share,
-                               "hall: share of frames dropped from --drop-camera (default 0.1)");
+                               "hall: share of frames dropped from --drop-camera (default 0.1)")
+                    ->needs(camera);
   app.add_flag("--quiet", write_options.quiet, "no progress");
   if (const auto status = kys_slam::parse_command_line(app, argc, argv)) return *status;
   if (!size.empty()) parse_size(size, world_options);

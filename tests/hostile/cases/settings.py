@@ -107,3 +107,41 @@ def settings_not_a_number(f, programs):
                          "nan"), "--relative")
     refused(programs.run("evaluate_trajectory", "--reference", f.path, "--estimate", f.path,
                          "--max-time-difference", "nan"), "--max-time-difference")
+
+
+@case
+def settings_seeds(f, programs):
+    huge = "99999999999999999999999"
+    for program, *arguments in (("perturb_priors", "segments", f.sequence),
+                                ("perturb_priors", "decisions", f.sequence, "--case", "flip"),
+                                ("simulate_features", f("seq", "times.txt"))):
+        for seed in (huge, "-1", "1.5"):
+            refused(programs.run(program, *arguments, "--output", f.output, "--seed", seed), "--seed", seed)
+
+
+@case
+def settings_that_contradict_each_other(f, programs):
+    file = f.write("c.yaml", "orb: {fast_threshold: 5, fast_min_threshold: 9}\n")
+    told = "orb.fast_threshold"
+    refused(programs.kitti(f, "--config", file), "c.yaml", told)
+    passed(programs.kitti(f, "--config", file, "--set", "orb.fast_threshold=20"))
+    sound = f.write("sound.yaml", "orb: {levels: 7}\n")
+    result = programs.kitti(f, "--config", sound, "--set", "orb.fast_threshold=5", "--set",
+                            "orb.fast_min_threshold=9")
+    refused(result, told)
+    expect("sound.yaml" not in result.err, result.err)
+
+
+@case
+def settings_options_that_would_do_nothing(f, programs):
+    build = ["build_priors", f.sequence, "--panoptic-left", f.sequence, "--output", f.output]
+    refused(programs.run(*build, "--disparity-right", f.path), "--disparity-right", "--disparity;")
+    refused(programs.run(*build, "--flow-right", f.path), "--flow-right", "--panoptic-right")
+    refused(programs.run(*build, "--flow-back-left", f.path), "--flow-back-left", "--flow-left")
+    if programs.has("simulate_sequence"):
+        refused(programs.run("simulate_sequence", "hall", "--output", f.output, "--drop-share", "0.2"),
+                "--drop-share", "--drop-camera")
+    path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
+    passed(programs.run("simulate_features", path, "--output", f("f.features"), "--quiet"))
+    run = ["run_stereo_kitti", f("f.features"), "--output", f.output, "--quiet"]
+    refused(programs.run(*run, "--pair", "grey"), "f.features", "camera pairs")
