@@ -68,14 +68,15 @@ class SchurBundle {
       pattern_ = shared_points();
       sparse_.emplace(pattern_);
       use_order_ = sparse_->use_order();
+      places_ = BlockPlaces(pattern_, use_order_);
       sparse_blocks_ = PageArray<Matrix6d>(pattern_.column.size());
       reduced_ = {sparse_blocks_.data(), sparse_blocks_.size()};
       sparse_points_ = PageArray<Eigen::Vector3d>(points_.size());
       other_points_ = {sparse_points_.data(), sparse_points_.size()};
     } else {
-      const BlockPattern pattern = all_blocks();
-      places_ = BlockPlaces(pattern);
-      dense_blocks_.resize(pattern.column.size());
+      pattern_ = all_blocks();
+      places_ = BlockPlaces(pattern_);
+      dense_blocks_.resize(pattern_.column.size());
       reduced_ = dense_blocks_;
       dense_points_.resize(points_.size());
       other_points_ = dense_points_;
@@ -385,10 +386,8 @@ class SchurBundle {
   /// decrease of the cost that the linear model predicts, or a negative number or NaN if there is
   /// no such step (nothing has moved then).
   double step(double damping) {
-    if (sparse_) {  // what one stage needs takes the memory of what the others needed
-      sparse_points_.release(0, sparse_points_.size());
-      places_ = BlockPlaces(pattern_, use_order_);
-    }
+    // What one stage needs takes the memory of what the others needed.
+    if (sparse_) sparse_points_.release(0, sparse_points_.size());
     for (Matrix6d& m : reduced_) m.setZero();
     sums_.assign(sums_.size(), {});
     for (std::size_t i = 0; i < points_.size(); ++i) {
@@ -492,7 +491,6 @@ class SchurBundle {
   }
 
   bool solve_sparse() {
-    places_ = {};
     const BlockCholesky::Result result = sparse_->factorise(sparse_blocks_, options_.stop);
     stopped_ = result == BlockCholesky::Result::kStopped;
     if (result != BlockCholesky::Result::kDone) return false;
@@ -575,10 +573,10 @@ class SchurBundle {
   std::vector<MixedLanes> mixed_;                 // of the point worked on
   std::vector<PoseMatrix> matrices_;
 
+  BlockPattern pattern_;                 // of the reduced system
+  std::vector<std::int32_t> use_order_;  // of its blocks, of whole maps
   BlockPlaces places_;
-  BlockPattern pattern_;                 // of whole maps
-  std::vector<std::int32_t> use_order_;  // of its blocks
-  std::span<Matrix6d> reduced_;          // blocks of the lower triangle, where places_ says
+  std::span<Matrix6d> reduced_;  // blocks of the lower triangle, where places_ says
   AlignedVector<Matrix6d> dense_blocks_;
   PageArray<Matrix6d> sparse_blocks_;
   std::vector<PoseSums> sums_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -31,34 +32,33 @@ struct PoseMatrix {
   alignas(32) std::array<double, 12> rows;
 };
 
-/// Where the blocks of the lower triangle of the reduced system are, row by row: all of them, or
-/// those of poses that share a point.
+/// Where the blocks of the lower triangle of the reduced system are: all of them, or those of poses
+/// that share a point. A view of the pattern: with a table of all pairs of poses between the first
+/// and the last of each row, long runs with loops needed memory by the square of their keyframes.
 class BlockPlaces {
  public:
   BlockPlaces() = default;
-  /// \param place of every block of the pattern; empty: in the pattern's order
+  /// \param place of every block of the pattern; empty: in the pattern's order. Both must outlive
+  /// it.
   explicit BlockPlaces(const BlockPattern& pattern, const std::vector<std::int32_t>& place = {})
-      : first_(pattern.rows()), begin_(pattern.rows()) {
-    for (std::int32_t r = 0; r < pattern.rows(); ++r) {
-      // From the row's first block to the diagonal, gaps included.
-      const std::int32_t* column = pattern.column.data();
-      first_[r] = column[pattern.row_begin[r]];
-      begin_[r] = place_.size();
-      place_.resize(place_.size() + static_cast<std::size_t>(r - first_[r]) + 1, -1);
-      for (std::int32_t k = pattern.row_begin[r]; k < pattern.row_begin[r + 1]; ++k) {
-        place_[begin_[r] + static_cast<std::size_t>(column[k] - first_[r])] =
-            place.empty() ? k : place[k];
-      }
-    }
-  }
+      : begin_(pattern.row_begin.data()),
+        column_(pattern.column.data()),
+        place_(place.empty() ? nullptr : place.data()) {}
+
+  /// The block must be one of the pattern's.
   [[nodiscard]] std::int32_t operator()(std::int32_t row, std::int32_t col) const {
-    return place_[begin_[row] + static_cast<std::size_t>(col - first_[row])];
+    const std::int32_t* const first = column_ + begin_[row];
+    const std::int32_t* const end = column_ + begin_[row + 1];
+    const bool has_gaps = end - first != row - *first + 1;
+    const std::int32_t* const at =
+        has_gaps ? std::lower_bound(first, end, col) : first + (col - *first);
+    return place_ == nullptr ? static_cast<std::int32_t>(at - column_) : place_[at - column_];
   }
 
  private:
-  std::vector<std::int32_t> first_;
-  std::vector<std::size_t> begin_;
-  std::vector<std::int32_t> place_;
+  const std::int32_t* begin_ = nullptr;
+  const std::int32_t* column_ = nullptr;
+  const std::int32_t* place_ = nullptr;
 };
 
 /// What every point is looked at with. Of the poses, one more than there are: lanes past the end of

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <set>
 
+#include "optimization/schur_kernels.h"
 #include "synthetic_scene.h"
 
 namespace kys_slam::test {
@@ -51,6 +52,25 @@ void expect_solves(const System& system, std::uint64_t seed) {
     cholesky.solve(x);
     EXPECT_LT((system.dense * x - b).norm(), 1e-11 * b.norm());
     EXPECT_LT((x - system.dense.llt().solve(b)).norm(), 1e-11 * b.norm());
+  }
+}
+
+TEST(BlockPlaces, AreThoseOfThePatternWithGapsAndInAnotherOrder) {
+  std::set<std::pair<int, int>> pairs;
+  for (int r = 1; r < 40; ++r) pairs.insert({r, r - 1});
+  for (int r = 30; r < 40; ++r) {  // a loop: rows with gaps
+    pairs.insert({r, r - 29});
+    pairs.insert({r, r - 27});
+  }
+  const System system = make_system(40, pairs, 5);
+  const std::vector<std::int32_t> order = BlockCholesky(system.pattern).use_order();
+  const schur::BlockPlaces plain(system.pattern);
+  const schur::BlockPlaces ordered(system.pattern, order);
+  for (int r = 0; r < 40; ++r) {
+    for (int k = system.pattern.row_begin[r]; k < system.pattern.row_begin[r + 1]; ++k) {
+      EXPECT_EQ(plain(r, system.pattern.column[k]), k) << r;
+      EXPECT_EQ(ordered(r, system.pattern.column[k]), order[k]) << r;
+    }
   }
 }
 
