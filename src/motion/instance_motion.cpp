@@ -51,7 +51,8 @@ bool is_stereo(const StereoPixel& p) {
   return is_usable(p.u, p.v, p.u_right, p.inv_sigma) && disparity(p) >= kMinDisparity;
 }
 
-/// Variances of (u, v, disparity): those of octave 0 at the keypoint's scale.
+/// Variances of (u, v, disparity): those of octave 0 at the keypoint's scale, smaller where the
+/// keypoint is aligned.
 Eigen::Vector3d variances(const StereoPixel& p, const InstanceMotionOptions& options) {
   const double scale = 1.0 / (static_cast<double>(p.inv_sigma) * kPixelSigma);
   const double pixel = std::pow(options.pixel_sigma * scale, 2);

@@ -37,8 +37,10 @@ struct MotionRange {
 };
 
 struct InstanceMotionOptions {
-  double pixel_sigma = 0.2;      ///< px at octave 0, of a keypoint's coordinates in each frame
-  double disparity_sigma = 0.2;  ///< px at octave 0, of a keypoint's disparity in each frame
+  /// px at octave 0, of a keypoint's coordinates, and of its disparity, in each frame; half of it
+  /// for keypoints aligned with the patch of their landmark (kAlignedSigma over kPixelSigma)
+  double pixel_sigma = 0.2;
+  double disparity_sigma = 0.2;
   double max_chi2 = 11.3;  ///< limit of the chi-square of a match (99 %, 3 degrees of freedom)
   int min_matches = 4;     ///< with fewer, an instance is not tested
   int iterations = 8;      ///< of each of the fits

@@ -71,6 +71,7 @@ class LostFrames : public ::testing::Test {
 TEST_F(LostFrames, ASequenceAllOfOneShadeFailsWithoutACrash) {
   for (const int shade : {0, 255, 128}) {
     paint(0, kSmallFrames - 1, static_cast<std::uint8_t>(shade));
+    std::filesystem::remove_all(work_ / "out");  // results of another recording
     std::string err;
     EXPECT_EQ(run(&err), 3) << "shade " << shade;
     EXPECT_EQ(err, "run_stereo_kitti: tracking failed: 0 of 12 frames tracked\n");

@@ -66,7 +66,7 @@ void declare(CLI::App& app, Arguments& a) {
   }
   app.add_option("SEQUENCE", a.sequence,
                  "folder of the sequence, or a feature file (simulate_features)");
-  app.add_option("--priors", a.priors,
+  CLI::Option* priors = app.add_option("--priors", a.priors,
                  "folder of this sequence's prior files (a feature file may contain its own)");
   app.add_option("--mode", a.mode,
                  "matching mode: " + modes + " (default: verified with priors, stock without)");
@@ -89,7 +89,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--start", a.start, "first frame, from 0")->check(whole_number(0));
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
       ->check(whole_number(1));
-  app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error");
+  app.add_flag("--strict-priors", a.strict_priors, "a missing prior file is an error")
+      ->needs(priors);
   app.add_option("--load-map", a.load_map, "continue with this map");
   app.add_option("--save-map", a.save_map, "write the map to this file at the end");
   app.add_flag("--localize-only", a.localize_only,

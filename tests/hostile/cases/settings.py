@@ -145,3 +145,4 @@ def settings_options_that_would_do_nothing(f, programs):
     passed(programs.run("simulate_features", path, "--output", f("f.features"), "--quiet"))
     run = ["run_stereo_kitti", f("f.features"), "--output", f.output, "--quiet"]
     refused(programs.run(*run, "--pair", "grey"), "f.features", "camera pairs")
+    refused(programs.run(*run, "--strict-priors"), "--strict-priors", "--priors")
