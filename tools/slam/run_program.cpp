@@ -66,8 +66,9 @@ void declare(CLI::App& app, Arguments& a) {
   }
   app.add_option("SEQUENCE", a.sequence,
                  "folder of the sequence, or a feature file (simulate_features)");
-  CLI::Option* priors = app.add_option("--priors", a.priors,
-                 "folder of this sequence's prior files (a feature file may contain its own)");
+  CLI::Option* priors =
+      app.add_option("--priors", a.priors,
+                     "folder of this sequence's prior files (a feature file may contain its own)");
   app.add_option("--mode", a.mode,
                  "matching mode: " + modes + " (default: verified with priors, stock without)");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
