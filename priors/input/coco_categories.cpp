@@ -1,7 +1,5 @@
 #include "priors/input/coco_categories.h"
 
-#include <kys_slam/error.h>
-
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -33,6 +31,12 @@ std::map<std::int64_t, std::uint16_t> coco_categories(const nlohmann::json& docu
     label_of[id] = static_cast<std::uint16_t>(found - classes.begin());
   }
   return label_of;
+}
+
+InputError unknown_category(std::int64_t category, const kys::LabelSpace& labels,
+                            const std::string& file) {
+  return InputError(file + ": category " + std::to_string(category) + " is not in label space " +
+                    labels.name());
 }
 
 }  // namespace kys_slam

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kys/label_space.h>
+#include <kys_slam/error.h>
 
 #include <cstdint>
 #include <map>
@@ -16,5 +17,9 @@ namespace kys_slam {
 std::map<std::int64_t, std::uint16_t> coco_categories(const nlohmann::json& document,
                                                       const kys::LabelSpace& labels,
                                                       const std::string& name);
+
+/// For a category that has none, as `file` says.
+InputError unknown_category(std::int64_t category, const kys::LabelSpace& labels,
+                            const std::string& file);
 
 }  // namespace kys_slam

@@ -176,10 +176,7 @@ void PanopticReader::read_json() {
 }
 
 std::uint16_t PanopticReader::label_of(std::int64_t category, const std::string& file) const {
-  const auto missing = [&]() -> InputError {
-    return InputError(file + ": category " + std::to_string(category) + " is not in label space " +
-                      labels_->name());
-  };
+  const auto missing = [&] { return unknown_category(category, *labels_, file); };
   if (encoding_ == PanopticEncoding::kCoco) {
     const auto found = label_of_category_.find(category);
     if (found == label_of_category_.end()) throw missing();

@@ -25,6 +25,14 @@ ScaleLevels::ScaleLevels(double scale_factor, int levels)
   for (int i = 0; i < levels; ++i, s *= scale_factor) scale.push_back(static_cast<float>(s));
 }
 
+std::vector<float> ScaleLevels::inv_sigmas() const {
+  std::vector<float> all;
+  for (const float sigma : {kPixelSigma, kAlignedSigma}) {
+    for (int i = 0; i < levels(); ++i) all.push_back(inv_sigma(i, sigma));
+  }
+  return all;
+}
+
 int ScaleLevels::predict_octave(float max_distance, float distance) const {
   const float ratio = max_distance / distance;
   if (!(ratio > 1)) return 0;

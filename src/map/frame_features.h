@@ -42,6 +42,8 @@ struct ScaleLevels {
   [[nodiscard]] float inv_sigma(int octave, float sigma = kPixelSigma) const {
     return 1.0f / (sigma * scale[static_cast<std::size_t>(octave)]);
   }
+  /// 1/px, by FrameFeatures::noise().
+  [[nodiscard]] std::vector<float> inv_sigmas() const;
   /// Octave at which a landmark with this `max_distance` (m) is detected from `distance` (m).
   [[nodiscard]] int predict_octave(float max_distance, float distance) const;
   /// Range of distances (m) in which a landmark observed at `octave` from `distance` (m) can be
@@ -116,6 +118,10 @@ class FrameFeatures {
     return {priors_.get(), priors_ == nullptr ? 0 : size()};
   }
   [[nodiscard]] float u_right(std::size_t i) const { return u_right_[i]; }
+  /// Kind of noise of a feature: its octave; beyond the octaves, if it is aligned.
+  [[nodiscard]] int noise(std::size_t i, const ScaleLevels& scales) const {
+    return keypoint(i).octave + (is_aligned(i) ? scales.levels() : 0);
+  }
   /// The feature as an observation for the optimisers.
   [[nodiscard]] StereoPixel stereo_pixel(std::size_t i, const ScaleLevels& scales) const {
     const Keypoint& k = keypoint(i);

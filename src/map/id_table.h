@@ -43,7 +43,7 @@ class IdTable {
       *old = std::move(object);
       return *old;
     }
-    if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, kNone);
+    make_slot(id);
     ++size_;
     if (!free_.empty()) {
       const std::int32_t slot = free_.back();
@@ -71,7 +71,7 @@ class IdTable {
   void replace(IdType id, IdType successor) {
     if (successor.value > kLastSuccessor) throw std::length_error("id too large for a successor");
     erase(id);
-    skip_ids(id.value + 1);
+    make_slot(id);
     slot_[id.value] = kNone - 1 - static_cast<std::int32_t>(successor.value);
   }
   /// `id` itself when present, its present successor when it was replaced, invalid when erased.
@@ -106,6 +106,10 @@ class IdTable {
   }
 
  private:
+  void make_slot(IdType id) {
+    if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, kNone);
+  }
+
   static constexpr std::int32_t kNone = -1;
   static constexpr std::uint32_t kLastSuccessor = 0x7FFFFFFDu;
 

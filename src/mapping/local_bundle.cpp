@@ -79,10 +79,7 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
   problem.observations.reserve(most);
   problem.points.reserve(landmarks.size());
   problem.first.reserve(landmarks.size() + 1);
-  const int levels = map.scales().levels();
-  for (const float sigma : {kPixelSigma, kAlignedSigma}) {
-    for (int i = 0; i < levels; ++i) problem.inv_sigma.push_back(map.scales().inv_sigma(i, sigma));
-  }
+  problem.inv_sigma = map.scales().inv_sigmas();
   if (map.keeps_beliefs()) problem.weights.reserve(landmarks.size());
   for (const LandmarkId id : landmarks) {
     const Landmark& landmark = map.landmark(id);
@@ -93,10 +90,9 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
       if (pose < 0) continue;
       const FrameFeatures& features = *map.keyframe(o.keyframe).features;
       const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
-      const int octave = features.keypoint(o.feature).octave;
       problem.add_observation(
           {pixel.u, pixel.v, pixel.u_right, static_cast<std::uint32_t>(pose),
-           static_cast<std::uint32_t>(features.is_aligned(o.feature) ? levels + octave : octave)});
+           static_cast<std::uint32_t>(features.noise(o.feature, map.scales()))});
       observations.push_back({id, o.keyframe, o.feature});
     }
   }

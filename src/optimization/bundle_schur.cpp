@@ -156,6 +156,7 @@ class SchurBundle {
   /// Finds the active observations of every point, those of a point in order of free pose, so that
   /// sums run in the same order however the caller listed them.
   void find_observations() {
+    points_.reserve(problem_.points.size());
     for (std::size_t k = 0; k < problem_.points.size(); ++k) {
       const auto begin = active_.begin() + problem_.first[k];
       const auto end = active_.begin() + problem_.first[k + 1];

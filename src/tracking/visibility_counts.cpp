@@ -22,7 +22,7 @@ void VisibilityCounts::merge() {
 std::vector<VisibilityCount> VisibilityCounts::take() {
   merge();
   merge_at_ = kFirstMerge;
-  std::vector<VisibilityCount> counts(counts_.begin(), counts_.end());
+  std::vector<VisibilityCount> counts = counts_;
   counts_.clear();
   return counts;
 }

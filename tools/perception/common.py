@@ -44,8 +44,8 @@ def list_images(folder):
     folder = Path(folder)
     if not folder.is_dir():
         fail(f"{folder}: is not a folder")
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in IMAGE_ENDINGS)
-    files.sort(key=frame_order)
+    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in IMAGE_ENDINGS),
+                   key=lambda f: (frame_order(f), f))
     if not files:
         fail(f"{folder}: has no images")
     return files

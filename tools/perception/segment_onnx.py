@@ -345,8 +345,8 @@ def segment_image(network, path, other, mirrored):
 def segment_folder(network, images, output, other=None, mirrored=False, overwrite=False,
                    label="segmentation", jobs=1):
     """Writes OUTPUT/<name>.png and OUTPUT.json, `jobs` images at a time. Maps that are there are kept
-    if they were made of the same images in the same way. \return number of maps made now, and seconds
-    in the network and beside it for all images, summed; those of kept maps are as measured."""
+    if they were made of the same images in the same way. Returns the number of maps made now, and
+    seconds in the network and beside it for all images, summed; those of kept maps are as measured."""
     output = Path(output)
     if images:
         common.note_images(output, Path(images[0]).parent)

@@ -95,10 +95,7 @@ Relabelling relabel_segments(const std::string& folder, const std::string& outpu
       for (Json& s : a.at("segments_info")) {
         const auto category = integer_at<std::int64_t>(s, "category_id", json_in);
         const auto label = label_of.find(category);
-        if (label == label_of.end()) {
-          throw InputError(json_in + ": category " + std::to_string(category) +
-                           " is not in label space " + labels.name());
-        }
+        if (label == label_of.end()) throw unknown_category(category, labels, json_in);
         if (!labels.at(label->second).thing) continue;
         ++things;
         const auto id = integer_at<std::uint64_t>(s, "id", json_in);
