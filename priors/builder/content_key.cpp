@@ -82,7 +82,8 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
     for (const std::int32_t i : perception[c].instances) digest.add(std::to_string(i));
     // The classes of COCO segments are in a file for all frames.
     for (const InputSegment& s : perception[c].panoptic.segments) {
-      digest.add(std::to_string(s.input_id) + " " + std::to_string(s.label) +
+      digest.add(std::to_string(s.input_id) + " " + std::to_string(s.part) + " " +
+                 std::to_string(s.label) +
                  (s.thing ? " thing" : " stuff"));
     }
   }

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "priors/builder/for_each_index.h"
+#include "priors/fusion/depth_split.h"
 #include "priors/fusion/free_space.h"
 
 namespace kys_slam {
@@ -46,6 +47,7 @@ FramePreparation::FramePreparation(const BuildSequence& sequence, const kys::Lab
       readers_(readers),
       fields_(fields),
       jobs_(jobs),
+      split_(options.segments.split_by_depth),
       associators_(readers.size(), InstanceAssociator(options.association)) {
   if (inputs.keypoints) {
     keypoints_ = std::make_unique<KeypointMotion>(sequence.camera, options.keypoints);
@@ -66,9 +68,14 @@ PreparedFrame FramePreparation::take() {
   return frame;
 }
 
+/// Disparity links the segments of the two views.
+bool FramePreparation::links_views() const {
+  return overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+}
+
 /// Disparities are needed before frames are measured.
 bool FramePreparation::needs_disparity() const {
-  return overlap_ && readers_.size() == 2 && !inputs_.disparity.empty();
+  return links_views() || (split_ && !inputs_.disparity.empty());
 }
 
 void FramePreparation::prepare(std::size_t end) {
@@ -81,7 +88,7 @@ void FramePreparation::prepare(std::size_t end) {
     links.by_disparity = std::move(reading.by_disparity);
     Stopwatch watch;
     if (keypoints_) judge_keypoints(read_, reading, links);
-    if (keypoints_ && needs_disparity()) judge_space(read_, reading.frame);
+    if (keypoints_ && links_views()) judge_space(read_, reading.frame);
     reading.times.keypoints += watch.lap_ms();
     identify(read_, reading, links);
     reading.times.association += watch.lap_ms();
@@ -97,19 +104,20 @@ void FramePreparation::read(std::size_t t, Reading& out) const {
   for (const PanopticReader& reader : readers_) {
     CameraPerception& in = out.frame.perception.emplace_back();
     in.panoptic = reader.read(sequence_.names[t], sequence_.camera.width, sequence_.camera.height);
-    const Stopwatch watch;
-    out.shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
-    out.times.association += watch.elapsed_ms();
   }
-  const bool linked = needs_disparity();
   ImagePair pair;
-  if (keypoints_ || (linked && inputs_.disparity == "sgbm")) pair = sequence_.read(t);
+  if (keypoints_ || (needs_disparity() && inputs_.disparity == "sgbm")) pair = sequence_.read(t);
   if (keypoints_) {
     const Stopwatch watch;
     out.features = keypoints_->extract(pair.first, pair.second);
     out.times.keypoints += watch.elapsed_ms();
   }
-  if (linked) read_disparity(t, pair, out);
+  if (needs_disparity()) read_disparity(t, pair, out);
+  const Stopwatch watch;
+  for (const CameraPerception& in : out.frame.perception) {
+    out.shapes.push_back(segment_shapes(in.panoptic.runs, in.panoptic.segments.size()));
+  }
+  out.times.association += watch.elapsed_ms();
 }
 
 void FramePreparation::read_disparity(std::size_t t, const ImagePair& pair, Reading& out) const {
@@ -119,8 +127,13 @@ void FramePreparation::read_disparity(std::size_t t, const ImagePair& pair, Read
   out.times.stereo += watch.lap_ms();
   fields_.complete(frame.disparity, frame.perception);
   out.times.depth += watch.lap_ms();
-  out.by_disparity = links_by_disparity(frame.perception[0].panoptic, frame.perception[1].panoptic,
+  for (std::size_t c = 0; split_ && c < frame.perception.size(); ++c) {
+    split_by_depth(frame.disparity[c], frame.perception[c].panoptic);
+  }
+  if (links_views()) {
+    out.by_disparity = links_by_disparity(frame.perception[0].panoptic, frame.perception[1].panoptic,
                                         frame.disparity[0]);
+  }
   out.times.association += watch.lap_ms();
 }
 

@@ -56,6 +56,7 @@ class FramePreparation {
  private:
   struct Reading;
 
+  [[nodiscard]] bool links_views() const;
   [[nodiscard]] bool needs_disparity() const;
   void read(std::size_t t, Reading& out) const;
   void read_disparity(std::size_t t, const ImagePair& pair, Reading& out) const;
@@ -72,6 +73,7 @@ class FramePreparation {
   const std::vector<PanopticReader>& readers_;
   const SequenceFields& fields_;
   int jobs_;
+  bool split_;  ///< things by depth
   std::vector<InstanceAssociator> associators_;  ///< by camera
   std::optional<MaskAssociator> overlap_;
   std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not asked for

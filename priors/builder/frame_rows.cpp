@@ -15,7 +15,7 @@
 namespace kys_slam {
 
 const char* const kSegmentsHeader =
-    "frame,camera,input_id,identity,label,area_px,mean_depth_m,residual_px,radial_px,coverage,"
+    "frame,camera,input_id,part,identity,label,area_px,mean_depth_m,residual_px,radial_px,coverage,"
     "omega,magnitude_test,radial_test,rho,m,valid,median_px,coherent_px,scatter_px,parallax_px,"
     "disparity_px,keypoints,keypoint_inliers,keypoint_log_ratio,keypoint_span_s,"
     "keypoint_shift_m,keypoint_shift_px,patches,flow_patches,still_alike,flow_alike,"
@@ -37,10 +37,10 @@ std::string table_rows(const std::string& name, std::size_t c, const CameraFusio
     const MotionDecision& d = f.decisions[k];
     std::snprintf(
         line, sizeof line,
-        ",%s,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
+        ",%s,%u,%u,%d,%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,"
         "%.4f,%.4f,%d,%d,%.4f,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f,%d,%d,%d,%.4f,%.3f,%.3f,%.3f,%.3f,"
         "%.17g,%s,%.17g\n",
-        camera, s.input_id, f.priors.segments[k].instance, s.label, m.area, m.mean_depth,
+        camera, s.input_id, s.part, f.priors.segments[k].instance, s.label, m.area, m.mean_depth,
         m.residual, m.radial, m.coverage, d.omega, d.magnitude_test, d.radial_test, d.rho, d.score,
         m.area > 0 ? static_cast<double>(m.flow_count) / m.area : 0.0, m.median.length,
         m.median.coherent, m.median.scatter, m.median.parallax, m.median.disparity,
@@ -100,7 +100,7 @@ std::optional<InstanceEvidence> evidence_of(const std::string& rows) {
     std::istringstream in(row);
     for (std::string field; std::getline(in, field, ',');) fields.push_back(field);
     if (fields.size() < kFields) return std::nullopt;
-    const auto instance = parse_int(fields[fields.size() - kFields + 3]);
+    const auto instance = parse_int(fields[fields.size() - kFields + 4]);
     const auto nats = parse_double(fields[fields.size() - 3]);
     constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();
     if (!instance || *instance < 0 || *instance > kMost || !nats) return std::nullopt;

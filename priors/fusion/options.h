@@ -40,6 +40,11 @@ struct BuilderOptions {
     bool class_agnostic = false;  ///< kCentroid: a car may continue as a truck (paper)
   } association;
 
+  struct Segments {
+    bool split_by_depth = false;  ///< things that cover several depths become several (not in the
+                                  ///< paper); needs disparity
+  } segments;
+
   struct Depth {
     double max_depth = 255;           ///< m, larger depths are set to it
     double left_right_tolerance = 1;  ///< px, where both disparities exist

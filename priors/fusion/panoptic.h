@@ -13,6 +13,7 @@ struct InputSegment {
   std::uint32_t input_id = 0;  ///< its number in the input file; 0 for merged stuff
   std::uint16_t label = 0;     ///< dense index in the label space
   bool thing = false;
+  std::uint16_t part = 0;  ///< from 1: a part of that segment, see split_by_depth(); 0: all of it
 };
 
 /// A panoptic map in one convention for all input encodings: one segment per stuff class, one per

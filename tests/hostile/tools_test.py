@@ -21,7 +21,7 @@ except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
-SEGMENTS = ["frame", "camera", "input_id", "identity", "label", "area_px", "mean_depth_m", "residual_px",
+SEGMENTS = ["frame", "camera", "input_id", "part", "identity", "label", "area_px", "mean_depth_m", "residual_px",
             "radial_px", "coverage", "omega", "magnitude_test", "radial_test", "rho"]
 TRUTH = ["frame", "camera", "segment_id", "object", "isthing", "moving"]
 

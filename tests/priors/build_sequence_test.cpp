@@ -339,7 +339,7 @@ TEST_F(BuildSequenceTest, AnEstimatedPairHasDepthWhereTheViewsDisagreeAboutClass
     for (std::string value; std::getline(cells, value, ',');) cell.push_back(value);
     if (cell[1] != "right") continue;
     ++right_rows;
-    EXPECT_NEAR(std::stod(cell[6]), expected, 0.05 * expected) << row;
+    EXPECT_NEAR(std::stod(cell[7]), expected, 0.05 * expected) << row;
   }
   EXPECT_EQ(right_rows, 10);
 }

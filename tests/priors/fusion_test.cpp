@@ -566,7 +566,8 @@ TEST(Options, EveryNumberIsChecked) {
   // Its fields are sections of fields.
   using B = BuilderOptions;
   using test::field_count;
-  EXPECT_EQ(test::listed<B>(), field_count<B::Association>() + field_count<B::Depth>() +
+  EXPECT_EQ(test::listed<B>(), field_count<B::Association>() + field_count<B::Segments>() +
+                                   field_count<B::Depth>() +
                                    field_count<B::FlowCheck>() + field_count<B::FlowEstimate>() +
                                    field_count<B::EgoMotion>() + field_count<B::Drift>() +
                                    field_count<B::Detection>() + field_count<B::Keypoints>() +

@@ -56,8 +56,8 @@ def write_network(folder, scale=1.0, **changes):
     return folder / "tiny.yaml"
 
 
-def write_sequence(folder, frames=3):
-    """A textured dark wall at 4 px of disparity, and two bright boxes nearer by."""
+def write_sequence(folder, frames=3, columns=(30, 150)):
+    """A textured dark wall at 4 px of disparity, and two bright boxes nearer by, at these columns."""
     random = np.random.default_rng(3)
     wall = random.integers(0, 100, (80, 300)).astype(np.uint8)
     boxes = random.integers(160, 255, (80, 300)).astype(np.uint8)
@@ -65,7 +65,7 @@ def write_sequence(folder, frames=3):
         (folder / name).mkdir(parents=True)
         for t in range(frames):
             image = wall[:, 20 + 4 * shift:260 + 4 * shift].copy()
-            for x, disparity in ((30, 8), (150, 14)):
+            for x, disparity in zip(columns, (8, 14)):
                 x0 = x - disparity * shift
                 image[30:60, x0:x0 + 50] = boxes[30:60, x:x + 50]
             cv2.imwrite(str(folder / name / f"{t:06d}.png"), image)
@@ -108,17 +108,14 @@ class Onnx(unittest.TestCase):
             self.assertEqual(self.segment(network)["frames"], made)
 
     def test_other_images_of_the_same_name_make_other_maps(self):
-        """Those of the other camera count where instances are told apart by disparity."""
         sequence = write_sequence(self.folder / "sequence")
-        network, other = segment_onnx.Network(write_network(self.folder)), sequence / "image_1"
-        self.assertEqual(self.segment(network, other=other)["frames"], 3)
-        for folder, made in (("image_0", 1), ("image_1", 1)):
-            changed = sequence / folder / "000001.png"
-            image = cv2.imread(str(changed))
-            image[30:60] = 0
-            cv2.imwrite(str(changed), image)
-            self.assertEqual(self.segment(network, other=other)["frames"], made, folder)
-        self.assertEqual(self.segment(network)["frames"], 3, "without the other camera")
+        network = segment_onnx.Network(write_network(self.folder))
+        self.assertEqual(self.segment(network)["frames"], 3)
+        changed = sequence / "image_0" / "000001.png"
+        image = cv2.imread(str(changed))
+        image[30:60] = 0
+        cv2.imwrite(str(changed), image)
+        self.assertEqual(self.segment(network)["frames"], 1)
         self.assertEqual(self.segment(network)["frames"], 0)
         document = json.loads((self.folder / "out.json").read_text())
         self.assertEqual([len(a["segments_info"]) for a in document["annotations"]], [3, 1, 3])
@@ -168,17 +165,12 @@ class Onnx(unittest.TestCase):
         with self.assertRaisesRegex(segment_onnx.common.InputError, "tiny.yaml"):
             segment_onnx.Network(file)
 
-    def test_images_that_the_network_or_the_other_camera_does_not_fit(self):
+    def test_images_that_the_network_does_not_fit(self):
         write_sequence(self.folder / "sequence")
         network = segment_onnx.Network(write_network(
             self.folder, input={**SETTINGS["input"], "size": [40, 60]}))
         with self.assertRaisesRegex(segment_onnx.common.InputError, "tiny.onnx.*60x40"):
             self.segment(network)
-        small = self.folder / "sequence" / "image_1" / "000000.png"
-        cv2.imwrite(str(small), np.zeros((20, 20), np.uint8))
-        network = segment_onnx.Network(write_network(self.folder))
-        with self.assertRaisesRegex(segment_onnx.common.InputError, "image_1.000000.png"):
-            self.segment(network, other=self.folder / "sequence" / "image_1")
 
     def test_any_number_of_threads_gives_the_same_files(self):
         write_sequence(self.folder / "sequence")
@@ -197,16 +189,6 @@ class Onnx(unittest.TestCase):
         with self.assertRaises(segment_onnx.common.InputError) as ended:
             self.segment(network, jobs=2)
         self.assertIn("000001.png", str(ended.exception))
-
-    def test_a_component_is_split_where_disparity_steps(self):
-        mask = np.zeros((40, 100), bool)
-        mask[10:30, 20:80] = True
-        disparity = np.where(np.arange(100) < 50, 10.0, 30.0)[None].repeat(40, 0)
-        parts = segment_onnx.split(mask, disparity)
-        self.assertEqual(len(np.unique(parts[mask])), 2)
-        self.assertTrue((parts[mask] > 0).all())
-        self.assertNotEqual(parts[20, 30], parts[20, 70])
-        self.assertEqual(len(np.unique(segment_onnx.split(mask, None)[mask])), 1)
 
     def test_gamma_brightens_before_normalisation(self):
         entry = {**SETTINGS["input"], "gamma": 0.5}
@@ -308,6 +290,20 @@ class Onnx(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         frame = kysp.read(self.folder / "made" / "priors" / "000001.kysp")
         self.assertEqual(frame.label_space, "own")
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_one_component_at_two_depths_becomes_two_instances(self):
+        sequence = write_sequence(self.folder / "sequence", columns=(100, 150))
+        done = self.make(sequence, write_network(self.folder))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        ids = cv2.imread(str(self.folder / "made" / "panoptic" / "left" / "000001.png"))
+        self.assertEqual(ids[45, 120].tolist(), ids[45, 180].tolist())
+        for camera, columns in zip(kysp.read(self.folder / "made" / "priors" / "000001.kysp").cameras,
+                                   ((120, 180), (110, 170))):
+            parts = [camera.segment_map[45, column] for column in columns]
+            self.assertNotEqual(*parts)
+            self.assertEqual([camera.segments["label"][k - 1] for k in parts], [13, 13])
+            self.assertGreater(min(camera.segments["area"][k - 1] for k in parts), 0.6 * 30 * 42)
 
     @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
     def test_from_images_to_prior_files(self):

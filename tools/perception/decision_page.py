@@ -5,9 +5,9 @@
 PRIORS is a folder made by build_priors (.kysp files and segments.csv) for the images of SEQUENCE. The
 page is one HTML file with the pictures inside. Per object (one identity in both cameras): its belief
 over time, pictures of moments spread over it, and what each source said. Red outlines move, green ones
-stand, yellow ones are not judged. --truth is a table with frame, camera, moving and segment_id or
-input_id (simulate_sequence's ground_truth.csv): wrong decisions are marked, and --wrong shows those
-alone. The last frame has no flow: it is left out.
+stand, yellow ones are not judged. --truth is a table with frame, camera, moving, segment_id or input_id,
+and part where parts of a segment differ (simulate_sequence's ground_truth.csv): wrong decisions are
+marked, and --wrong shows those alone. The last frame has no flow: it is left out.
 """
 
 import argparse
@@ -39,7 +39,7 @@ def state(text):
     return text
 
 
-COLUMNS = {"frame": str, "camera": str, "input_id": str, "identity": int, "label": int, "area_px": int,
+COLUMNS = {"frame": str, "camera": str, "input_id": str, "part": str, "identity": int, "label": int, "area_px": int,
            "state": state, **dict.fromkeys(
                ("log_odds", "mean_depth_m", "evidence_flow", "median_px", "valid", "patches",
                 "evidence_appearance", "still_alike", "keypoints", "evidence_keypoints",
@@ -53,11 +53,11 @@ def frame_number(text):
 
 
 def read_truth(path):
-    """Whether it moves, by frame, camera and number in the segmentation."""
+    """Whether it moves, by frame, camera, number in the segmentation and part of that segment."""
     rows = common.read_table(path, {"frame": str, "camera": str, "moving": str})
     with common.reading(path):
-        return {(frame_number(row["frame"]), row["camera"], row.get("input_id") or row["segment_id"]):
-                row["moving"] == "1" for row in rows}
+        return {(frame_number(row["frame"]), row["camera"], row.get("input_id") or row["segment_id"],
+                 row.get("part", "0")): row["moving"] == "1" for row in rows}
 
 
 def reasons(row):
@@ -140,8 +140,9 @@ def curve(rows):
 
 
 def is_wrong(row, truth):
-    key = (frame_number(row["frame"]), row["camera"], row["input_id"])
-    return key in truth and truth[key] != (row["state"] == "moving")
+    key = frame_number(row["frame"]), row["camera"], row["input_id"]
+    moves = truth.get((*key, row["part"]), truth.get((*key, "0")))
+    return moves is not None and moves != (row["state"] == "moving")
 
 
 def chosen(rows, count, truth, wrong_alone):

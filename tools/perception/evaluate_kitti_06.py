@@ -80,7 +80,7 @@ def judged_segments(folder, names, min_area):
     """(row of segments.csv, is it the car, or a part of it) of every segment that counts."""
     folder = Path(folder)
     frames = {}
-    columns = {"frame": frame_name, "camera": str, "input_id": str, "identity": int,
+    columns = {"frame": frame_name, "camera": str, "input_id": str, "part": str, "identity": int,
                "label": lambda text: range(len(names))[int(text)], "area_px": int,
                "mean_depth_m": float, "residual_px": str, "magnitude_test": str, "radial_test": str}
     for row in inputs.read_table(folder / "segments.csv", columns):
@@ -127,9 +127,9 @@ def main():
     options = parser.parse_args()
     names = [c.name for c in read_classes(options.classes)[1]]
     if options.table:
-        lines = [f"{row['frame']},{row['camera']},{row['input_id']},{int(moves)}"
+        lines = [f"{row['frame']},{row['camera']},{row['input_id']},{row['part']},{int(moves)}"
                  for row, moves, _ in judged_segments(options.priors[0], names, options.min_area)]
-        Path(options.table).write_text("\n".join(["frame,camera,input_id,moving", *lines, ""]),
+        Path(options.table).write_text("\n".join(["frame,camera,input_id,part,moving", *lines, ""]),
                                        encoding="utf-8")
     for folder in options.priors:
         result = count(judged_segments(folder, names, options.min_area), options.max_depth)

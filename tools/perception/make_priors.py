@@ -104,11 +104,10 @@ def main():
              *(["--rebuild"] if options.overwrite else []), *further]
     run([*build, "--check"])  # before the hours that the network takes
     times = dict.fromkeys(("network", "segments", "segmented images"), 0)
-    for side, (folder, other) in enumerate((folders, folders[::-1])):
+    for folder, output in zip(folders, panoptic):
         images = common.list_images(folder)[:options.frames]
-        made = segment_onnx.segment_folder(
-            network, images, panoptic[side], other, bool(side), options.overwrite,
-            f"segmentation {panoptic[side].name}", options.jobs)
+        made = segment_onnx.segment_folder(network, images, output, options.overwrite,
+                                           f"segmentation {output.name}", options.jobs)
         for stage in ("network", "segments"):
             times[stage] += made[stage]
         times["segmented images"] += len(images)

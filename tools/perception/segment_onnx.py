@@ -1,11 +1,10 @@
 """Panoptic maps (COCO PNG + JSON) with any segmentation network as ONNX file, by ONNX Runtime.
 
-    segment_onnx.py SEQUENCE/image_0 --model NETWORK.yaml --output panoptic/left \\
-        [--other SEQUENCE/image_1] [--weights FILE.onnx]
+    segment_onnx.py SEQUENCE/image_0 --model NETWORK.yaml --output panoptic/left [--weights FILE.onnx]
 
 NETWORK.yaml says what the network wants and gives (README.md, models/*.yaml). Networks that give
-classes only get instances by connected components of things, split where disparity steps when the
-other camera's images are given.
+classes only get instances by connected components of things; build_priors splits these where their
+depth shows several objects (segments.split_by_depth).
 """
 
 import concurrent.futures
@@ -22,9 +21,7 @@ import common  # noqa: E402
 from panoptic import read_label_space  # noqa: E402
 
 MIN_PIXELS = 150       # of an instance found by connected components
-DISPARITY_STEP = 4.0   # px between neighbours that belong to different instances; and
-RELATIVE_STEP = 0.2    # of the disparity
-MAPS_VERSION = 1       # raised when the same images give other maps
+MAPS_VERSION = 2       # raised when the same images give other maps
 KINDS = ("semantic", "classes", "panoptic", "instances")
 
 
@@ -207,56 +204,7 @@ def components(mask):
     return np.where(large, np.arange(count), 0)[parts]
 
 
-def split(mask, disparity):
-    """Connected components (label image, 0 none) of a mask, apart where disparity steps. Smaller
-    ones are left out; small parts behind a step stay with what they touch.
-    """
-    import cv2
-
-    whole = components(mask)
-    if disparity is None or not whole.any():
-        return whole
-    step = np.maximum(DISPARITY_STEP, RELATIVE_STEP * disparity)
-    across = np.abs(np.diff(disparity, axis=1, prepend=disparity[:, :1])) > step
-    down = np.abs(np.diff(disparity, axis=0, prepend=disparity[:1])) > step
-    # Unknown disparity (0) is no step.
-    known = disparity > 0
-    cuts = (across & known & np.roll(known, 1, axis=1)) | (down & known & np.roll(known, 1, axis=0))
-    parts = components((whole > 0) & ~cuts)
-    if not parts.any():
-        return whole
-    # Cut and small parts go to the nearest part of the same component.
-    _, nearest = cv2.distanceTransformWithLabels((parts == 0).astype(np.uint8), cv2.DIST_L2, 3,
-                                                 labelType=cv2.DIST_LABEL_PIXEL)
-    owner = np.zeros(int(nearest.max()) + 1, parts.dtype)
-    owner[nearest[parts > 0]] = parts[parts > 0]
-    component = np.zeros(int(parts.max()) + 1, whole.dtype)
-    component[parts[parts > 0]] = whole[parts > 0]
-    filled = np.where((whole > 0) & (parts == 0), owner[nearest], parts)
-    astray = (filled > 0) & (component[filled] != whole)
-    filled[astray] = parts.max() + whole[astray]
-    return filled
-
-
-def coarse_disparity(left, right, mirrored):
-    """Disparity (px, NaN unknown filled with 0) at half size, enlarged; only its steps count."""
-    import cv2
-
-    pair = [cv2.resize(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), None, fx=0.5, fy=0.5,
-                       interpolation=cv2.INTER_AREA) for i in (left, right)]
-    if mirrored:
-        pair = [cv2.flip(i, 1) for i in pair]
-    matcher = cv2.StereoSGBM_create(0, 64, 5, P1=200, P2=800, disp12MaxDiff=1, uniquenessRatio=10,
-                                    speckleWindowSize=100, speckleRange=2)
-    found = matcher.compute(*pair).astype(np.float32) / 16
-    found[found < 0] = 0
-    found = cv2.medianBlur(found, 5)
-    if mirrored:
-        found = cv2.flip(found, 1)
-    return 2 * cv2.resize(found, (left.shape[1], left.shape[0]), interpolation=cv2.INTER_NEAREST)
-
-
-def to_panoptic(network, values, size, disparity):
+def to_panoptic(network, values, size):
     """Ids (H, W) with 0 void, and segments_info of COCO."""
     ids = np.zeros(size, np.uint32)
     segments = []
@@ -294,7 +242,7 @@ def to_panoptic(network, values, size, disparity):
             if not entry[2]:
                 add(mask, entry)
                 continue
-            parts = split(mask, disparity)
+            parts = components(mask)
             for part in np.unique(parts[parts > 0]):
                 add(parts == part, entry)
     # What is covered by others is gone.
@@ -326,43 +274,33 @@ def read_image(path):
     return np.ascontiguousarray(image[:, :, ::-1])
 
 
-def segment_image(network, path, other, mirrored):
+def segment_image(network, path):
     """Ids and segments of an image, and the seconds for them."""
     image = read_image(path)
     start = time.perf_counter()
     values = network.run(image)
     between = time.perf_counter()
-    disparity = None
-    if other is not None:
-        partner = read_image(other)
-        if partner.shape != image.shape:
-            common.fail(f"{other}: has another size than {path}")
-        disparity = coarse_disparity(image, partner, mirrored)
-    ids, segments = to_panoptic(network, values, image.shape[:2], disparity)
+    ids, segments = to_panoptic(network, values, image.shape[:2])
     return ids, segments, {"network": between - start, "segments": time.perf_counter() - between}
 
 
-def segment_folder(network, images, output, other=None, mirrored=False, overwrite=False,
-                   label="segmentation", jobs=1):
+def segment_folder(network, images, output, overwrite=False, label="segmentation", jobs=1):
     """Writes OUTPUT/<name>.png and OUTPUT.json, `jobs` images at a time. Maps that are there are kept
     if they were made of the same images in the same way. Returns the number of maps made now, and
     seconds in the network and beside it for all images, summed; those of kept maps are as measured."""
     output = Path(output)
     if images:
         common.note_images(output, Path(images[0]).parent)
-    paired = other is not None and network.kind in ("semantic", "classes")
     description = network.description()
 
     def segment(path):
         """The note of its map, and whether the map is new."""
         picture = output / f"{path.stem}.png"
-        beside = Path(other) / path.name if paired else None
-        made_of = common.digest_of(description, "mirrored" if mirrored else "", path,
-                                   *([beside] if paired else []))
+        made_of = common.digest_of(description, path)
         note = None if overwrite else common.read_note(picture, made_of)
         if note is not None:
             return note, False
-        ids, segments, seconds = segment_image(network, path, beside, mirrored)
+        ids, segments, seconds = segment_image(network, path)
         write_ids(picture, ids)
         return common.write_note(picture, made_of, segments=segments, seconds=seconds), True
 
@@ -390,17 +328,14 @@ def main():
     parser = common.arguments(__doc__.splitlines()[0], [("images", "folder of images")])
     parser.add_argument("--model", required=True, help="YAML file of the network")
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
-    parser.add_argument("--other", help="images of the other camera, to tell instances apart")
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
-    parser.add_argument("--right", action="store_true", help="the images are the right camera's")
     add_jobs(parser)
     options = parser.parse_args()
     common.need("onnxruntime", "yaml", "cv2")
     network = Network(options.model, options.weights, options.threshold)
     images = common.list_images(options.images)
-    made = segment_folder(network, images, options.output, options.other, options.right,
-                          options.overwrite, jobs=options.jobs)
+    made = segment_folder(network, images, options.output, options.overwrite, jobs=options.jobs)
     print(f"{made['frames']} frames, {len(images) - made['frames']} kept, network "
           f"{1e3 * made['network'] / len(images):.0f} ms, segments "
           f"{1e3 * made['segments'] / len(images):.0f} ms per frame")

@@ -32,17 +32,18 @@ MOTION = {"shift_m": float, "depth_m": float}
 
 
 def read(path, columns):
+    """(key, row) of every row; the parts of a segment have the same key."""
     rows = inputs.read_table(path, {"frame": frame_number, "camera": str, **columns})
     with inputs.reading(path):
-        return {(r["frame"], r["camera"], r.get("input_id") or r["segment_id"]): r for r in rows}
+        return [((r["frame"], r["camera"], r.get("input_id") or r["segment_id"]), r) for r in rows]
 
 
 def score(rows, truth, motion, options):
     """Counts of decisions; `rows` are those of segments.csv."""
     result = {"true": 0, "false": 0, "missed": 0, "unknown": 0, "clear": 0, "clear_found": 0,
               "magnitude_test": [0, 0], "radial_test": [0, 0], "wrong": []}
-    last = max((key[0] for key in rows), default=0)
-    for key, row in rows.items():
+    last = max((key[0] for key, _ in rows), default=0)
+    for key, row in rows:
         if row["area_px"] < options.min_area or key[0] == last:
             continue
         if options.camera and key[1] != options.camera:
@@ -121,8 +122,9 @@ def main():
     parser.add_argument("--list", action="store_true", help="every wrong decision")
     options = parser.parse_args()
     rows = read(Path(options.priors) / "segments.csv", SEGMENTS)
-    truth = read(options.truth, {"moving": str})
-    report(score(rows, truth, read(options.motion, MOTION) if options.motion else {}, options), options)
+    truth = dict(read(options.truth, {"moving": str}))
+    motion = dict(read(options.motion, MOTION)) if options.motion else {}
+    report(score(rows, truth, motion, options), options)
     mu = exported_motion(options.priors, options.mu_step) if options.mu_step else np.zeros(0)
     if mu.size:
         print(f"exported mu over {mu.size} px of flagged segments: {np.mean(mu > 8):.3f} above 8, "
