@@ -83,8 +83,7 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
     // The classes of COCO segments are in a file for all frames.
     for (const InputSegment& s : perception[c].panoptic.segments) {
       digest.add(std::to_string(s.input_id) + " " + std::to_string(s.part) + " " +
-                 std::to_string(s.label) +
-                 (s.thing ? " thing" : " stuff"));
+                 std::to_string(s.label) + (s.thing ? " thing" : " stuff"));
     }
   }
   const auto add_source = [&](const std::string& source, auto&& find) {

@@ -131,8 +131,8 @@ void FramePreparation::read_disparity(std::size_t t, const ImagePair& pair, Read
     split_by_depth(frame.disparity[c], frame.perception[c].panoptic);
   }
   if (links_views()) {
-    out.by_disparity = links_by_disparity(frame.perception[0].panoptic, frame.perception[1].panoptic,
-                                        frame.disparity[0]);
+    out.by_disparity = links_by_disparity(frame.perception[0].panoptic,
+                                          frame.perception[1].panoptic, frame.disparity[0]);
   }
   out.times.association += watch.lap_ms();
 }

@@ -73,7 +73,7 @@ class FramePreparation {
   const std::vector<PanopticReader>& readers_;
   const SequenceFields& fields_;
   int jobs_;
-  bool split_;  ///< things by depth
+  bool split_;                                   ///< things by depth
   std::vector<InstanceAssociator> associators_;  ///< by camera
   std::optional<MaskAssociator> overlap_;
   std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not asked for

@@ -23,7 +23,7 @@ constexpr double kLeastShare = 0.1;                // of its piece's
 constexpr int kRim = 3;                            // px: a surface has a core farther from its
 constexpr double kLeastCore = 0.2;                 // border, with this share of its pixels
 
-constexpr double kLeastMeasured = 0.5;             // of a part's pixels are on its surfaces
+constexpr double kLeastMeasured = 0.5;  // of a part's pixels are on its surfaces
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 
@@ -98,12 +98,14 @@ class SegmentSplit {
   }
 
   Parts run() {
-    connect(pieces_, [](std::uint32_t) { return true; },
-            [](std::uint32_t, std::uint32_t) { return true; });
-    connect(surfaces_, [this](std::uint32_t i) { return d_[i] > 0; },
-            [this](std::uint32_t i, std::uint32_t j) {
-              return std::abs(d_[i] - d_[j]) <= kStep + kStepShare * std::min(d_[i], d_[j]);
-            });
+    connect(
+        pieces_, [](std::uint32_t) { return true; },
+        [](std::uint32_t, std::uint32_t) { return true; });
+    connect(
+        surfaces_, [this](std::uint32_t i) { return d_[i] > 0; },
+        [this](std::uint32_t i, std::uint32_t j) {
+          return std::abs(d_[i] - d_[j]) <= kStep + kStepShare * std::min(d_[i], d_[j]);
+        });
     find_surfaces();
     Parts parts;
     parts.count = number_parts();
@@ -132,8 +134,8 @@ class SegmentSplit {
     });
   }
 
-  /// Distance (px, the longer of both axes) to the nearest pixel that is not of the same surface, at
-  /// most `kRim` + 1.
+  /// Distance (px, the longer of both axes) to the nearest pixel that is not of the same surface,
+  /// at most `kRim` + 1.
   [[nodiscard]] std::vector<std::uint8_t> distance_to_border() {
     const std::uint32_t w = width_ + 2;  // with a margin
     const auto h = static_cast<std::uint32_t>(inside_.size() / width_) + 2;
@@ -249,8 +251,8 @@ class SegmentSplit {
     return part;
   }
 
-  /// Most of every part is on its surfaces. Where little of a segment is measured, what is measured is
-  /// often wrong.
+  /// Most of every part is on its surfaces. Where little of a segment is measured, what is measured
+  /// is often wrong.
   [[nodiscard]] bool are_measured(const Parts& parts) const {
     std::vector<std::uint32_t> measured(parts.count + 1u, 0), area(parts.count + 1u, 0);
     for (const Surface& surface : found_) measured[surface.part] += surface.area;
@@ -299,7 +301,8 @@ void replace_by_parts(const std::vector<Box>& boxes, const std::vector<Parts>& p
       const Box& box = boxes[run.segment - 1u];
       const std::uint16_t* part = parts[run.segment - 1u].of_pixel.data() +
                                   static_cast<std::ptrdiff_t>(y - box.y0) * box.width() - box.x0;
-      for (int x = run.x0; x < run.x1; ++x) row[x] = static_cast<std::uint16_t>(row[x] + part[x] - 1);
+      for (int x = run.x0; x < run.x1; ++x)
+        row[x] = static_cast<std::uint16_t>(row[x] + part[x] - 1);
     }
   }
   panoptic.segments = std::move(segments);
@@ -310,15 +313,14 @@ void replace_by_parts(const std::vector<Box>& boxes, const std::vector<Parts>& p
 
 void split_by_depth(const ImageOf<float>& disparity, PanopticMap& panoptic) {
   if (panoptic.runs.empty()) panoptic.runs = find_runs(panoptic.map);
-  const std::vector<SegmentShape> shapes =
-      segment_shapes(panoptic.runs, panoptic.segments.size());
+  const std::vector<SegmentShape> shapes = segment_shapes(panoptic.runs, panoptic.segments.size());
   const std::vector<Box> boxes = boxes_of(panoptic);
   std::vector<Parts> parts(panoptic.segments.size());
   std::size_t total = 0;
   for (std::size_t k = 0; k < parts.size(); ++k) {
     if (panoptic.segments[k].thing && shapes[k].area >= 2 * kLeastArea) {
-      parts[k] = SegmentSplit(disparity, panoptic.map, static_cast<std::uint16_t>(k + 1), boxes[k])
-                     .run();
+      parts[k] =
+          SegmentSplit(disparity, panoptic.map, static_cast<std::uint16_t>(k + 1), boxes[k]).run();
     }
     total += parts[k].count;
   }

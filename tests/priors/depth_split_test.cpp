@@ -1,9 +1,9 @@
+#include "priors/fusion/depth_split.h"
+
 #include <gtest/gtest.h>
 
 #include <cstdint>
 #include <limits>
-
-#include "priors/fusion/depth_split.h"
 
 namespace kys_slam {
 namespace {
@@ -15,9 +15,7 @@ struct Scene {
   PanopticMap panoptic{ImageOf<std::uint16_t>(120, 80), {{0, 3, false}, {7, 5, true}}, {}};
   ImageOf<float> disparity{120, 80};
 
-  Scene() {
-    fill(0, 0, 120, 80, 1, 4);
-  }
+  Scene() { fill(0, 0, 120, 80, 1, 4); }
   void fill(int x0, int y0, int x1, int y1, std::uint16_t segment, float d) {
     for (int y = y0; y < y1; ++y) {
       for (int x = x0; x < x1; ++x) {

@@ -567,11 +567,11 @@ TEST(Options, EveryNumberIsChecked) {
   using B = BuilderOptions;
   using test::field_count;
   EXPECT_EQ(test::listed<B>(), field_count<B::Association>() + field_count<B::Segments>() +
-                                   field_count<B::Depth>() +
-                                   field_count<B::FlowCheck>() + field_count<B::FlowEstimate>() +
-                                   field_count<B::EgoMotion>() + field_count<B::Drift>() +
-                                   field_count<B::Detection>() + field_count<B::Keypoints>() +
-                                   field_count<B::Score>() + field_count<B::Export>());
+                                   field_count<B::Depth>() + field_count<B::FlowCheck>() +
+                                   field_count<B::FlowEstimate>() + field_count<B::EgoMotion>() +
+                                   field_count<B::Drift>() + field_count<B::Detection>() +
+                                   field_count<B::Keypoints>() + field_count<B::Score>() +
+                                   field_count<B::Export>());
   test::expect_numbers_checked(B());
   test::expect_numbers_checked(paper_options());
   BuilderOptions options;
