@@ -63,6 +63,8 @@ class LocalMapper {
 
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
                             const std::atomic<bool>* stop = nullptr);
+  /// At the end of a run: the last estimate of the disparity offset.
+  void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
 
  private:
   LocalMapperOptions options_;

@@ -15,8 +15,9 @@ namespace kys_slam {
 void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
   list.add("calibration.enabled", o.enabled,
            "estimate a constant offset of all disparities from the map");
-  list.add("calibration.keyframes", o.keyframes, {2, 1e9}, "",
-           "keyframes in the map at the first estimate; others at 2 and 8 times that");
+  list.add(
+      "calibration.keyframes", o.keyframes, {2, 1e9}, "",
+      "keyframes in the map at the first estimate; others at 2 and 8 times that, or at the end");
   list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
            "by which it must differ from zero to be applied");
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
@@ -31,7 +32,8 @@ namespace {
 
 constexpr double kStep = 0.2;             // px between the offsets that are tried
 constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
-constexpr std::size_t kWindow = 4;        // the last estimate uses the newest: times `keyframes`
+constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
+constexpr std::size_t kWindow = 4;  // the last estimate uses the newest: times `keyframes`
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
@@ -223,9 +225,23 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
   if (!options_.enabled || looks_ >= kLooks.size()) return false;
   const auto unit = static_cast<std::size_t>(options_.keyframes);
   if (map.keyframes().size() < unit * kLooks[looks_]) return false;
-  const bool last = ++looks_ == kLooks.size();
+  ++looks_;
+  return look(map, looks_ == kLooks.size(), stop);
+}
+
+bool StereoCalibration::finish(Map& map, const std::atomic<bool>* stop) {
+  if (looks_ == 0 || looks_ >= kLooks.size()) return false;
+  if (static_cast<double>(map.keyframes().size()) < kMore * static_cast<double>(seen_))
+    return false;
+  looks_ = kLooks.size();
+  return look(map, false, stop);
+}
+
+bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
+  seen_ = map.keyframes().size();
+  const auto window = kWindow * static_cast<std::size_t>(options_.keyframes);
   const DisparityOffset found =
-      estimate_disparity_offset(map, options_, stop, last ? kWindow * unit : kAll);
+      estimate_disparity_offset(map, options_, stop, last ? window : kAll);
   const double total = map.disparity_offset() + found.offset;
   const double sigma = std::hypot(found.sigma, options_.systematic);
   if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;

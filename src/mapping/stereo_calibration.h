@@ -52,17 +52,25 @@ DisparityOffset estimate_disparity_offset(
 /// times `keyframes`, and from the newest 4 times `keyframes` when it has 8 times that. The first
 /// keyframes are close together, and where the lens distortion is not exact the error is not the
 /// same everywhere: the last estimate is the better one, and a mean with those before is worse. A
-/// later estimate can revert an earlier one.
+/// later estimate can revert an earlier one. A run that ends before the third estimate has one more
+/// at its end.
 class StereoCalibration {
  public:
   explicit StereoCalibration(const StereoCalibrationOptions& options)
       : options_(checked(options)) {}
   /// Returns whether the map was changed.
   bool update(Map& map, const std::atomic<bool>* stop = nullptr);
+  /// At the end of a run: one more estimate from the whole map, unless the third was made or the
+  /// map has hardly grown since the one before. What was not significant in a few keyframes may be
+  /// now. Returns whether the map was changed.
+  bool finish(Map& map, const std::atomic<bool>* stop = nullptr);
 
  private:
+  bool look(Map& map, bool last, const std::atomic<bool>* stop);
+
   StereoCalibrationOptions options_;
   std::size_t looks_ = 0;
+  std::size_t seen_ = 0;  ///< keyframes at the latest estimate
 };
 
 }  // namespace kys_slam

@@ -44,8 +44,9 @@ BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<b
   return step;
 }
 
-ChangeSet BackEnd::finish() {
+ChangeSet BackEnd::finish(const std::atomic<bool>* stop) {
   full_bundle_.finish(map_);
+  mapper_.finish(map_, stop);
   return publish();
 }
 

@@ -54,8 +54,9 @@ class BackEnd {
   /// map.
   ChangeSet continue_map(Map map);
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
-  /// Waits for full bundle adjustment and applies its result.
-  ChangeSet finish();
+  /// Waits for full bundle adjustment, applies its result, and corrects the disparities a last
+  /// time.
+  ChangeSet finish(const std::atomic<bool>* stop);
   /// Relocalises a frame; nothing when it is not at a known place.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         kys::Statistics& statistics) const;
@@ -102,7 +103,7 @@ class BackEndRunner {
   /// does not change until the next `submit`.
   void wait_idle();
   /// Call it after `drain`: the last corrections of the map.
-  ChangeSet finish() { return back_end_.finish(); }
+  ChangeSet finish() { return back_end_.finish(&stop_); }
   /// After `drain`.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         kys::Statistics& statistics) const {

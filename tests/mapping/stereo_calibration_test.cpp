@@ -11,21 +11,22 @@ using testing::FeatureWorld;
 
 constexpr int kKeyFrames = 20;
 
-std::vector<Rigid3> drive() {
+std::vector<Rigid3> drive(int keyframes = kKeyFrames) {
   std::vector<Rigid3> poses;
-  for (int i = 0; i < kKeyFrames; ++i) poses.push_back(testing::weaving_pose(0.8 * i));
+  for (int i = 0; i < keyframes; ++i) poses.push_back(testing::weaving_pose(0.8 * i));
   return poses;
 }
 
-/// A drive of twenty keyframes whose disparities all are wrong by `error` px.
-Map map_with_error(float error, unsigned seed) {
+/// A drive whose disparities all are wrong by `error` px.
+Map map_with_error(float error, unsigned seed, int keyframes = kKeyFrames) {
   FeatureWorld::Options options;
   options.points = 2000;
   // As in images: corners that are aligned, and disparities better than their columns.
   options.pixel_noise = 0.2;
   options.aligned = true;
   options.seed = seed;
-  return testing::map_of_world(FeatureWorld(testing::kitti_camera(), options), drive(), error).map;
+  const FeatureWorld world(testing::kitti_camera(), options);
+  return testing::map_of_world(world, drive(keyframes), error).map;
 }
 
 double worst_position_error(const Map& map) {
@@ -161,6 +162,28 @@ TEST(StereoCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
   EXPECT_NEAR(map.disparity_offset(), -0.3, 0.05);
   map.check_consistency();
   EXPECT_FALSE(calibration.update(map)) << "there are three estimates";
+}
+
+/// The map of a short run has grown since the first estimate, but not to twice its size.
+TEST(StereoCalibration, OneMoreEstimateAtTheEndOfAShortRun) {
+  StereoCalibrationOptions options;
+  options.keyframes = kKeyFrames * 2 / 3;
+  options.significance = 1e5;
+  StereoCalibration early(options);
+  Map map = map_with_error(0.3f, 5);
+  EXPECT_FALSE(early.finish(map)) << "there was no first one";
+  EXPECT_FALSE(early.update(map)) << "not significant";
+  EXPECT_FALSE(early.finish(map)) << "the map has not grown since";
+
+  options.significance = 2.5;
+  StereoCalibration calibration(options);
+  Map first = map_with_error(0, 5, options.keyframes);
+  EXPECT_FALSE(calibration.update(first));
+  ASSERT_TRUE(calibration.finish(map));
+  EXPECT_NEAR(map.disparity_offset(), -0.3, 0.12);
+  EXPECT_LT(worst_position_error(map), 0.06);
+  map.check_consistency();
+  EXPECT_FALSE(calibration.finish(map)) << "once";
 }
 
 TEST(StereoCalibration, AnAccurateRigIsLeftAlone) {
