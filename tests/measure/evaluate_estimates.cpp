@@ -1,5 +1,5 @@
-// evaluate_estimates: disparity and flow that build_priors estimates from images against exact ones,
-// by distance.
+// evaluate_estimates: disparity and flow that build_priors estimates from images against exact
+// ones, by distance.
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/sequence.h>
@@ -26,13 +26,13 @@
 namespace kys_slam {
 namespace {
 
-constexpr std::array<double, 6> kDistance = {0, 10, 20, 40, 80,
-                                             std::numeric_limits<double>::infinity()};  // m
+constexpr std::array<double, 6> kDistance = {0,  10, 20,
+                                             40, 80, std::numeric_limits<double>::infinity()};  // m
 constexpr std::size_t kBins = kDistance.size() - 1;
 
 struct Arguments {
-  std::string sequence, config;
-  std::vector<std::string> settings;
+  std::vector<std::string> sequences, settings;
+  std::string config;
   int every = 8;
   std::int64_t frames = std::numeric_limits<std::int64_t>::max();
 };
@@ -67,8 +67,7 @@ void print(const char* name, Table& table) {
                                     ? std::to_string(static_cast<int>(kDistance[b])) + "-" +
                                           std::to_string(static_cast<int>(kDistance[b + 1]))
                                     : "> " + std::to_string(static_cast<int>(kDistance[b]));
-      const double known =
-          100 * static_cast<double>(e.px.size()) / static_cast<double>(e.pixels);
+      const double known = 100 * static_cast<double>(e.px.size()) / static_cast<double>(e.pixels);
       const double above_1 = share_above(e.px, 1), above_3 = share_above(e.px, 3);
       std::printf("%-10s %-7s %9lld %8.1f %10.3f %8.2f %8.2f\n", range.c_str(),
                   thing != 0 ? "things" : "stuff", static_cast<long long>(e.pixels), known,
@@ -77,11 +76,17 @@ void print(const char* name, Table& table) {
   }
 }
 
+struct Tables {
+  Table disparity, flow;
+};
+
+/// One sequence.
 class Evaluation {
  public:
-  Evaluation(const Arguments& arguments, const BuilderOptions& options)
-      : folder_(arguments.sequence),
+  Evaluation(const std::string& folder, const BuilderOptions& options, Tables& tables)
+      : folder_(folder),
         options_(options),
+        tables_(tables),
         sequence_(open_kitti_sequence(folder_)),
         labels_(kys::load_label_space("coco_panoptic_133")),
         reader_(folder_ / "panoptic_left", labels_) {}
@@ -113,38 +118,34 @@ class Evaluation {
         std::size_t bin = 0;
         while (distance >= kDistance[bin + 1]) ++bin;
         const std::size_t thing = panoptic.segments[segment - 1u].thing ? 1 : 0;
-        disparity_[bin][thing].add(std::abs(disparity.at(x, y) - d));
+        tables_.disparity[bin][thing].add(std::abs(disparity.at(x, y) - d));
         const float u = flow_truth.u.at(x, y), v = flow_truth.v.at(x, y);
         if (!std::isfinite(u)) continue;
-        flow_[bin][thing].add(std::hypot(flow.u.at(x, y) - u, flow.v.at(x, y) - v));
+        tables_.flow[bin][thing].add(std::hypot(flow.u.at(x, y) - u, flow.v.at(x, y) - v));
       }
     }
-  }
-
-  void print_tables() {
-    print("disparity (sgbm)", disparity_);
-    print("flow (dis)", flow_);
   }
 
  private:
   std::filesystem::path folder_;
   const BuilderOptions& options_;
+  Tables& tables_;
   std::unique_ptr<Sequence> sequence_;
   kys::LabelSpace labels_;
   PanopticReader reader_;
-  Table disparity_, flow_;
 };
 
 int run(int argc, char** argv) {
   CLI::App app(
       "Errors of the disparity and the flow that build_priors estimates (sgbm, dis), by distance: "
       "share of pixels with an estimate that passes its checks, median error, share of these with "
-      "a larger error. For sequences of simulate_sequence with exact fields.");
+      "a larger error. For sequences of simulate_sequence with exact fields, all in one table.");
   Arguments a;
-  app.add_option("sequence", a.sequence, "folder made by simulate_sequence")->required();
-  app.add_option("--every", a.every, "every N-th frame")->capture_default_str()->check(
-      CLI::Range(1, 1000000));
-  app.add_option("--frames", a.frames, "of the first N frames")->check(CLI::PositiveNumber);
+  app.add_option("sequence", a.sequences, "folders made by simulate_sequence")->required();
+  app.add_option("--every", a.every, "every N-th frame")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1000000));
+  app.add_option("--frames", a.frames, "of the first N frames of each")->check(CLI::PositiveNumber);
   app.add_option("--config", a.config, "settings of build_priors (YAML)");
   one_at_a_time(
       app.add_option("--set", a.settings, "KEY=VALUE, overrides one setting; repeatable"));
@@ -157,14 +158,18 @@ int run(int argc, char** argv) {
     set_option(options, setting.substr(0, equals), setting.substr(equals + 1));
   }
   options.check();
-  Evaluation evaluation(a, options);
-  const std::int64_t end = std::min(a.frames, evaluation.frames());
-  Progress progress("frames", end);
-  for (std::int64_t t = 0; t < end; t += a.every) {
-    evaluation.add(t);
-    progress.update(t + 1);
+  Tables tables;
+  for (const std::string& sequence : a.sequences) {
+    Evaluation evaluation(sequence, options, tables);
+    const std::int64_t end = std::min(a.frames, evaluation.frames());
+    Progress progress("frames", end);
+    for (std::int64_t t = 0; t < end; t += a.every) {
+      evaluation.add(t);
+      progress.update(t + 1);
+    }
   }
-  evaluation.print_tables();
+  print("disparity (sgbm)", tables.disparity);
+  print("flow (dis)", tables.flow);
   return 0;
 }
 
