@@ -7,9 +7,7 @@ classes only get instances by connected components of things; build_priors split
 depth shows several objects (segments.split_by_depth).
 """
 
-import concurrent.futures
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -18,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import common  # noqa: E402
+from onnx_network import OnnxNetwork, add_jobs, in_threads, read_image  # noqa: E402
 from panoptic import read_label_space  # noqa: E402
 
 MIN_PIXELS = 150       # of an instance found by connected components
@@ -25,94 +24,36 @@ MAPS_VERSION = 2       # raised when the same images give other maps
 KINDS = ("semantic", "classes", "panoptic", "instances")
 
 
-class Network:
-    """An ONNX network and what its YAML file says about it."""
+class Network(OnnxNetwork):
+    """An ONNX network for segmentation and what its YAML file says about it."""
 
     def __init__(self, settings, weights=None, threshold=None):
-        import onnxruntime
-        import yaml
+        self.threshold = threshold
+        super().__init__(settings, weights)
+        self.input = self.inputs[0]
 
-        self.path = Path(settings)
-        with common.reading(settings):
-            try:
-                self.settings = yaml.safe_load(self.path.read_text(encoding="utf-8"))
-            except yaml.YAMLError as error:
-                common.fail(f"{settings}: {common.first_line(error)}")
-            if not isinstance(self.settings, dict):
-                common.fail(f"{settings}: is not a list of settings")
-            self._read_settings(settings, threshold)
-        self.file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # several images at a time: the same result for any number
-        options.log_severity_level = 3
-        try:
-            self.session = onnxruntime.InferenceSession(
-                str(self.file), options, providers=onnxruntime.get_available_providers())
-        except Exception as error:  # onnxruntime has no common base class of its errors
-            common.fail(f"{self.file}: cannot be loaded: {common.first_line(error)}")
-        self.digest = common.digest_of(self.file)
-        self.input = self.session.get_inputs()[0].name
-        self.outputs = [o.name for o in self.session.get_outputs()]
-
-    def _read_settings(self, settings, threshold):
-        """Values of the YAML file; raises whatever a wrong one gives."""
+    def _read_settings(self):
         self.kind = self._get("output", "kind")
         if self.kind not in KINDS:
-            common.fail(f"{settings}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
+            common.fail(f"{self.path}: output.kind is '{self.kind}', not one of {', '.join(KINDS)}")
         default = 0.5 if self.kind == "instances" else 0.0
         given = self.settings["output"].get("min_score", default)
-        self.threshold = self._finite("output.min_score", given if threshold is None else threshold)
+        self.threshold = self._finite("output.min_score",
+                                      given if self.threshold is None else self.threshold)
         self.divisor = self._positive("output.divisor", self.settings["output"].get("divisor", 256))
-        size, entry = self._get("input", "size"), self.settings["input"]
-        if not (isinstance(size, list) and len(size) == 2 and
-                all(isinstance(v, int) and 0 < v <= 16384 for v in size)):
-            common.fail(f"{settings}: input.size is '{size}', not [height, width] in px")
-        self.height, self.width = size
-        self.gamma = self._positive("input.gamma", entry.get("gamma", 1))
-        self.divide_by = self._positive("input.divide_by", entry.get("divide_by", 255))
-        channels = lambda name, default, check: np.array(
-            [check(f"input.{name}", v) for v in np.broadcast_to(entry.get(name, default), 3).tolist()],
-            np.float32)
-        self.mean = channels("mean", 0, self._finite)
-        self.deviation = channels("deviation", 1, self._positive)
-        self.bgr = entry.get("colour", "rgb") == "bgr"
+        self._read_input()
         space_name = self._get("label_space")
         self.label_space = self._beside(space_name)
         space = read_label_space(self.label_space)
         self.classes = []
         for name in self._get("classes"):
             if name is not None and name not in space:
-                common.fail(f"{settings}: class '{name}' is not in label space {space_name}")
+                common.fail(f"{self.path}: class '{name}' is not in label space {space_name}")
             self.classes.append(None if name is None else (name, *space[name]))
 
     def description(self):
         """What its maps depend on beside the images."""
-        return json.dumps({"version": MAPS_VERSION, "settings": self.settings, "weights": self.digest,
-                           "threshold": self.threshold, "classes": self.classes},
-                          sort_keys=True, default=str)
-
-    def _finite(self, name, value):
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = np.nan
-        if not np.isfinite(number):
-            common.fail(f"{self.path}: {name} is '{value}', not a number")
-        return number
-
-    def _positive(self, name, value):
-        number = self._finite(name, value)
-        if number <= 0:
-            common.fail(f"{self.path}: {name} is {value}, not above 0")
-        return number
-
-    def _get(self, *keys):
-        value = self.settings
-        for key in keys:
-            if not isinstance(value, dict) or key not in value:
-                common.fail(f"{self.path}: {'.'.join(keys)} is missing")
-            value = value[key]
-        return value
+        return super().description(version=MAPS_VERSION, threshold=self.threshold, classes=self.classes)
 
     def _beside(self, name):
         """A label space as the programs take it: the path of its files without their endings where they
@@ -120,37 +61,15 @@ class Network:
         beside = self.path.resolve().parent / str(name)
         return str(beside) if beside.with_name(f"{beside.name}.classes.csv").exists() else name
 
-    def prepare(self, image):
-        """(1, 3, h, w) float32 of an (H, W, 3) RGB image."""
-        import cv2
-
-        if self.gamma != 1:
-            image = (255 * (np.arange(256) / 255) ** self.gamma).astype(np.uint8)[image]
-        small = cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_LINEAR)
-        scaled = small.astype(np.float32) / self.divide_by
-        scaled -= self.mean
-        scaled /= self.deviation
-        if self.bgr:
-            scaled = scaled[:, :, ::-1]
-        return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None])
-
     def run(self, image):
         """Outputs of the network by name."""
-        try:
-            values = self.session.run(None, {self.input: self.prepare(image)})
-        except Exception as error:  # onnxruntime has no common base class of its errors
-            common.fail(f"{self.file}: takes no images of {self.width}x{self.height} px (input.size of "
-                        f"{self.path}): {common.first_line(error)}")
-        return dict(zip(self.outputs, values))
+        return self._outputs_of({self.input: self.prepare(image)}, None)
 
     def output(self, values, key):
         name = self.settings["output"].get(key)
         if name is None and len(values) == 1:
             return next(iter(values.values()))
-        if name not in values:
-            common.fail(f"{self.path}: output.{key} is '{name}', the network has "
-                        f"{', '.join(values)}")
-        return values[name]
+        return values[self._check_output(key, name)]
 
 
 def resized(labels, size):
@@ -262,18 +181,6 @@ def write_ids(path, ids):
     common.write_atomic(path, data.tobytes())
 
 
-def read_image(path):
-    import cv2
-
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    except cv2.error:  # too large
-        image = None
-    if image is None:
-        common.fail(f"{path}: cannot read")
-    return np.ascontiguousarray(image[:, :, ::-1])
-
-
 def segment_image(network, path):
     """Ids and segments of an image, and the seconds for them."""
     image = read_image(path)
@@ -304,12 +211,7 @@ def segment_folder(network, images, output, overwrite=False, label="segmentation
         write_ids(picture, ids)
         return common.write_note(picture, made_of, segments=segments, seconds=seconds), True
 
-    pool = concurrent.futures.ThreadPoolExecutor(jobs)
-    try:
-        work = [pool.submit(segment, path) for path in images]
-        done = [item.result() for item in common.progress(work, label)]
-    finally:
-        pool.shutdown(cancel_futures=True)
+    done = in_threads(segment, images, label, jobs)
     notes = [note for note, _ in done]
     annotations = [{"file_name": f"{path.stem}.png", "segments_info": note["segments"]}
                    for path, note in zip(images, notes)]
@@ -317,11 +219,6 @@ def segment_folder(network, images, output, overwrite=False, label="segmentation
                         json.dumps({"annotations": annotations}).encode("ascii"))
     times = {stage: sum(note["seconds"][stage] for note in notes) for stage in ("network", "segments")}
     return {**times, "frames": sum(new for _, new in done)}
-
-
-def add_jobs(parser):
-    parser.add_argument("--jobs", type=common.whole(1), default=os.cpu_count() or 1,
-                        help="threads (default: all)")
 
 
 def main():
