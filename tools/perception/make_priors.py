@@ -1,13 +1,14 @@
 """From the images of a stereo sequence to prior files, in one command.
 
     make_priors.py SEQUENCE --model NETWORK.yaml --output DIR [--weights FILE.onnx] \\
-        [--builder PATH/build_priors] [--frames N] [-- further arguments of build_priors]
+        [--stereo-model STEREO.yaml] [--flow-model FLOW.yaml] [--builder PATH/build_priors] \\
+        [--frames N] [-- further arguments of build_priors]
 
 Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
-else image_2 and image_3), builds the prior files with disparity (sgbm), flow (dis) and stereo
-keypoints from the images, and validates them. What is there already is kept if it was made of the same
-images, network and settings. DIR/times.json has seconds per stage, for kept files as measured when they
-were made.
+else image_2 and image_3), builds the prior files with disparity, flow and stereo keypoints from the
+images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files are
+given, else sgbm and dis. What is there already is kept if it was made of the same images, network and
+settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
 """
 
 import argparse
@@ -21,9 +22,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import common  # noqa: E402
+import fields_onnx  # noqa: E402
 import segment_onnx  # noqa: E402
+from onnx_network import add_jobs  # noqa: E402
 
 ROBUST = Path(__file__).resolve().parents[2] / "configs" / "priors_robust.yaml"
+SIDES = ("left", "right")
+# What the networks of --stereo-model and --flow-model give, and the estimates without them.
+FIELDS = {"stereo": "disparity", "flow": "flow"}
+CLASSICAL = {"stereo": "sgbm", "flow": "dis"}
 
 
 def program(given, name):
@@ -64,7 +71,8 @@ def time_of_build(command, times_file):
     return (seconds if built else 0.0) + (earlier if kept else 0.0)
 
 
-def main():
+def parse_arguments():
+    """Options, and what is after "--" for build_priors."""
     arguments, further = sys.argv[1:], []
     if "--" in arguments:
         at = arguments.index("--")
@@ -73,6 +81,10 @@ def main():
     parser.add_argument("sequence", type=Path)
     parser.add_argument("--model", required=True, help="YAML file of the network")
     parser.add_argument("--weights", help="ONNX file (default: what the YAML file names)")
+    for name, kind in FIELDS.items():
+        parser.add_argument(f"--{name}-model",
+                            help=f"YAML file of a network for {kind} (default: none, {CLASSICAL[name]})")
+        parser.add_argument(f"--{name}-weights", help="its ONNX file (default: what its YAML file names)")
     parser.add_argument("--output", required=True, type=Path)
     parser.add_argument("--builder", help="path of the program build_priors")
     parser.add_argument("--pair", default="", choices=tuple(common.PAIRS),
@@ -81,9 +93,78 @@ def main():
     parser.add_argument("--threshold", type=float, help="least score (instances) or probability "
                         "(semantic) of a thing (default: output.min_score; 0.5 and 0)")
     parser.add_argument("--frames", type=common.whole(1), help="number of frames (default: all)")
-    segment_onnx.add_jobs(parser)
+    add_jobs(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments), further
+
+
+def field_networks(options):
+    """Networks for stereo and flow by name, those whose YAML files are given."""
+    networks = {}
+    for name, kind in FIELDS.items():
+        model, weights = (getattr(options, f"{name}_{what}") for what in ("model", "weights"))
+        if model:
+            networks[name] = fields_onnx.FieldNetwork(model, weights, kind)
+        elif weights:
+            common.fail(f"--{name}-weights needs --{name}-model")
+    return networks
+
+
+def field_arguments(networks, output):
+    """What build_priors is told of disparity and flow."""
+    arguments = ["--disparity", CLASSICAL["stereo"]]
+    if "stereo" in networks:
+        left, right = (str(output / "disparity" / side) for side in SIDES)
+        arguments = ["--disparity", left, "--disparity-right", right]
+    for side in SIDES:
+        if "flow" in networks:
+            arguments += [f"--flow-{side}", str(output / "flow" / side),
+                          f"--flow-back-{side}", str(output / "flow_back" / side)]
+        else:
+            arguments += [f"--flow-{side}", CLASSICAL["flow"]]
+    return arguments
+
+
+def segment(network, images, options):
+    """Panoptic maps of both cameras, from their lists of images. Entries of times.json."""
+    times = dict.fromkeys(("network", "segments", "segmented images"), 0)
+    for side, files in zip(SIDES, images):
+        made = segment_onnx.segment_folder(network, files, options.output / "panoptic" / side,
+                                           options.overwrite, f"segmentation {side}", options.jobs)
+        for stage in ("network", "segments"):
+            times[stage] += made[stage]
+        times["segmented images"] += len(files)
+    return times
+
+
+def make_fields(networks, images, pairs, options):
+    """Disparity and flow of both cameras by those networks that are given. Entries of times.json."""
+    output, times = options.output, {}
+    how = {"overwrite": options.overwrite, "jobs": options.jobs}
+    if "stereo" in networks:
+        made = fields_onnx.make_disparity(networks["stereo"], pairs,
+                                          *(output / "disparity" / side for side in SIDES), **how)
+        times.update({"stereo": made["seconds"], "stereo fields": made["fields"]})
+    if "flow" in networks:
+        both = [fields_onnx.make_flow(networks["flow"], files, output / "flow" / side,
+                                      output / "flow_back" / side, label=f"flow {side}", **how)
+                for side, files in zip(SIDES, images)]
+        times.update({"flow": sum(made["seconds"] for made in both),
+                      "flow fields": sum(made["fields"] for made in both)})
+    return times
+
+
+def print_times(times):
+    images = times["segmented images"]
+    fields = "".join(f"{name} {1e3 * times[name] / max(1, times[f'{name} fields']):.0f} ms per {kind} "
+                     "field, " for name, kind in FIELDS.items() if name in times)
+    print(f"network {1e3 * times['network'] / images:.0f} ms and segments "
+          f"{1e3 * times['segments'] / images:.0f} ms per image, {fields}build {times['build']:.1f} s, "
+          f"validate {times['validate']:.1f} s")
+
+
+def main():
+    options, further = parse_arguments()
     common.need("onnxruntime", "yaml", "cv2")
     builder = program(options.builder, "build_priors")
     validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
@@ -92,33 +173,27 @@ def main():
     if not folders[1].is_dir():
         common.fail(f"{folders[1]}: is not a folder")
     network = segment_onnx.Network(options.model, options.weights, options.threshold)
-    panoptic = [options.output / "panoptic" / name for name in ("left", "right")]
+    networks = field_networks(options)
+    panoptic = [options.output / "panoptic" / side for side in SIDES]
     priors = options.output / "priors"
     which = ["--pair", options.pair] if options.pair else []
     which += ["--frames", str(options.frames)] if options.frames else []
     build = [builder, str(options.sequence), "--output", str(priors),
              "--panoptic-left", str(panoptic[0]), "--panoptic-right", str(panoptic[1]),
-             "--label-space", network.label_space, "--disparity", "sgbm",
-             "--flow-left", "dis", "--flow-right", "dis", "--jobs", str(options.jobs),
-             "--flow", "keypoints", "--config", str(ROBUST), *which,
+             "--label-space", network.label_space, *field_arguments(networks, options.output),
+             "--jobs", str(options.jobs), "--flow", "keypoints", "--config", str(ROBUST), *which,
              *(["--rebuild"] if options.overwrite else []), *further]
-    run([*build, "--check"])  # before the hours that the network takes
-    times = dict.fromkeys(("network", "segments", "segmented images"), 0)
-    for folder, output in zip(folders, panoptic):
-        images = common.list_images(folder)[:options.frames]
-        made = segment_onnx.segment_folder(network, images, output, options.overwrite,
-                                           f"segmentation {output.name}", options.jobs)
-        for stage in ("network", "segments"):
-            times[stage] += made[stage]
-        times["segmented images"] += len(images)
+    # Before the hours that the networks take. The folders need not exist for it.
+    run([*build, "--check"])
+    images = [common.list_images(folder)[:options.frames] for folder in folders]
+    pairs = fields_onnx.partners(*images) if "stereo" in networks else []
+    times = segment(network, images, options)
+    times.update(make_fields(networks, images, pairs, options))
     times_file = options.output / "times.json"
     times["build"] = time_of_build(build, times_file)
     times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
                                   "--label-space", network.label_space, *which])
-    images = times["segmented images"]
-    print(f"network {1e3 * times['network'] / images:.0f} ms and segments "
-          f"{1e3 * times['segments'] / images:.0f} ms per image, build {times['build']:.1f} s, "
-          f"validate {times['validate']:.1f} s")
+    print_times(times)
     common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))
 
 
