@@ -1,5 +1,5 @@
-"""Flow and disparity by ONNX Runtime, and the way from images to prior files with them, with tiny networks
-whose results are known by hand. Skipped without onnxruntime, onnx, cv2, yaml."""
+"""Flow and disparity by ONNX Runtime, and the way from images to prior files with them, with tiny
+networks whose results are known by hand. Skipped without onnxruntime, onnx, cv2, yaml."""
 
 import csv
 import json
@@ -26,9 +26,9 @@ OTHER = [[0, 0, 10], [0, 0, 0]]  # u: 10 times blue
 
 def write_fields_network(folder, first, second, kind="flow", size=SIZE, separate=True, layout="nchw",
                          smaller=1, larger=1, last=None, bias=0.0, ramp=0, name="fields", **settings):
-    """Sums of the channels of both images with these weights (one row for disparity, two for flow), and a
-    bias, plus `ramp` times the column; `last`: an operator on the result, which is averaged over smaller x
-    smaller px, or repeated larger x larger times. Two inputs, or one (not separate)."""
+    """Sums of the channels of both images with these weights (one row for disparity, two for flow), and
+    a bias, plus `ramp` times the column; `last`: an operator on the result, which is averaged over
+    smaller x smaller px, or repeated larger x larger times. Two inputs, or one (not separate)."""
     weights = np.concatenate([first, second], axis=1).astype(np.float32)
     rows, channels = weights.shape[0], weights.shape[1] // 2
     constants = {"weights": weights[:, :, None, None], "bias": np.full(rows, bias, np.float32),
@@ -41,11 +41,12 @@ def write_fields_network(folder, first, second, kind="flow", size=SIZE, separate
     else:
         inputs = {"images": [1, 2 * channels, *size]}
     nodes += [node("Conv", ["images", "weights", "bias"], ["sums"]),
-              node("Add", ["sums", "columns"], ["ramped"]), node(last or "Identity", ["ramped"], ["given"])]
-    nodes.append(node("AveragePool", ["given"], ["small"], kernel_shape=[smaller] * 2,
-                      strides=[smaller] * 2))
-    nodes.append(node("Resize", ["small", "", "scales"], ["large"], mode="nearest",
-                      coordinate_transformation_mode="asymmetric", nearest_mode="floor"))
+              node("Add", ["sums", "columns"], ["ramped"]),
+              node(last or "Identity", ["ramped"], ["given"]),
+              node("AveragePool", ["given"], ["small"], kernel_shape=[smaller] * 2,
+                   strides=[smaller] * 2),
+              node("Resize", ["small", "", "scales"], ["large"], mode="nearest",
+                   coordinate_transformation_mode="asymmetric", nearest_mode="floor")]
     shape = [1, rows, *(side * larger // smaller for side in size)]
     squeezed = {"nchw": None, "nhwc": None, "chw": [0], "hw": [0, 1]}[layout]
     if layout == "nhwc":
@@ -168,7 +169,8 @@ class Fields(Case):
         self.assertEqual(self.flow((50, 50, 50), (60, 60, 60), separate=False, **grey), [50, 60])
 
     def test_normalisation(self):
-        self.assertEqual(self.flow(input={"divide_by": 2, "mean": [1, 2, 3], "deviation": [4, 2, 0.125]}),
+        entry = {"divide_by": 2, "mean": [1, 2, 3], "deviation": [4, 2, 0.125]}
+        self.assertEqual(self.flow(input=entry),
                          [(10 / 2 - 1) / 4 + 10 * (7 / 2 - 3) / 0.125, 2 * (20 / 2 - 2) / 2])
 
     def test_flow_is_scaled_to_the_image(self):
@@ -189,7 +191,7 @@ class Fields(Case):
         self.assertEqual(self.flow(output={"sign": -1}), [-80, -40])
 
     def test_disparity_is_scaled_by_the_width(self):
-        for shape in ("nchw", "chw", "hw"):
+        for shape in ("nchw", "nhwc", "chw", "hw"):
             for scale, size, unit in ((4, (80, 240), "input"), (16, (80, 240), "output"),
                                       (0.5, (10, 30), "input")):
                 found = self.disparity(plain(FIRST, size), plain(SECOND, size), size, layout=shape,
@@ -210,7 +212,7 @@ class Fields(Case):
         self.assertTrue(np.isnan(self.disparity(*images, output={"sign": -1})).all())
 
     def test_unknown_disparity_does_not_mix_with_the_rest(self):
-        """Square roots of -6 and 4, logarithms of 0, values of no image: right of them, disparity is 2."""
+        """At the left: no number, zero, negative values. At the right: 2 px of the input."""
         size = (80, 240)
         for last, bias, colours in (("Sqrt", -10, (4, 14)), ("Relu", -10, (3, 12)),
                                     ("Reciprocal", -0.5, (0, 1)), ("Identity", -10, (0, 12))):
@@ -299,7 +301,8 @@ class Files(Case):
         red_left, red_right = left[:, :, 0].astype(int), right[:, :, 0].astype(int)
         for folder, expected in (("left", red_left + 3 * red_right + column),
                                  ("right", red_right + 3 * red_left + SIZE[1] - 1 - column)):
-            self.assertTrue(np.array_equal(read_pfm(self.folder / folder / "000000.pfm"), expected), folder)
+            found = read_pfm(self.folder / folder / "000000.pfm")
+            self.assertTrue(np.array_equal(found, expected), folder)
         for folder, images in (("left", "image_0\n"), ("right", "image_1\n")):
             self.assertEqual((self.folder / folder / "images.txt").read_text(), images)
 
@@ -327,10 +330,11 @@ class Files(Case):
         self.assertEqual(self.flow(self.flow_network(red=2), images)["made"], 6, "other weights")
         found = read_flo(self.folder / "flow" / "000000.flo")
         self.assertEqual(found[0, 0].tolist(), [2 * 1 - 10 * 2, 1])
-        other = {"output": {"sign": -1}}
-        self.assertEqual(self.flow(self.flow_network(red=2, **other), images)["made"], 6, "other settings")
-        made = fields_onnx.make_flow(self.flow_network(red=2, **other), images, self.folder / "back",
-                                     self.folder / "flow")
+        network = self.flow_network(red=2, output={"sign": -1})
+        self.assertEqual(self.flow(network, images)["made"], 6, "other settings")
+        for name, other in (("flow", "x"), ("back", "flow"), ("x", "back")):
+            (self.folder / name).rename(self.folder / other)
+        made = self.flow(network, images)
         self.assertEqual(made["made"], 6, "the other direction")
 
     def test_disparity_of_one_side_is_not_kept_as_that_of_the_other(self):
@@ -449,7 +453,8 @@ class Settings(Case):
         self.load()
         for changes, text in (
                 ({"kind": "semantic"}, "kind is 'semantic', not one of flow, disparity"),
-                ({"kind": ["flow"]}, "kind is "), ({"kinds": 1}, "kinds is not one of file, kind, input"),
+                ({"kind": ["flow"]}, "kind is '['flow']'"),
+                ({"kinds": 1}, "kinds is not one of file, kind, input"),
                 ({"input": {"colour": "red"}}, "input.colour is 'red', not one of rgb, bgr, grey"),
                 ({"input": {"divide": 5}}, "input.divide is not one of size, colour"),
                 ({"input": {"size": [0, 5]}}, "input.size is '[0, 5]'"),
@@ -460,7 +465,8 @@ class Settings(Case):
                 ({"output": {"unit": "metre"}}, "output.unit is 'metre', not one of input, output"),
                 ({"output": {"names": "x"}}, "output.names is not one of name, unit, sign"),
                 ({"output": {"name": "x"}}, "output.name is 'x', the network has sums, field"),
-                ({"output": 5}, "output is '5'"), ({"file": "none.onnx"}, "none.onnx: cannot be loaded")):
+                ({"output": 5}, "output is '5'"),
+                ({"file": "none.onnx"}, "none.onnx: cannot be loaded")):
             self.refused(text, self.load, **changes)
         for document, text in (({"kind": "flow"}, "input.size is missing"),
                                ({"input": {"size": [4, 5]}}, "kind is missing"), (5, "is not a list"),
@@ -518,7 +524,7 @@ class Settings(Case):
     def test_outputs_of_other_shapes(self):
         images = plain((0, 0, 0)), plain((0, 0, 0))
         of_flow = [1, 3, 8, 9], [2, 2, 8, 9], [2, 8, 9], [1, 1, 8, 9], [1, 2, 0, 9]
-        of_disparity = [1, 2, 8, 9], [2, 8, 9], [1, 8, 9, 1], [1, 1, 1, 8, 9], [9], [8, 0]
+        of_disparity = [1, 2, 8, 9], [2, 8, 9], [2, 1, 8, 9], [1, 1, 1, 8, 9], [9], [8, 0]
         for kind, shapes in (("flow", of_flow), ("disparity", of_disparity)):
             for shape in shapes:
                 text = f"output 'field' is ({', '.join(map(str, shape))}), not (1, "
@@ -553,8 +559,8 @@ class Priors(Case):
         super().setUp()
         self.sequence = write_sequence(self.folder / "sequence")
         self.model = write_network(self.folder)
-        self.stereo = write_fields_network(self.folder, [[0.5]], [[0]], "disparity", last="Ceil", name="stereo",
-                                           input={"colour": "grey", "divide_by": 255})
+        self.stereo = write_fields_network(self.folder, [[0.5]], [[0]], "disparity", last="Ceil",
+                                           name="stereo", input={"colour": "grey", "divide_by": 255})
         self.write_flow(0)
 
     def write_flow(self, value):
@@ -581,8 +587,8 @@ class Priors(Case):
         return times
 
     def test_from_images_to_prior_files(self):
-        """Disparity is 4 px everywhere: 1 px of the input, of a quarter of the width. Stereo matching would
-        find 8 and 14 px of the things."""
+        """Disparity is 4 px everywhere: 1 px of the input, of a quarter of the width. Stereo matching
+        would find 8 and 14 px of the things."""
         done = self.make(*self.both())
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("3 built, 0 kept", done.stdout)
@@ -615,17 +621,18 @@ class Priors(Case):
         self.assertEqual({float(row["coverage"]) for row in self.segments()}, {0})
 
     def test_one_of_both_networks_and_one_frame(self):
-        for arguments, folders in ((("--stereo-model", self.stereo), {"disparity"}),
-                                   (("--flow-model", self.flow, "--frames", "1"), {"flow", "flow_back"})):
-            made = self.folder / "made"
-            if made.exists():
-                made.rename(self.folder / "first")
+        made = self.folder / "made"
+        for arguments, folders, name, count in (
+                (("--stereo-model", self.stereo), {"disparity"}, "stereo", 6),
+                (("--flow-model", self.flow, "--frames", "1"), {"flow", "flow_back"}, "flow", 0)):
             done = self.make(*arguments)
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertEqual({p.name for p in made.iterdir() if p.is_dir()}, {"panoptic", "priors", *folders})
-            self.assertEqual({"stereo", "flow"} & set(self.times()), {"stereo", "flow"} & set(
-                "stereo" if name == "disparity" else name for name in folders))
-        self.assertEqual(self.times()["flow fields"], 0)
+            self.assertEqual({p.name for p in made.iterdir() if p.is_dir()},
+                             {"panoptic", "priors", *folders})
+            times = self.times()
+            self.assertEqual({n for n in times if n.endswith("fields")}, {f"{name} fields"})
+            self.assertEqual(times[f"{name} fields"], count)
+            made.rename(self.folder / name)
 
     def test_weights_of_options(self):
         write_fields_network(self.folder, [[0]], [[0]], "disparity", bias=2, name="two",

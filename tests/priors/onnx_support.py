@@ -1,5 +1,5 @@
-"""What tests of ONNX networks share: tiny networks, a stereo sequence, make_priors. MISSING says which of
-onnxruntime, onnx, cv2 and yaml is not installed."""
+"""What tests of ONNX networks share: tiny networks, a stereo sequence, make_priors. MISSING says which
+of onnxruntime, onnx, cv2 and yaml is not installed."""
 
 import os
 import subprocess

@@ -6,9 +6,9 @@
 
 The YAML file says what the network takes and gives (README.md). Flow is from each frame to the next,
 under the first one's name; the last frame has none. --backward also writes the flow from the next frame
-back, under the same name. Disparity is of the left image. --right also writes that of the right image: the
-network runs on both images, swapped and flipped. Images must be rectified and have the same names in both
-folders.
+back, under the same name. Disparity is of the left image. --right also writes that of the right image:
+the network runs on both images, swapped and flipped. Images must be rectified and have the same names in
+both folders.
 """
 
 import argparse
@@ -25,7 +25,9 @@ from onnx_network import OnnxNetwork, add_jobs, in_threads, read_image  # noqa: 
 
 FIELDS_VERSION = 1  # raised when the same images give other fields
 TOO_LARGE = 1e5     # px; such values are unknown, in build_priors too
-SHAPES = {"flow": "(1, 2, h, w) or (1, h, w, 2)", "disparity": "(1, 1, h, w), (1, h, w) or (h, w)"}
+PLANES = {"flow": 2, "disparity": 1}
+SHAPES = {"flow": "(1, 2, h, w) or (1, h, w, 2)",
+          "disparity": "(1, 1, h, w), (1, h, w, 1), (1, h, w) or (h, w)"}
 KEYS = {"": ("file", "kind", "input", "output"),
         "input": ("size", "colour", "gamma", "divide_by", "mean", "deviation", "names"),
         "output": ("name", "unit", "sign")}
@@ -76,8 +78,8 @@ class FieldNetwork(OnnxNetwork):
     def _input_names(self):
         """Inputs for the first and the second image, or one for both."""
         if len(self.inputs) > 2:
-            common.fail(f"{self.file}: has {len(self.inputs)} inputs ({', '.join(self.inputs)}), not one "
-                        "or two")
+            common.fail(f"{self.file}: has {len(self.inputs)} inputs ({', '.join(self.inputs)}), not "
+                        "one or two")
         given = self.settings["input"].get("names", self.inputs)
         names = [str(name) for name in given] if isinstance(given, list) else [str(given)]
         if sorted(names) != sorted(self.inputs):
@@ -92,18 +94,18 @@ class FieldNetwork(OnnxNetwork):
             shape = entry.shape
             if shape and (len(shape) != 4 or
                           any(isinstance(side, int) and side != v for side, v in zip(shape, wanted))):
-                common.fail(f"{self.file}: input '{entry.name}' is {as_text(shape)}, not {as_text(wanted)} "
-                            f"(input.size, colour and names of {self.path})")
+                common.fail(f"{self.file}: input '{entry.name}' is {as_text(shape)}, not "
+                            f"{as_text(wanted)} (input.size, colour and names of {self.path})")
 
     def _check_shape(self, shape):
-        """One of SHAPES, and not empty."""
-        if self.kind == "flow":
-            fits = len(shape) == 4 and shape[0] == 1 and 2 in (shape[1], shape[3])
-        else:
-            fits = len(shape) in (2, 3, 4) and all(side == 1 for side in shape[:-2])
+        """One of SHAPES, and not empty; as it is with four dimensions."""
+        least = 4 if self.kind == "flow" else 2
+        full = (*[1] * (4 - len(shape)), *shape)
+        fits = least <= len(shape) <= 4 and full[0] == 1 and PLANES[self.kind] in (full[1], full[3])
         if not fits or 0 in shape:
             common.fail(f"{self.path}: output '{self.output}' is {as_text(shape)}, not "
                         f"{SHAPES[self.kind]} as {self.kind} is")
+        return full
 
     def run(self, first, second):
         """(h, w, 2) flow or (h, w, 1) disparity as the network gives it, for (H, W, 3) RGB images."""
@@ -113,14 +115,12 @@ class FieldNetwork(OnnxNetwork):
         found = self._outputs_of(dict(zip(self.names, images)), [self.output])[self.output]
         with common.reading(f"{self.path}: output '{self.output}'"):
             found = np.asarray(found, np.float32)
-        self._check_shape(found.shape)
-        if self.kind == "disparity":
-            return found.reshape(*found.shape[-2:], 1)
-        return found[0].transpose(1, 2, 0) if found.shape[1] == 2 else found[0]
+        found = found.reshape(self._check_shape(found.shape))[0]
+        return found.transpose(1, 2, 0) if found.shape[0] == PLANES[self.kind] else found
 
     def field(self, first, second):
-        """Flow (H, W, 2) from the first to the second image, or disparity (H, W, 1) of the first one, the
-        left one, both (H, W, 3) RGB. In px of the images, NaN unknown."""
+        """Flow (H, W, 2) from the first to the second image, or disparity (H, W, 1) of the first one,
+        the left one, both (H, W, 3) RGB. In px of the images, NaN unknown."""
         import cv2
 
         raw = self.sign * self.run(first, second)
@@ -217,9 +217,9 @@ def partners(left, right):
     return [(path, right_by_name[path.stem]) for path in left]
 
 
-def make_disparity(network, pairs, output, output_right=None, overwrite=False, label="disparity", jobs=1):
-    """OUTPUT/<name>.pfm of the left image of every pair, OUTPUT_RIGHT/<name>.pfm of the right one. Returns
-    what make_fields() does."""
+def make_disparity(network, pairs, output, output_right=None, overwrite=False, jobs=1):
+    """OUTPUT/<name>.pfm of the left image of every pair, OUTPUT_RIGHT/<name>.pfm of the right one.
+    Returns what make_fields() does."""
     work = []
     for folder, image in zip(filter(None, (output, output_right)), pairs[0]):
         common.note_images(folder, image.parent)
@@ -227,7 +227,7 @@ def make_disparity(network, pairs, output, output_right=None, overwrite=False, l
         work.append(Field(Path(output) / f"{left.stem}.pfm", left, right))
         if output_right:
             work.append(Field(Path(output_right) / f"{left.stem}.pfm", right, left, flipped=True))
-    return make_fields(network, work, overwrite, label, jobs)
+    return make_fields(network, work, overwrite, "disparity", jobs)
 
 
 def parse_arguments():
@@ -254,7 +254,8 @@ def main():
                     f"{'two folders' if stereo else 'one folder'} of images")
     if options.backward if stereo else options.right:
         common.fail(f"{'--backward' if stereo else '--right'} does not apply to kind '{network.kind}'")
-    images, how = common.list_images(options.images), {"overwrite": options.overwrite, "jobs": options.jobs}
+    images = common.list_images(options.images)
+    how = {"overwrite": options.overwrite, "jobs": options.jobs}
     if stereo:
         pairs = partners(images, common.list_images(options.right_images))
         made = make_disparity(network, pairs, options.output, options.right, **how)

@@ -6,9 +6,9 @@
 
 Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
 else image_2 and image_3), builds the prior files with disparity, flow and stereo keypoints from the
-images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files are
-given, else sgbm and dis. What is there already is kept if it was made of the same images, network and
-settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
+images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files
+are given, else sgbm and dis. What is there already is kept if it was made of the same images, network
+and settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
 """
 
 import argparse
@@ -84,7 +84,8 @@ def parse_arguments():
     for name, kind in FIELDS.items():
         parser.add_argument(f"--{name}-model",
                             help=f"YAML file of a network for {kind} (default: none, {CLASSICAL[name]})")
-        parser.add_argument(f"--{name}-weights", help="its ONNX file (default: what its YAML file names)")
+        parser.add_argument(f"--{name}-weights",
+                            help="its ONNX file (default: what its YAML file names)")
     parser.add_argument("--output", required=True, type=Path)
     parser.add_argument("--builder", help="path of the program build_priors")
     parser.add_argument("--pair", default="", choices=tuple(common.PAIRS),

@@ -13,8 +13,8 @@ import common  # noqa: E402
 
 
 class OnnxNetwork:
-    """An ONNX network and what its YAML file says about it. A subclass reads what it needs of the file in
-    _read_settings()."""
+    """An ONNX network and what its YAML file says about it. A subclass reads what it needs of the file
+    in _read_settings()."""
 
     def __init__(self, settings, weights=None):
         import onnxruntime
@@ -32,7 +32,7 @@ class OnnxNetwork:
         self.file = Path(weights) if weights else self.path.parent / str(self.settings.get("file", ""))
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # several images at a time: the same result for any number
-        options.log_severity_level = 3
+        options.log_severity_level = 4  # errors are raised as well
         try:
             self.session = onnxruntime.InferenceSession(
                 str(self.file), options, providers=onnxruntime.get_available_providers())
@@ -47,7 +47,7 @@ class OnnxNetwork:
         raise NotImplementedError
 
     def _read_input(self, channels=3):
-        """Size, range and order of the channels (3, or 1 for grey) of the images that the network takes."""
+        """Size, range and order of the channels (3, or 1 for grey) of the network's images."""
         size, entry = self._get("input", "size"), self.settings["input"]
         if not (isinstance(size, list) and len(size) == 2 and
                 all(isinstance(v, int) and 0 < v <= 16384 for v in size)):
@@ -139,7 +139,7 @@ def read_image(path):
 
 
 def in_threads(function, items, label, jobs):
-    """[function(item)] for all items, `jobs` at a time, with progress. The first error ends all threads."""
+    """[function(item)] for all items, `jobs` at a time, with progress. An error ends all threads."""
     pool = concurrent.futures.ThreadPoolExecutor(jobs)
     try:
         work = [pool.submit(function, item) for item in items]
