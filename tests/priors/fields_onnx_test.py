@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 from pathlib import Path
 
 import numpy as np
@@ -204,6 +205,7 @@ class Fields(Case):
         self.assertTrue(np.array_equal(found[:, :112], np.full((80, 112), 4 * 8)))
         self.assertTrue(np.array_equal(found[:, 128:], np.full((80, 112), 4 * 16)))
         self.assertTrue(np.all(np.diff(found, axis=1) >= 0))
+        self.assertGreater(len(np.unique(found)), 4, "linear between both")
 
     def test_negative_disparities_count_with_sign_minus_one(self):
         images = plain(FIRST), plain(SECOND)
@@ -477,6 +479,26 @@ class Settings(Case):
         path.write_bytes(b"\xff\xfe\x00")
         self.refused("fields.yaml", fields_onnx.FieldNetwork, path)
 
+    def test_examples_in_the_documents(self):
+        text = (ROOT / "tools" / "perception" / "README.md").read_text(encoding="utf-8")
+        blocks = [block for block in text.split("\n\n") if block.startswith("    file:")]
+        self.assertEqual(len(blocks), 2)
+        raft, stereo = (yaml.safe_load(block) for block in blocks)
+        for document, inputs, planes, output in ((raft, ("image1", "image2"), 3, [1, 2, 376, 1240]),
+                                                 (stereo, ("images",), 2, [1, 1, 96, 312])):
+            size = document["input"]["size"]
+            plane = onnx.numpy_helper.from_array(np.full(output, -3, np.float32), "plane")
+            write_graph(self.folder / document["file"],
+                        [onnx.helper.make_node("Identity", ["plane"], ["flow"])],
+                        {name: [1, planes, *size] for name in inputs}, {"flow": output}, [plane])
+            path = self.folder / "example.yaml"
+            path.write_text(yaml.safe_dump(document))
+            network = fields_onnx.FieldNetwork(path)
+            found = network.field(plain(FIRST, size), plain(SECOND, size))
+            self.assertTrue(np.all(found == (-3 if document is raft else 4 * 3)))
+            limits = network.prepare(halves((0, 0, 0), (255, 255, 255), size))
+            self.assertEqual((limits.min(), limits.max()), (-1 if document is raft else 0, 1))
+
     def test_another_kind_than_wanted(self):
         path = write_fields_network(self.folder, LOOK, OTHER)
         self.assertEqual(fields_onnx.FieldNetwork(path, wanted="flow").kind, "flow")
@@ -536,6 +558,12 @@ class Settings(Case):
         for kind, shape in (("flow", [1, 2, 8, 9]), ("flow", [1, 8, 9, 2]), ("disparity", [8, 9])):
             self.write_ones(shape, [f"side{k}" for k in range(len(shape))])
             self.assertTrue(np.all(self.load(kind=kind).field(*images) == 1))
+
+    def test_outputs_that_are_no_numbers(self):
+        network = fields_onnx.FieldNetwork(write_fields_network(self.folder, LOOK, OTHER))
+        network.session = unittest.mock.Mock(run=lambda *_: [np.full((1, 2, *SIZE), "text")])
+        self.refused("fields.yaml: output 'field': could not convert", network.field, plain(FIRST),
+                     plain(SECOND))
 
     def test_a_size_that_only_the_run_finds_wrong(self):
         """The network leaves the size open, but adds a plane of 40x60 px."""
