@@ -16,10 +16,11 @@ import onnx_support  # makes the modules below known
 from onnx_support import (BUILDER, MISSING, ROOT, cv2, onnx, write_graph, write_network, write_sequence,
                           yaml)
 import fields_onnx
+import make_priors
 from fields_onnx import common
 
 SIZE = (40, 60)        # height, width of the networks' inputs; images are as large unless a test says so
-FIRST = (10, 20, 30)   # red, green, blue
+FIRST = (10, 20, 31)   # red, green, blue
 SECOND = (5, 6, 7)
 LOOK = [[1, 0, 0], [0, 2, 0]]    # u: red, v: twice green
 OTHER = [[0, 0, 10], [0, 0, 0]]  # u: 10 times blue
@@ -124,6 +125,12 @@ class Case(unittest.TestCase):
         self.assertIn(text, str(caught.exception))
         self.assertNotIn("\n", str(caught.exception))
 
+    def call(self, *arguments):
+        """The finished process of fields_onnx.py."""
+        return subprocess.run(
+            [sys.executable, str(ROOT / "tools" / "perception" / "fields_onnx.py"), *map(str, arguments),
+             "--jobs", "2"], capture_output=True, text=True, check=False)
+
 
 @unittest.skipIf(MISSING, MISSING)
 class Fields(Case):
@@ -146,14 +153,14 @@ class Fields(Case):
 
     def test_channels_are_in_their_order(self):
         self.assertEqual(self.flow(), [10 + 10 * 7, 2 * 20])
-        self.assertEqual(self.flow(input={"colour": "bgr"}), [30 + 10 * 5, 2 * 20])
+        self.assertEqual(self.flow(input={"colour": "bgr"}), [31 + 10 * 5, 2 * 20])
 
     def test_one_input_has_the_channels_of_both_images(self):
         self.assertEqual(self.flow(separate=False), [10 + 10 * 7, 2 * 20])
 
     def test_inputs_are_in_the_order_of_their_names(self):
         self.assertEqual(self.flow(input={"names": ["a", "b"]}), [10 + 10 * 7, 2 * 20])
-        self.assertEqual(self.flow(input={"names": ["b", "a"]}), [5 + 10 * 30, 2 * 6])
+        self.assertEqual(self.flow(input={"names": ["b", "a"]}), [5 + 10 * 31, 2 * 6])
         self.assertEqual(self.flow(separate=False, input={"names": "images"}), [10 + 10 * 7, 2 * 20])
 
     def test_the_last_output_counts_unless_one_is_named(self):
@@ -394,11 +401,6 @@ class Files(Case):
         made = self.stereo(network, [image, bright], [image, bright])
         self.assertEqual(made["made"], 4, "one image may be without")
 
-    def call(self, *arguments):
-        return subprocess.run(
-            [sys.executable, str(ROOT / "tools" / "perception" / "fields_onnx.py"), *map(str, arguments),
-             "--jobs", "2"], capture_output=True, text=True, check=False)
-
     def test_the_program_writes_flow(self):
         self.flow_network()
         self.images()
@@ -574,8 +576,14 @@ class Settings(Case):
                      node("ReduceMean", ["d"], ["field"], axes=[1])],
                     dict.fromkeys("ab", [1, 3, "h", "w"]), {"field": [1, 1, "h", "w"]}, [plane])
         network = self.load(kind="disparity", size=(40, 64))
-        self.refused("fields.onnx: takes no images of 64x40 px (input.size of", network.field,
-                     plain(FIRST), plain(SECOND))
+        text = "fields.onnx: takes no images of 64x40 px (input.size of"
+        self.refused(text, network.field, plain(FIRST), plain(SECOND))
+        images = write_images(self.folder / "images", [plain(FIRST)])[0].parent
+        done = self.call(images, images, "--model", self.folder / "fields.yaml", "--output",
+                         self.folder / "out")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn(text, done.stderr.splitlines()[-1])
+        self.assertNotIn("onnxruntime:", done.stderr, "no messages beside that one")
 
 
 @unittest.skipIf(MISSING, MISSING)
@@ -638,6 +646,14 @@ class Priors(Case):
         done = self.make(*self.both())
         self.assertIn("0 built, 3 kept", done.stdout)
         self.assertEqual(self.times(), times)
+
+    def test_folders_of_the_builder(self):
+        both = make_priors.field_arguments({"stereo": None, "flow": None}, Path("a"))
+        self.assertEqual(" ".join(both), "--disparity a/disparity/left --disparity-right a/disparity/right "
+                         "--flow-left a/flow/left --flow-back-left a/flow_back/left "
+                         "--flow-right a/flow/right --flow-back-right a/flow_back/right")
+        none = make_priors.field_arguments({}, Path("a"))
+        self.assertEqual(" ".join(none), "--disparity sgbm --flow-left dis --flow-right dis")
 
     def test_flow_back_is_compared_with_flow(self):
         """Flow of 5 px forward and 5 px back, not -5: none is believed."""
