@@ -583,7 +583,7 @@ class Settings(Case):
                          self.folder / "out")
         self.assertEqual(done.returncode, 2)
         self.assertIn(text, done.stderr.splitlines()[-1])
-        self.assertNotIn("onnxruntime:", done.stderr, "no messages beside that one")
+        self.assertNotIn("E:onnxruntime", done.stderr, "no message beside that one")
 
 
 @unittest.skipIf(MISSING, MISSING)
@@ -649,9 +649,10 @@ class Priors(Case):
 
     def test_folders_of_the_builder(self):
         both = make_priors.field_arguments({"stereo": None, "flow": None}, Path("a"))
-        self.assertEqual(" ".join(both), "--disparity a/disparity/left --disparity-right a/disparity/right "
-                         "--flow-left a/flow/left --flow-back-left a/flow_back/left "
-                         "--flow-right a/flow/right --flow-back-right a/flow_back/right")
+        self.assertEqual(" ".join(both), "--disparity a/disparity/left "
+                         "--disparity-right a/disparity/right --flow-left a/flow/left "
+                         "--flow-back-left a/flow_back/left --flow-right a/flow/right "
+                         "--flow-back-right a/flow_back/right")
         none = make_priors.field_arguments({}, Path("a"))
         self.assertEqual(" ".join(none), "--disparity sgbm --flow-left dis --flow-right dis")
 
