@@ -493,6 +493,15 @@ class Steps(unittest.TestCase):
                                {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
         self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
 
+    def test_times_of_networks_per_frame(self):
+        """Of both cameras: two images, two fields of disparity, four of flow per frame."""
+        times = {"network": 3.0, "segments": 1.0, "segmented images": 20, "build": 7.0}
+        self.assertEqual(step.network_times(times), {"segmentation_ms": 400.0})
+        times.update({"stereo": 2.0, "stereo fields": 20, "flow": 9.0, "flow fields": 36})
+        self.assertEqual(step.network_times(times), {"segmentation_ms": 400.0, "stereo_network_ms": 200.0,
+                                                     "flow_network_ms": 1000.0})
+        self.assertEqual(step.network_times({}), {})
+
     def test_the_rest_goes_on_like_what_was_done(self):
         with tempfile.TemporaryDirectory() as folder:
             work = pathlib.Path(folder)

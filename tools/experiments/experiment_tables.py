@@ -324,17 +324,17 @@ def cost_tables(experiment, results, rows):
         job = results.job(r["job"])
         fusion = results.done(job["spec"]["priors"]).get("fusion_ms") if job["spec"]["priors"] else None
         seen = results.done(experiment.get("perception", {}).get(r["input"], ""))
-        networks = seen.get("networks_ms") if fusion is not None else None
-        classical = seen.get("classical_ms") if fusion is not None else None
+        before = [seen.get(key) if fusion is not None else None
+                  for key in ("segmentation_ms", "stereo_network_ms", "flow_network_ms", "classical_ms")]
         body.append([r["input"], ORIGINS[r["origin"]], r["configuration"]]
                     + [show(timing.get(s, {}).get("mean"), 2) for s in stages]
-                    + [show(networks, 0), show(classical, 0), show(fusion, 2),
-                       show(r.get("peak_mb"), 0)])
+                    + [show(ms, 0) for ms in before]
+                    + [show(fusion, 2), show(r.get("peak_mb"), 0)])
     return [Table(f"{experiment['name']}-stages", "Time per frame, mean, ms, and memory",
                   ["input", "origin", "configuration", *stages, "segmentation (network)",
-                   "SGBM + DIS", "fusion (build_priors)", "peak memory, MB"], body,
+                   "stereo (network)", "flow (network)", "SGBM + DIS", "fusion (build_priors)", "peak memory, MB"], body,
                   "total: the tracking path of a frame, reading priors included. Beside it, before the "
-                  "run, on one core: segmentation where make_priors measured it (given data), disparity "
+                  "run, on one core: networks where make_priors measured them (given data), disparity "
                   "and flow of both cameras by SGBM and DIS, fusion. The paper gives 1696 ms for its "
                   "networks.")]
 

@@ -149,7 +149,9 @@ def cost_summary(results, experiments):
                 said.append(f"{configuration}: {total:.1f} ms per frame ({total - base:+.1f} ms), "
                             f"{memory:.0f} MB")
         seen = [results.done(job) for job in experiment.get("perception", {}).values()]
-        for key, what in (("networks_ms", "segmentation by a network"),
+        for key, what in (("segmentation_ms", "segmentation by a network"),
+                          ("stereo_network_ms", "disparity by a network"),
+                          ("flow_network_ms", "flow by a network"),
                           ("classical_ms", "disparity and flow by SGBM and DIS, one core")):
             value = mean([s.get(key) for s in seen])
             if value is not None:

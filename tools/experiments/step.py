@@ -331,6 +331,18 @@ def tier_picture(work, spec, folder, output):
     return {}
 
 
+def network_times(times):
+    """ms per frame of both cameras, by network, of what make_priors measured (times.json). A frame has
+    two images, disparity of both, and flow of both in two directions."""
+    results = {}
+    if times.get("segmented images"):
+        results["segmentation_ms"] = 2e3 * (times["network"] + times["segments"]) / times["segmented images"]
+    for name, per_frame in (("stereo", 2), ("flow", 4)):
+        if times.get(f"{name} fields"):
+            results[f"{name}_network_ms"] = 1e3 * per_frame * times[name] / times[f"{name} fields"]
+    return results
+
+
 def perception_times(work, job):
     """Processor time, ms per frame of both cameras, for disparity (SGBM) and flow (DIS): what the
     builder takes with them less what it takes with files; and what make_priors measured of networks."""
@@ -339,10 +351,7 @@ def perception_times(work, job):
     remove(scratch)
     results, seconds, given = {}, [], spec.get("perception")
     for place in (given[1], os.path.dirname(os.path.realpath(given[1]))) if given else ():
-        times = read_json(os.path.join(place, "times.json"))
-        if times and times.get("segmented images"):  # two images per frame
-            results["networks_ms"] = 2e3 * (times["network"] + times["segments"]) / times[
-                "segmented images"]
+        results.update(network_times(read_json(os.path.join(place, "times.json")) or {}))
     if "state" in spec and (not given or given[0] == "priors"):
         return results
     files = perception(spec, folder)
