@@ -188,6 +188,15 @@ class Onnx(unittest.TestCase):
         self.assertTrue((self.folder / "made" / "priors" / "9.kysp").exists())
 
     @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
+    def test_one_frame_has_priors_and_no_page(self):
+        done = self.make(write_sequence(self.folder / "sequence"), write_network(self.folder), "--frames", "1")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("before the last frame", done.stderr)
+        self.assertNotIn("Traceback", done.stderr)
+        self.assertIn("no page of decisions", done.stdout)
+        self.assertFalse((self.folder / "made" / "decisions.html").exists())
+
+    @unittest.skipUnless(BUILDER, "KYS_BUILD_PRIORS is not set")
     def test_times_of_a_run_that_keeps_everything_stay(self):
         sequence, model = write_sequence(self.folder / "sequence"), write_network(self.folder)
         times = []
@@ -265,6 +274,7 @@ class Onnx(unittest.TestCase):
             self.assertGreater(segment["area"], 0.7 * 30 * 50)
         times = json.loads((self.folder / "made" / "times.json").read_text())
         self.assertIn("network", times)
+        self.assertIn("<figure", (self.folder / "made" / "decisions.html").read_text())
         page = self.folder / "page.html"
         command = [sys.executable, str(ROOT / "tools" / "perception" / "decision_page.py"),
                    str(self.folder / "made" / "priors"), str(sequence), "--output", str(page)]

@@ -178,11 +178,11 @@ def figure(row, picture, names, truth):
 def make_page(options):
     rows = [row for row in common.read_table(Path(options.priors) / "segments.csv", COLUMNS)
             if row["area_px"] >= options.min_area]
-    if not rows:
-        common.fail(f"{options.priors}: has no judged segments of {options.min_area} px "
-                    "(segments.csv)")
-    last = max(frame_number(row["frame"]) for row in rows)
+    last = max((frame_number(row["frame"]) for row in rows), default=0)
     rows = [row for row in rows if frame_number(row["frame"]) < last]
+    if not rows:
+        common.fail(f"{options.priors}: has no judged segments of {options.min_area} px before the last "
+                    "frame (segments.csv)")
     truth = read_truth(options.truth) if options.truth else {}
     objects = {}
     for row in rows:
@@ -222,6 +222,8 @@ def main():
     parser.add_argument("priors", type=Path)
     parser.add_argument("sequence", type=Path)
     parser.add_argument("--output", required=True, type=Path, help="HTML file")
+    parser.add_argument("--pair", default="", choices=tuple(common.PAIRS), help="images of SEQUENCE "
+                        "(default: image_0 and image_1 if they exist), those the priors were made of")
     parser.add_argument("--truth", help="table of the true decisions")
     parser.add_argument("--wrong", action="store_true", help="only wrong decisions (with --truth)")
     parser.add_argument("--objects", type=common.whole(0), default=40, help="largest number of objects")
@@ -231,7 +233,7 @@ def main():
     if options.wrong and not options.truth:
         parser.error("--wrong needs --truth")
     common.need("cv2")
-    options.images = common.image_pair(options.sequence)
+    options.images = common.image_pair(options.sequence, options.pair)
     make_page(options)
 
 

@@ -9,6 +9,7 @@ else image_2 and image_3), builds the prior files with disparity, flow and stere
 images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files
 are given, else sgbm and dis. What is there already is kept if it was made of the same images, network
 and settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
+DIR/decisions.html shows with pictures which things were judged to move, and why (decision_page.py).
 """
 
 import argparse
@@ -155,6 +156,16 @@ def make_fields(networks, images, pairs, options):
     return times
 
 
+def write_page(options, priors):
+    """DIR/decisions.html: what was judged and why. There is none where nothing was judged."""
+    page = options.output / "decisions.html"
+    page.unlink(missing_ok=True)
+    made = subprocess.run([sys.executable, str(Path(__file__).with_name("decision_page.py")), str(priors),
+                           str(options.sequence), "--output", str(page),
+                           *(["--pair", options.pair] if options.pair else [])], check=False)
+    print(f"decisions: {page}" if made.returncode == 0 else "no page of decisions, as said above")
+
+
 def print_times(times):
     images = times["segmented images"]
     fields = "".join(f"{name} {1e3 * times[name] / max(1, times[f'{name} fields']):.0f} ms per {kind} "
@@ -194,6 +205,7 @@ def main():
     times["build"] = time_of_build(build, times_file)
     times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
                                   "--label-space", network.label_space, *which])
+    write_page(options, priors)
     print_times(times)
     common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))
 
