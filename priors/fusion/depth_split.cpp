@@ -22,8 +22,7 @@ constexpr std::uint32_t kLeastArea = 200;          // px of a surface; and
 constexpr double kLeastShare = 0.1;                // of its piece's
 constexpr int kRim = 3;                            // px: a surface has a core farther from its
 constexpr double kLeastCore = 0.2;                 // border, with this share of its pixels
-
-constexpr double kLeastMeasured = 0.5;  // of a part's pixels are on its surfaces
+constexpr double kLeastMeasured = 0.5;             // of a part's pixels are on its surfaces
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 

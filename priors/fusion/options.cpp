@@ -92,6 +92,12 @@ void set_option(BuilderOptions& options, const std::string& name, const std::str
   throw InputError("setting " + name + ": there is no such setting");
 }
 
+void assign_option(BuilderOptions& options, const std::string& assignment) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string::npos) throw InputError("--set " + assignment + ": not KEY=VALUE");
+  set_option(options, assignment.substr(0, equals), assignment.substr(equals + 1));
+}
+
 std::string to_text(const BuilderOptions& options) {
   BuilderOptions copy = options;
   std::string text;

@@ -132,6 +132,9 @@ BuilderOptions paper_options();
 /// \throws InputError for an unknown name or a value it cannot take.
 void set_option(BuilderOptions& options, const std::string& name, const std::string& value);
 
+/// Sets one option as --set gives it, "KEY=VALUE". \throws InputError as set_option() does.
+void assign_option(BuilderOptions& options, const std::string& assignment);
+
 /// All options, one "name: value" per line in a fixed order.
 std::string to_text(const BuilderOptions& options);
 

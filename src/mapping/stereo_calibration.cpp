@@ -231,8 +231,8 @@ bool StereoCalibration::update(Map& map, const std::atomic<bool>* stop) {
 
 bool StereoCalibration::finish(Map& map, const std::atomic<bool>* stop) {
   if (looks_ == 0 || looks_ >= kLooks.size()) return false;
-  if (static_cast<double>(map.keyframes().size()) < kMore * static_cast<double>(seen_))
-    return false;
+  const auto keyframes = static_cast<double>(map.keyframes().size());
+  if (keyframes < kMore * static_cast<double>(seen_)) return false;
   looks_ = kLooks.size();
   return look(map, false, stop);
 }

@@ -152,11 +152,7 @@ int run(int argc, char** argv) {
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
   BuilderOptions options;
   if (!a.config.empty()) load_options(a.config, options);
-  for (const std::string& setting : a.settings) {
-    const std::size_t equals = setting.find('=');
-    if (equals == std::string::npos) throw InputError("--set " + setting + ": is not KEY=VALUE");
-    set_option(options, setting.substr(0, equals), setting.substr(equals + 1));
-  }
+  for (const std::string& setting : a.settings) assign_option(options, setting);
   options.check();
   Tables tables;
   for (const std::string& sequence : a.sequences) {

@@ -296,8 +296,8 @@ class Files(Case):
 
     def stereo(self, network, left, right, **arguments):
         """Disparity of lists of RGB images, left and right; what make_disparity() returns."""
-        pairs = fields_onnx.partners(write_images(self.folder / "image_0", left),
-                                     write_images(self.folder / "image_1", right))
+        pairs = fields_onnx.common.partners(write_images(self.folder / "image_0", left),
+                                            write_images(self.folder / "image_1", right))
         return fields_onnx.make_disparity(network, pairs, self.folder / "left", self.folder / "right",
                                           **arguments)
 
@@ -388,7 +388,7 @@ class Files(Case):
         images[1].write_bytes(b"no image")
         self.refused("000001.png: cannot read", self.flow, self.flow_network(), images, jobs=2)
         self.assertEqual(list(self.folder.rglob("*.tmp")), [])
-        self.refused("000002.png: has no partner", fields_onnx.partners, images, self.images("other", 2))
+        self.refused("000002.png: has no partner", fields_onnx.common.partners, images, self.images("other", 2))
 
     def test_fields_without_any_value_are_refused(self):
         image = plain(FIRST)

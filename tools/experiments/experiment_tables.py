@@ -332,7 +332,8 @@ def cost_tables(experiment, results, rows):
                     + [show(fusion, 2), show(r.get("peak_mb"), 0)])
     return [Table(f"{experiment['name']}-stages", "Time per frame, mean, ms, and memory",
                   ["input", "origin", "configuration", *stages, "segmentation (network)",
-                   "stereo (network)", "flow (network)", "SGBM + DIS", "fusion (build_priors)", "peak memory, MB"], body,
+                   "stereo (network)", "flow (network)", "SGBM + DIS", "fusion (build_priors)",
+                   "peak memory, MB"], body,
                   "total: the tracking path of a frame, reading priors included. Beside it, before the "
                   "run, on one core: networks where make_priors measured them (given data), disparity "
                   "and flow of both cameras by SGBM and DIS, fusion. The paper gives 1696 ms for its "

@@ -51,6 +51,15 @@ def list_images(folder):
     return files
 
 
+def partners(left, right):
+    """[(left image, right image of the same name)] of two lists. InputError for one without."""
+    right_by_name = {path.stem: path for path in right}
+    for path in left:
+        if path.stem not in right_by_name:
+            fail(f"{path}: has no partner in the right folder")
+    return [(path, right_by_name[path.stem]) for path in left]
+
+
 def note_images(output, folder):
     """Says in OUTPUT/images.txt of which images it was made: build_priors refuses perception of
     another camera pair than the tracked one."""

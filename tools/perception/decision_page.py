@@ -39,8 +39,8 @@ def state(text):
     return text
 
 
-COLUMNS = {"frame": str, "camera": str, "input_id": str, "part": str, "identity": int, "label": int, "area_px": int,
-           "state": state, **dict.fromkeys(
+COLUMNS = {"frame": str, "camera": str, "input_id": str, "part": str, "identity": int,
+           "label": int, "area_px": int, "state": state, **dict.fromkeys(
                ("log_odds", "mean_depth_m", "evidence_flow", "median_px", "valid", "patches",
                 "evidence_appearance", "still_alike", "keypoints", "evidence_keypoints",
                 "keypoint_inliers", "keypoint_shift_m", "keypoint_span_s", "evidence_space",

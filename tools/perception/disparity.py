@@ -25,22 +25,18 @@ def to_disparity(flow, sign, largest_vertical=2.0):
 
 def process(left, right, output, output_right, model, device, iterations=20, overwrite=False):
     """Disparity of all pairs; what is there of the same images, network and settings is kept."""
-    right_by_name = {f.stem: f for f in right}
     folders = [Path(output)] + ([Path(output_right)] if output_right else [])
     for folder in folders:
         common.note_images(folder, left[0].parent)
     network = common.digest_of_network(model)
-    for file in common.progress(left, "disparity"):
+    for file, partner in common.progress(common.partners(left, right), "disparity"):
         targets = [folder / f"{file.stem}.pfm" for folder in folders]
-        if file.stem not in right_by_name:
-            common.fail(f"{file}: has no partner in the right folder")
-        made_of = common.digest_of(f"disparity, {network}, {iterations} iterations", file,
-                                   right_by_name[file.stem])
+        made_of = common.digest_of(f"disparity, {network}, {iterations} iterations", file, partner)
         if not overwrite and all(common.read_note(t, made_of) for t in targets):
             continue
-        pair = [common.read_rgb(file), common.read_rgb(right_by_name[file.stem])]
+        pair = [common.read_rgb(file), common.read_rgb(partner)]
         if pair[0].shape != pair[1].shape:
-            common.fail(f"{right_by_name[file.stem]}: has another size than the left image")
+            common.fail(f"{partner}: has another size than the left image")
         forward = flow_module.estimate(model, *pair, device, iterations)
         common.write_pfm(targets[0], to_disparity(forward, -1))
         if output_right:

@@ -208,15 +208,6 @@ def make_flow(network, images, output, backward=None, overwrite=False, label="fl
     return make_fields(network, work, overwrite, label, jobs)
 
 
-def partners(left, right):
-    """[(left image, right image of the same name)]"""
-    right_by_name = {path.stem: path for path in right}
-    for path in left:
-        if path.stem not in right_by_name:
-            common.fail(f"{path}: has no partner in the right folder")
-    return [(path, right_by_name[path.stem]) for path in left]
-
-
 def make_disparity(network, pairs, output, output_right=None, overwrite=False, jobs=1):
     """OUTPUT/<name>.pfm of the left image of every pair, OUTPUT_RIGHT/<name>.pfm of the right one.
     Returns what make_fields() does."""
@@ -257,7 +248,7 @@ def main():
     images = common.list_images(options.images)
     how = {"overwrite": options.overwrite, "jobs": options.jobs}
     if stereo:
-        pairs = partners(images, common.list_images(options.right_images))
+        pairs = common.partners(images, common.list_images(options.right_images))
         made = make_disparity(network, pairs, options.output, options.right, **how)
     else:
         made = make_flow(network, images, options.output, options.backward, **how)

@@ -198,7 +198,7 @@ def main():
     # Before the hours that the networks take. The folders need not exist for it.
     run([*build, "--check"])
     images = [common.list_images(folder)[:options.frames] for folder in folders]
-    pairs = fields_onnx.partners(*images) if "stereo" in networks else []
+    pairs = common.partners(*images) if "stereo" in networks else []
     times = segment(network, images, options)
     times.update(make_fields(networks, images, pairs, options))
     times_file = options.output / "times.json"

@@ -119,11 +119,7 @@ void prepare(Arguments& a) {
     }
   }
   if (!a.config.empty()) load_options(a.config, a.settings.options);
-  for (const std::string& assignment : a.set) {
-    const std::size_t equals = assignment.find('=');
-    if (equals == std::string::npos) throw InputError("--set " + assignment + ": not KEY=VALUE");
-    set_option(a.settings.options, assignment.substr(0, equals), assignment.substr(equals + 1));
-  }
+  for (const std::string& assignment : a.set) assign_option(a.settings.options, assignment);
 }
 
 /// A line that is rewritten on a terminal; every tenth of the work otherwise.
