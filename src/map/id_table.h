@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
+#include <span>
 #include <stdexcept>
 #include <utility>
 #include <vector>
+
+#include "util/stable_array.h"
 
 namespace kys_slam {
 
@@ -52,7 +54,7 @@ class IdTable {
       return objects_[static_cast<std::size_t>(slot)] = std::move(object);
     }
     slot_[id.value] = static_cast<std::int32_t>(objects_.size());
-    return objects_.emplace_back(std::move(object));
+    return objects_.push_back(std::move(object));
   }
 
   /// Returns whether there was such an object.
@@ -97,6 +99,21 @@ class IdTable {
       if (slot_[i] >= 0) f(IdType{i}, objects_[static_cast<std::size_t>(slot_[i])]);
     }
   }
+  /// Calls f(id, object) for the present ones of `ids`, in their order. Fetches ahead what it will
+  /// need: objects are where they were put, all over the memory.
+  template <typename F>
+  void visit(std::span<const IdType> ids, F&& f) const {
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      if (k + 2 * kAhead < ids.size()) prefetch_slot(ids[k + 2 * kAhead]);
+      if (k + kAhead < ids.size()) {
+        if (const T* later = find(ids[k + kAhead])) __builtin_prefetch(later);
+      }
+      if (const T* object = find(ids[k])) f(ids[k], *object);
+    }
+  }
+  void prefetch_slot(IdType id) const {
+    if (id.value < slot_.size()) __builtin_prefetch(&slot_[id.value]);
+  }
   /// Ids of the present objects, increasing.
   [[nodiscard]] std::vector<IdType> ids() const {
     std::vector<IdType> all;
@@ -111,10 +128,11 @@ class IdTable {
   }
 
   static constexpr std::int32_t kNone = -1;
+  static constexpr std::size_t kAhead = 8;
   static constexpr std::uint32_t kLastSuccessor = 0x7FFFFFFDu;
 
   std::vector<std::int32_t> slot_;  // by id; kNone, or below it: kNone - 1 - id of the successor
-  std::deque<T> objects_;
+  StableArray<T> objects_;
   std::vector<std::int32_t> free_;
   std::size_t size_ = 0;
 };

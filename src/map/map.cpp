@@ -4,6 +4,9 @@
 #include <kys/prior.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
@@ -33,25 +36,28 @@ std::vector<Observation>::iterator lower_observation(std::vector<Observation>& o
 }
 
 /// Index of the observation whose descriptor has the least median distance to all of them.
-std::size_t representative(const std::vector<const kys::Descriptor*>& descriptors) {
+std::size_t representative(std::span<const kys::Descriptor* const> descriptors) {
   const std::size_t n = descriptors.size();
   if (n <= 2) return 0;
-  std::size_t best = 0;
-  int best_median = std::numeric_limits<int>::max();
-  std::vector<int> distances(n * n, 0);
+  std::vector<std::uint16_t> distances(n * n, 0);
   for (std::size_t i = 0; i < n; ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      distances[i * n + j] = distances[j * n + i] = kys::hamming(*descriptors[i], *descriptors[j]);
+      distances[i * n + j] = distances[j * n + i] =
+          static_cast<std::uint16_t>(kys::hamming(*descriptors[i], *descriptors[j]));
     }
   }
+  const std::size_t middle = (n - 1) / 2;
+  std::size_t best = 0;
+  std::uint16_t best_median = std::numeric_limits<std::uint16_t>::max();
   for (std::size_t i = 0; i < n; ++i) {
-    const auto row = distances.begin() + static_cast<std::ptrdiff_t>(i * n);
-    const auto middle = row + static_cast<std::ptrdiff_t>((n - 1) / 2);
-    std::nth_element(row, middle, row + static_cast<std::ptrdiff_t>(n));
-    if (*middle < best_median) {
-      best_median = *middle;
-      best = i;
-    }
+    const auto row = std::span(distances).subspan(i * n, n);
+    // A median is smaller when more than half of the row is: few rows need to be sorted.
+    std::uint16_t smaller = 0;
+    for (const std::uint16_t distance : row) smaller += distance < best_median ? 1 : 0;
+    if (smaller <= middle) continue;
+    std::ranges::nth_element(row, row.begin() + static_cast<std::ptrdiff_t>(middle));
+    best_median = row[middle];
+    best = i;
   }
   return best;
 }
@@ -390,6 +396,7 @@ void Map::refresh_landmark(LandmarkId id) {
   descriptors.reserve(landmark.observations.size());
   for (const Observation& o : landmark.observations) {
     descriptors.push_back(&keyframe(o.keyframe).features->descriptor(o.feature));
+    __builtin_prefetch(descriptors.back());
   }
   const Observation& best = landmark.observations[representative(descriptors)];
   const Observation& recent = landmark.observations.back();

@@ -1,5 +1,8 @@
 #include "mapping/culling.h"
 
+#include <cstdint>
+#include <vector>
+
 namespace kys_slam {
 
 void describe(kys::OptionList& list, LandmarkCullingOptions& o) {
@@ -45,28 +48,45 @@ namespace {
 /// Whether enough other keyframes see the landmark at the same or a finer scale.
 bool seen_elsewhere(const Map& map, const Landmark& landmark, KeyFrameId keyframe, int octave,
                     int min_observers) {
+  if (static_cast<int>(landmark.observations.size()) <= min_observers) return false;
   int observers = 0;
   for (const Observation& o : landmark.observations) {
     if (o.keyframe == keyframe) continue;
-    if (map.keyframe(o.keyframe).features->keypoint(o.feature).octave <= octave + 1) ++observers;
+    if (map.keyframe(o.keyframe).features->keypoint(o.feature).octave > octave + 1) continue;
+    if (++observers >= min_observers) return true;
   }
-  return observers >= min_observers;
+  return false;
+}
+
+/// Features of the keyframe that observe a close landmark.
+std::vector<std::uint32_t> close_features(const Map& map, const KeyFrame& keyframe,
+                                          const KeyFrameCullingOptions& options) {
+  const double close_depth = options.close_baselines * map.camera().baseline;
+  std::vector<std::uint32_t> close;
+  for (std::size_t i = 0; i < keyframe.landmarks.size(); ++i) {
+    if (!keyframe.landmarks[i].valid()) continue;
+    const float depth = keyframe.features->depth(i);
+    if (depth > 0 && depth <= close_depth) close.push_back(static_cast<std::uint32_t>(i));
+  }
+  return close;
 }
 
 bool is_redundant(const Map& map, KeyFrameId id, const KeyFrameCullingOptions& options) {
   const KeyFrame& keyframe = map.keyframe(id);
-  const double close_depth = options.close_baselines * map.camera().baseline;
-  int close = 0;
-  int redundant = 0;
-  for (std::size_t i = 0; i < keyframe.landmarks.size(); ++i) {
-    const LandmarkId landmark = keyframe.landmarks[i];
-    const float depth = keyframe.features->depth(i);
-    if (!landmark.valid() || depth <= 0 || depth > close_depth) continue;
-    ++close;
+  const std::vector<std::uint32_t> close = close_features(map, keyframe, options);
+  const double wanted = options.redundant_share * static_cast<double>(close.size());
+  std::size_t redundant = 0;
+  for (std::size_t k = 0; k < close.size(); ++k) {
+    const std::size_t left = close.size() - k;
+    if (static_cast<double>(redundant + left) <= wanted) return false;
+    const std::uint32_t i = close[k];
     const int octave = keyframe.features->keypoint(i).octave;
-    redundant += seen_elsewhere(map, map.landmark(landmark), id, octave, options.min_observers);
+    redundant +=
+        seen_elsewhere(map, map.landmark(keyframe.landmarks[i]), id, octave, options.min_observers)
+            ? 1
+            : 0;
   }
-  return close > 0 && redundant > options.redundant_share * close;
+  return static_cast<double>(redundant) > wanted;
 }
 
 }  // namespace

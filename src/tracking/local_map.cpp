@@ -8,15 +8,12 @@ LocalMap LocalMapGatherer::gather(const Replica& replica,
                                   std::span<const LandmarkId> frame_landmarks) {
   LocalMap local;
   votes_.resize(replica.keyframes().id_end(), 0);
-  for (const LandmarkId id : frame_landmarks) {
-    if (!id.valid()) continue;
-    const LandmarkView* landmark = replica.landmarks().find(id);
-    if (landmark == nullptr) continue;
-    for (const KeyFrameId observer : landmark->observers) {
+  replica.landmarks().visit(frame_landmarks, [&](LandmarkId, const LandmarkView& landmark) {
+    for (const KeyFrameId observer : landmark.observers) {
       if (!replica.keyframes().contains(observer)) continue;
       if (votes_[observer.value]++ == 0) local.keyframes.push_back(observer);
     }
-  }
+  });
   std::sort(local.keyframes.begin(), local.keyframes.end());
   int most = 0;
   for (const KeyFrameId id : local.keyframes) {
@@ -43,14 +40,17 @@ LocalMap LocalMapGatherer::gather(const Replica& replica,
   }
   for (const KeyFrameId id : local.keyframes) votes_[id.value] = 0;
 
-  ++call_;
-  stamp_.resize(replica.landmarks().id_end(), 0);
+  // One bit each, so that the many landmarks that several keyframes observe cost little.
+  included_.assign(replica.landmarks().id_end() / 64 + 1, 0);
+  const std::uint32_t end = replica.landmarks().id_end();
   for (const KeyFrameId id : local.keyframes) {
     for (const LandmarkId landmark : replica.keyframes().at(id).landmarks) {
-      if (landmark.value < stamp_.size() && stamp_[landmark.value] == call_) continue;
-      if (!replica.landmarks().contains(landmark)) continue;
-      stamp_[landmark.value] = call_;
-      local.landmarks.push_back(landmark);
+      if (landmark.value >= end) continue;
+      std::uint64_t& word = included_[landmark.value / 64];
+      const std::uint64_t bit = std::uint64_t{1} << landmark.value % 64;
+      if ((word & bit) != 0) continue;
+      word |= bit;
+      if (replica.landmarks().contains(landmark)) local.landmarks.push_back(landmark);
     }
   }
   return local;

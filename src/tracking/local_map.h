@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -25,9 +26,8 @@ class LocalMapGatherer {
 
  private:
   std::size_t max_keyframes_;
-  std::vector<int> votes_;            // by keyframe id, zero between calls
-  std::vector<std::uint32_t> stamp_;  // by landmark id, the last call that included it
-  std::uint32_t call_ = 0;
+  std::vector<int> votes_;               // by keyframe id, zero between calls
+  std::vector<std::uint64_t> included_;  // by landmark id, a bit each
 };
 
 }  // namespace kys_slam

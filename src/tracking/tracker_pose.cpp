@@ -435,17 +435,16 @@ void Tracker::match_local_landmarks(Frame& frame, const LocalMap& local, TrackRe
   std::deque<kys::Prior> priors;
   std::vector<SearchQuery> queries;
   std::vector<LandmarkId> landmarks;
-  for (const LandmarkId id : local.landmarks) {
-    const LandmarkView& landmark = replica_.landmarks().at(id);
+  replica_.landmarks().visit(local.landmarks, [&](LandmarkId id, const LandmarkView& landmark) {
     const auto view = predict_view(camera_, scales_, frame.T_c_w, centre, landmark);
-    if (!view || std::binary_search(held.begin(), held.end(), id)) continue;
+    if (!view || std::binary_search(held.begin(), held.end(), id)) return;
     // The prediction is better when the angle between the two views is small.
     const float radius = (view->cosine > 0.998f ? 2.5f : 4.0f) * options_.local_radius;
     queries.push_back(
         query_for(*view, radius, scales_, landmark.descriptor, *prior_of(landmark, priors)));
     landmarks.push_back(id);
     counts_.add_visible(id);
-  }
+  });
   SearchOptions options;
   options.max_distance = options_.max_distance;
   options.ratio = options_.local_ratio;

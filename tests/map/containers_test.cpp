@@ -51,6 +51,29 @@ TEST(IdTable, UsesSlotsOfErasedObjectsAgainAndKeepsReferencesOfOthers) {
   EXPECT_EQ(table.id_end(), 2000u);
 }
 
+TEST(IdTable, VisitsThePresentOnesOfAListInItsOrder) {
+  Table table;
+  std::vector<LandmarkId> wanted;
+  std::vector<std::string> expected;
+  for (std::uint32_t i = 0; i < 200; ++i) {
+    const LandmarkId id{i * 7 % 200};
+    wanted.push_back(id);
+    if (id.value % 3 == 0) continue;
+    table.put(id, std::to_string(id.value));
+    expected.push_back(std::to_string(id.value));
+  }
+  wanted.push_back(LandmarkId{});
+  wanted.push_back({100000});
+  wanted.push_back({1});
+  expected.push_back("1");
+  std::vector<std::string> seen;
+  table.visit(wanted, [&](LandmarkId id, const std::string& object) {
+    EXPECT_EQ(object, std::to_string(id.value));
+    seen.push_back(object);
+  });
+  EXPECT_EQ(seen, expected);
+}
+
 TEST(IdTable, BehavesLikeAnOrderedMap) {
   std::mt19937 random(5);
   Table table;

@@ -1,15 +1,19 @@
 #include "map/map.h"
 
 #include <gtest/gtest.h>
+#include <kys/hamming.h>
 #include <kys/prior.h>
 
+#include <algorithm>
 #include <functional>
+#include <random>
 
 #include "support/map_builder.h"
 
 namespace kys_slam {
 namespace {
 
+using testing::kNoStereo;
 using testing::make_keyframe;
 using testing::make_landmark;
 using testing::random_features;
@@ -249,6 +253,39 @@ TEST(Map, RepresentativeDescriptorIsTheMostCentralOne) {
   }
   map.refresh_landmark(lm(0));
   EXPECT_EQ(map.landmark(lm(0)).descriptor.words[0], words[1]);
+}
+
+TEST(Map, ALandmarksDescriptorIsThatOfLeastMedianDistanceAlsoAmongManyObservers) {
+  std::mt19937_64 random(3);
+  for (std::uint32_t observers = 3; observers < 40; ++observers) {
+    Map map = empty_map();
+    map.add_landmark(make_landmark(0, {0, 0, 5}));
+    std::vector<kys::Descriptor> descriptors;
+    for (std::uint32_t k = 0; k < observers; ++k) {
+      const auto features = random_features(map.camera(), 1, static_cast<unsigned>(random()));
+      descriptors.push_back(features->descriptor(0));
+      if (k % 3 == 0) descriptors.back() = descriptors.front();  // ties
+      FeatureSet set;
+      set.keypoints.push_back(features->keypoint(0));
+      set.descriptors.push_back(descriptors.back());
+      map.add_keyframe(
+          make_keyframe(k, std::make_shared<const FrameFeatures>(map.camera(), std::move(set),
+                                                                 std::vector<float>{kNoStereo},
+                                                                 std::vector<kys::Prior>{})));
+      ASSERT_TRUE(map.add_observation(lm(0), kf(k), 0));
+    }
+    map.refresh_landmark(lm(0));
+    std::vector<int> medians;
+    for (const kys::Descriptor& d : descriptors) {
+      std::vector<int> row;
+      for (const kys::Descriptor& other : descriptors) row.push_back(kys::hamming(d, other));
+      std::sort(row.begin(), row.end());
+      medians.push_back(row[(row.size() - 1) / 2]);
+    }
+    const auto least = std::min_element(medians.begin(), medians.end()) - medians.begin();
+    EXPECT_EQ(map.landmark(lm(0)).descriptor, descriptors[static_cast<std::size_t>(least)])
+        << observers;
+  }
 }
 
 TEST(Map, DisparityOffsetReachesPresentAndFutureKeyframes) {
