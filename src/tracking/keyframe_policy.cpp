@@ -26,6 +26,9 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
            "inliers of the pose below which no keyframe is made");
   list.add("keyframes.scarce", o.scarce, {0, 60000}, "",
            "landmarks in a frame below which a keyframe is made when it adds half as many; 0: off");
+  list.add(
+      "keyframes.every_frame", o.every_frame,
+      "every tracked frame becomes a keyframe, unless too many wait or it has too few inliers");
   list.add("keyframes.max_waiting", o.max_waiting, {0, 1000}, "",
            "keyframes queued in the back end above which no keyframe is made");
 }
@@ -43,7 +46,7 @@ bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) 
 
   // Few landmarks, and half as many can be added.
   const bool scarce = s.inliers < o.scarce && 2 * s.addable > s.inliers;
-  return (((overdue || mapper_idle || starved) && moved_on) || scarce) &&
+  return (((overdue || mapper_idle || starved) && moved_on) || scarce || o.every_frame) &&
          s.inliers > o.min_inliers && s.waiting <= o.max_waiting;
 }
 

@@ -15,8 +15,9 @@ struct KeyFramePolicyOptions {
   int min_inliers = 15;         ///< with fewer, no keyframe is made
   /// landmarks in a frame below which addable points call for a keyframe; 0: off
   int scarce = 100;
-  int max_waiting = 4;  ///< keyframes the back end may still have in hand; below the delay of
-                        ///< the pipelined schedule, a map with few landmarks would get none
+  bool every_frame = false;  ///< every tracked frame becomes one: accurate, twice the mapping
+  int max_waiting = 4;       ///< keyframes the back end may still have in hand; below the delay of
+                             ///< the pipelined schedule, a map with few landmarks would get none
 };
 /// For check_options().
 void describe(kys::OptionList& list, KeyFramePolicyOptions& options);

@@ -117,6 +117,8 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
                      "tracking.balanced=false", "keyframes.reference_ratio=0.75",
                      "keyframes.scarce=0", "mapping.bundle_keyframes=20", "place.min_area=0",
                      "control.pipeline_delay=3", "kys.normalize=false"}));
+  EXPECT_EQ(changes_of("accurate.yaml"),
+            (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10"}));
   EXPECT_EQ(
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",

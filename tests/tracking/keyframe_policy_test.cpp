@@ -74,6 +74,20 @@ TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
   EXPECT_FALSE(needs_keyframe(s, o));
 }
 
+TEST(KeyFramePolicy, EveryFrameCanBecomeOneUnlessTheBackEndIsFarBehind) {
+  KeyFramePolicyOptions o;
+  KeyFrameSituation s = calm();
+  s.waiting = 1;
+  EXPECT_FALSE(needs_keyframe(s, o));
+  o.every_frame = true;
+  EXPECT_TRUE(needs_keyframe(s, o));
+  s.waiting = o.max_waiting + 1;
+  EXPECT_FALSE(needs_keyframe(s, o)) << "a backlog";
+  s.waiting = 0;
+  s.inliers = o.min_inliers;
+  EXPECT_FALSE(needs_keyframe(s, o)) << "its pose is not sure";
+}
+
 TEST(KeyFramePolicy, WaitsForTheMinimumOfFrames) {
   KeyFramePolicyOptions o;
   o.min_frames = 3;
