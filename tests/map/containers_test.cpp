@@ -51,6 +51,23 @@ TEST(IdTable, UsesSlotsOfErasedObjectsAgainAndKeepsReferencesOfOthers) {
   EXPECT_EQ(table.id_end(), 2000u);
 }
 
+TEST(IdTable, ACopyIsItsOwn) {
+  Table table;
+  for (std::uint32_t i = 0; i < 150; ++i) table.put({i}, std::to_string(i));
+  table.erase({70});
+  Table copy = table;
+  copy.at({3}) = "changed";
+  copy.put({150}, "new");
+  EXPECT_EQ(table.at({3}), "3");
+  EXPECT_FALSE(table.contains({150}));
+  EXPECT_EQ(copy.size(), 150u);
+  EXPECT_EQ(copy.at({149}), "149");
+  Table moved = std::move(copy);
+  EXPECT_EQ(moved.at({3}), "changed");
+  table = moved;
+  EXPECT_EQ(table.at({150}), "new");
+}
+
 TEST(IdTable, VisitsThePresentOnesOfAListInItsOrder) {
   Table table;
   std::vector<LandmarkId> wanted;
