@@ -111,9 +111,6 @@ class IdTable {
       if (const T* object = find(ids[k])) f(ids[k], *object);
     }
   }
-  void prefetch_slot(IdType id) const {
-    if (id.value < slot_.size()) __builtin_prefetch(&slot_[id.value]);
-  }
   /// Ids of the present objects, increasing.
   [[nodiscard]] std::vector<IdType> ids() const {
     std::vector<IdType> all;
@@ -123,6 +120,9 @@ class IdTable {
   }
 
  private:
+  void prefetch_slot(IdType id) const {
+    if (id.value < slot_.size()) __builtin_prefetch(&slot_[id.value]);
+  }
   void make_slot(IdType id) {
     if (id.value >= slot_.size()) slot_.resize(static_cast<std::size_t>(id.value) + 1, kNone);
   }

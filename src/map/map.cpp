@@ -46,17 +46,16 @@ std::size_t representative(std::span<const kys::Descriptor* const> descriptors) 
           static_cast<std::uint16_t>(kys::hamming(*descriptors[i], *descriptors[j]));
     }
   }
-  const std::size_t middle = (n - 1) / 2;
+  const auto middle = static_cast<std::ptrdiff_t>((n - 1) / 2);
   std::size_t best = 0;
   std::uint16_t best_median = std::numeric_limits<std::uint16_t>::max();
   for (std::size_t i = 0; i < n; ++i) {
     const auto row = std::span(distances).subspan(i * n, n);
     // A median is smaller when more than half of the row is: few rows need to be sorted.
-    std::uint16_t smaller = 0;
-    for (const std::uint16_t distance : row) smaller += distance < best_median ? 1 : 0;
-    if (smaller <= middle) continue;
-    std::ranges::nth_element(row, row.begin() + static_cast<std::ptrdiff_t>(middle));
-    best_median = row[middle];
+    const auto is_smaller = [&](std::uint16_t distance) { return distance < best_median; };
+    if (std::ranges::count_if(row, is_smaller) <= middle) continue;
+    std::ranges::nth_element(row, row.begin() + middle);
+    best_median = row[static_cast<std::size_t>(middle)];
     best = i;
   }
   return best;

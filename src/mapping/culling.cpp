@@ -81,10 +81,8 @@ bool is_redundant(const Map& map, KeyFrameId id, const KeyFrameCullingOptions& o
     if (static_cast<double>(redundant + left) <= wanted) return false;
     const std::uint32_t i = close[k];
     const int octave = keyframe.features->keypoint(i).octave;
-    redundant +=
-        seen_elsewhere(map, map.landmark(keyframe.landmarks[i]), id, octave, options.min_observers)
-            ? 1
-            : 0;
+    const Landmark& landmark = map.landmark(keyframe.landmarks[i]);
+    if (seen_elsewhere(map, landmark, id, octave, options.min_observers)) ++redundant;
   }
   return static_cast<double>(redundant) > wanted;
 }

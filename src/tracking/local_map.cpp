@@ -41,15 +41,11 @@ LocalMap LocalMapGatherer::gather(const Replica& replica,
   for (const KeyFrameId id : local.keyframes) votes_[id.value] = 0;
 
   // One bit each, so that the many landmarks that several keyframes observe cost little.
-  included_.assign(replica.landmarks().id_end() / 64 + 1, 0);
-  const std::uint32_t end = replica.landmarks().id_end();
+  included_.assign(replica.landmarks().id_end(), false);
   for (const KeyFrameId id : local.keyframes) {
     for (const LandmarkId landmark : replica.keyframes().at(id).landmarks) {
-      if (landmark.value >= end) continue;
-      std::uint64_t& word = included_[landmark.value / 64];
-      const std::uint64_t bit = std::uint64_t{1} << landmark.value % 64;
-      if ((word & bit) != 0) continue;
-      word |= bit;
+      if (landmark.value >= included_.size() || included_[landmark.value]) continue;
+      included_[landmark.value] = true;
       if (replica.landmarks().contains(landmark)) local.landmarks.push_back(landmark);
     }
   }

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <cstdint>
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -26,8 +26,8 @@ class LocalMapGatherer {
 
  private:
   std::size_t max_keyframes_;
-  std::vector<int> votes_;               // by keyframe id, zero between calls
-  std::vector<std::uint64_t> included_;  // by landmark id, a bit each
+  std::vector<int> votes_;      // by keyframe id, zero between calls
+  std::vector<bool> included_;  // by landmark id
 };
 
 }  // namespace kys_slam

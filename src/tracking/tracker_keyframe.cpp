@@ -17,13 +17,11 @@ KeyFrameSituation Tracker::situation(const Frame& frame, int inliers, int waitin
   s.waiting = waiting;
   if (inliers < options_.keyframes.scarce) s.addable = count_addable(frame);
   const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
-  for (const LandmarkId id : replica_.keyframes().at(reference_).landmarks) {
-    const LandmarkView* landmark = replica_.landmarks().find(id);
+  const std::vector<LandmarkId>& expected = replica_.keyframes().at(reference_).landmarks;
+  replica_.landmarks().visit(expected, [&](LandmarkId, const LandmarkView& landmark) {
     // A stereo observation counts twice, and most are: one observer less is enough.
-    if (landmark != nullptr && 2 * landmark->observers.size() >= min_observers) {
-      ++s.reference_landmarks;
-    }
-  }
+    if (2 * landmark.observers.size() >= min_observers) ++s.reference_landmarks;
+  });
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     const float depth = frame.features->depth(i);
     if (depth <= 0 || depth > close_depth_ || !is_believed_static(frame.features->prior(i)))
