@@ -22,6 +22,8 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
            "by which it must differ from zero to be applied");
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
            "standard deviation of its error in addition to that from noise");
+  list.add("calibration.systematic_late", o.systematic_late, {0, 100}, "px",
+           "the same in a map of 4 times calibration.keyframes or more");
   list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
            "a larger estimate is not applied");
   const kys::OptionList::Fixed fixed(list);
@@ -243,7 +245,8 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   const DisparityOffset found =
       estimate_disparity_offset(map, options_, stop, last ? window : kAll);
   const double total = map.disparity_offset() + found.offset;
-  const double sigma = std::hypot(found.sigma, options_.systematic);
+  const double systematic = seen_ < window ? options_.systematic : options_.systematic_late;
+  const double sigma = std::hypot(found.sigma, systematic);
   if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;
   // Decided anew at every look, with all there is to see by then: an offset that was put in on
   // thin evidence goes again.

@@ -20,6 +20,10 @@ struct StereoCalibrationOptions {
   /// true offset have a root mean square of 0.022 px. The worst, `hall` at 376x240 px, is off by
   /// 0.056 px (sequential) and 0.07 px (pipelined), which this rejects.
   double systematic = 0.026;
+  /// The same for an estimate in a map of 4 times `keyframes` or more: errors of more places cancel.
+  /// Estimates from the newest 80 keyframes of 30 maps of rendered sequences with zero true offset
+  /// have a root mean square of 0.013 px, `street` alone 0.018 px; the worst is 0.039 px.
+  double systematic_late = 0.018;
   double max_correction = 1;  ///< px; a larger estimate is a failure and is not applied
   int min_observers = 3;      ///< keyframes that observe a landmark used here
 };

@@ -105,6 +105,21 @@ TEST(StereoCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
   EXPECT_TRUE(StereoCalibration(exact).update(map));
 }
 
+/// Errors of many places cancel: what a few keyframes do not make certain, four times as many do.
+TEST(StereoCalibration, ALateEstimateIsTrustedMore) {
+  constexpr float kError = 0.057f;  // px, 2.2 times `systematic`, 3.2 times `systematic_late`
+  const int many = 3 * kKeyFrames;
+  StereoCalibrationOptions options;
+  options.keyframes = many / 4;
+  Map few = map_with_error(kError, 5, many - 1);
+  EXPECT_FALSE(StereoCalibration(options).update(few));
+  Map enough = map_with_error(kError, 5, many);
+  EXPECT_TRUE(StereoCalibration(options).update(enough));
+  EXPECT_NEAR(enough.disparity_offset(), -kError, 0.01);
+  Map accurate = map_with_error(0, 5, many);
+  EXPECT_FALSE(StereoCalibration(options).update(accurate));
+}
+
 TEST(StereoCalibration, AnOffsetPutInOnThinEvidenceIsTakenBack) {
   Map map = map_with_error(0, 7);
   map.set_disparity_offset(0.09f);
@@ -153,7 +168,7 @@ TEST(StereoCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
   map.set_disparity_offset(-0.21f);
   StereoCalibrationOptions options;
   options.keyframes = 2;  // the last estimate is due at 16
-  options.systematic = 0.1;
+  options.systematic = options.systematic_late = 0.1;
   StereoCalibration calibration(options);
   EXPECT_FALSE(calibration.update(map));
   EXPECT_FALSE(calibration.update(map));
