@@ -23,7 +23,7 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
            "standard deviation of its error in addition to that from noise");
   list.add("calibration.systematic_late", o.systematic_late, {0, 100}, "px",
-           "the same in a map of 4 times calibration.keyframes or more");
+           "the same in a map of twice calibration.keyframes or more");
   list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
            "a larger estimate is not applied");
   const kys::OptionList::Fixed fixed(list);
@@ -35,11 +35,10 @@ namespace {
 constexpr double kStep = 0.2;             // px between the offsets that are tried
 constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
 constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
-constexpr std::size_t kWindow = 4;  // the last estimate uses the newest: times `keyframes`
+constexpr std::size_t kLate = 2;  // times `keyframes`, in the map at a late estimate
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
-constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 // The second looks around, and sets outliers aside at, the first's vertex, where that is off zero.
 constexpr int kRounds = 2;
 // Square of Huber's delta. Without images errors are about half of what kPixelSigma allows, and
@@ -63,16 +62,10 @@ struct Whole {
   BundleProblem problem;
 };
 
-/// \param newest number of keyframes used, the latest ones
-Whole whole_map(const Map& map, int min_observers, std::size_t newest) {
+Whole whole_map(const Map& map, int min_observers) {
   Whole whole;
   whole.problem.camera = map.camera();
-  std::size_t older = map.keyframes().size() - std::min(map.keyframes().size(), newest);
   map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
-    if (older > 0) {
-      --older;
-      return;
-    }
     whole.poses.push_back(id);
     whole.problem.T_c_w.push_back(keyframe.T_c_w);
     whole.problem.pose_fixed.push_back(keyframe.parent.valid() ? 0 : 1);
@@ -111,12 +104,13 @@ void shift_disparities(BundleProblem& problem, double offset) {
 }
 
 /// Adjusts poses and points and takes out what does not fit: the same observations have to serve at
-/// every offset, or the costs could not be compared. Returns false when it was stopped.
-bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::atomic<bool>* stop) {
+/// every offset, or the costs could not be compared. Disparities do not count more here than in the
+/// map: a narrow bound around the present offset would keep what agrees with it, and the estimate
+/// would move by half of the offset or less. Returns false when it was stopped.
+bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
   BundleOptions refine;
   refine.iterations = 10;
   refine.refine_iterations = 10;
-  refine.disparity_weight = disparity_weight;
   refine.stop = stop;
   const BundleSummary refined = adjust_bundle(problem, refine);
   std::size_t kept = 0;
@@ -131,7 +125,7 @@ bool keep_inliers(BundleProblem& problem, double disparity_weight, const std::at
   return !refined.stopped;
 }
 
-/// Number of residuals beyond that of the unknowns; points that no keyframe here sees are none.
+/// Number of residuals beyond that of the unknowns; points without observations are none.
 int redundancy_of(const BundleProblem& problem) {
   int residuals = 0;
   for (const auto& o : problem.observations) residuals += std::isnan(o.u_right) ? 2 : 3;
@@ -203,15 +197,15 @@ std::optional<Parabola> profile(BundleProblem problem, double disparity_weight,
 }  // namespace
 
 DisparityOffset estimate_disparity_offset(const Map& map, const StereoCalibrationOptions& options,
-                                          const std::atomic<bool>* stop, std::size_t newest) {
-  Whole whole = whole_map(map, options.min_observers, newest);
+                                          const std::atomic<bool>* stop) {
+  Whole whole = whole_map(map, options.min_observers);
   drop_coarse_disparities(map, whole);
   const double weight = disparity_weight(map, whole);
   DisparityOffset result;
   for (int round = 0; round < kRounds; ++round) {
     BundleProblem problem = whole.problem;
     shift_disparities(problem, result.offset);
-    if (!keep_inliers(problem, weight, stop)) return {};
+    if (!keep_inliers(problem, stop)) return {};
     const int redundancy = redundancy_of(problem);
     const std::optional<Parabola> parabola = profile(std::move(problem), weight, stop);
     if (!parabola || redundancy < 100) return {};
@@ -241,11 +235,10 @@ bool StereoCalibration::finish(Map& map, const std::atomic<bool>* stop) {
 
 bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   seen_ = map.keyframes().size();
-  const auto window = kWindow * static_cast<std::size_t>(options_.keyframes);
-  const DisparityOffset found =
-      estimate_disparity_offset(map, options_, stop, last ? window : kAll);
+  const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
   const double total = map.disparity_offset() + found.offset;
-  const double systematic = seen_ < window ? options_.systematic : options_.systematic_late;
+  const bool late = seen_ >= kLate * static_cast<std::size_t>(options_.keyframes);
+  const double systematic = late ? options_.systematic_late : options_.systematic;
   const double sigma = std::hypot(found.sigma, systematic);
   if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;
   // Decided anew at every look, with all there is to see by then: an offset that was put in on
@@ -260,7 +253,7 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   map.set_disparity_offset(offset);
   // All landmarks, those with one stereo view as well: what stayed behind would mislead the
   // tracker.
-  Whole whole = whole_map(map, 1, kAll);
+  Whole whole = whole_map(map, 1);
   BundleOptions refine;
   refine.iterations = 10;
   refine.refine_iterations = 10;
