@@ -21,9 +21,8 @@ void describe(kys::OptionList& list, StereoCalibrationOptions& o) {
   list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
            "by which it must differ from zero to be applied");
   list.add("calibration.systematic", o.systematic, {0, 100}, "px",
-           "standard deviation of its error in addition to that from noise");
-  list.add("calibration.systematic_late", o.systematic_late, {0, 100}, "px",
-           "the same in a map of twice calibration.keyframes or more");
+           "standard deviation of its error in addition to that from noise, in a map of "
+           "calibration.keyframes; with more it falls to 0.7 times");
   list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
            "a larger estimate is not applied");
   const kys::OptionList::Fixed fixed(list);
@@ -35,7 +34,9 @@ namespace {
 constexpr double kStep = 0.2;             // px between the offsets that are tried
 constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
 constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
-constexpr std::size_t kLate = 2;  // times `keyframes`, in the map at a late estimate
+// Least share of `keyframes` in the map at an estimate, for its systematic error: that of 80
+// keyframes is no smaller where all of them look along one street.
+constexpr double kLeastShare = 0.5;
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
@@ -237,8 +238,8 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   seen_ = map.keyframes().size();
   const DisparityOffset found = estimate_disparity_offset(map, options_, stop);
   const double total = map.disparity_offset() + found.offset;
-  const bool late = seen_ >= kLate * static_cast<std::size_t>(options_.keyframes);
-  const double systematic = late ? options_.systematic_late : options_.systematic;
+  const double share = static_cast<double>(options_.keyframes) / static_cast<double>(seen_);
+  const double systematic = options_.systematic * std::sqrt(std::clamp(share, kLeastShare, 1.0));
   const double sigma = std::hypot(found.sigma, systematic);
   if (found.sigma <= 0 || std::abs(total) > options_.max_correction) return false;
   // Decided anew at every look, with all there is to see by then: an offset that was put in on

@@ -14,16 +14,14 @@ struct StereoCalibrationOptions {
   bool enabled = true;
   int keyframes = 20;         ///< in the map at the first estimate
   double significance = 2.5;  ///< standard deviations by which the offset must differ
-  /// px, standard deviation of the estimate in addition to that from noise: patches that contain
-  /// two surfaces have biased disparities. The first estimates on 9 rendered sequences with zero
-  /// true offset have a root mean square of 0.022 px. The worst, `hall` at 376x240 px, is off by
-  /// 0.056 px (sequential) and 0.07 px (pipelined), which this rejects.
+  /// px, standard deviation of the estimate in addition to that from noise, in a map of `keyframes`
+  /// keyframes: patches that contain two surfaces have biased disparities. The first estimates on
+  /// 30 rendered sequences with zero true offset have a root mean square of 0.022 px. The worst is
+  /// 0.053 px (`hall` at 376x240 px), which this rejects. Errors of more places cancel: it falls
+  /// with the square root of the number of keyframes, down to 0.7 times. Estimates on the same
+  /// sequences have a root mean square of 0.015 px at 40 keyframes, the worst is 0.040 px; with the
+  /// newest 80 keyframes 0.013 px (`street` 0.018 px), the worst 0.039 px.
   double systematic = 0.026;
-  /// The same for an estimate in a map of twice `keyframes` or more: errors of more places cancel.
-  /// Estimates on 30 rendered sequences with zero true offset have a root mean square of 0.015 px at
-  /// 40 keyframes, the worst is 0.040 px; with the newest 80 keyframes 0.013 px (`street` 0.018 px)
-  /// and 0.039 px.
-  double systematic_late = 0.018;
   double max_correction = 1;  ///< px; a larger estimate is a failure and is not applied
   int min_observers = 3;      ///< keyframes that observe a landmark used here
 };

@@ -107,11 +107,11 @@ TEST(StereoCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
 
 /// Errors of many places cancel: what a few keyframes do not make certain, twice as many do.
 TEST(StereoCalibration, ALateEstimateIsTrustedMore) {
-  constexpr float kError = 0.057f;  // px, 2.2 times `systematic`, 3.2 times `systematic_late`
+  constexpr float kError = 0.057f;  // px, 2.2 times `systematic`, 3.1 times its root of a half
   const int many = 3 * kKeyFrames;
   StereoCalibrationOptions options;
   options.keyframes = many / 2;
-  Map few = map_with_error(kError, 5, many - 1);
+  Map few = map_with_error(kError, 5, options.keyframes);
   EXPECT_FALSE(StereoCalibration(options).update(few));
   Map enough = map_with_error(kError, 5, many);
   EXPECT_TRUE(StereoCalibration(options).update(enough));
@@ -152,7 +152,7 @@ TEST(StereoCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
   map.set_disparity_offset(-0.21f);
   StereoCalibrationOptions options;
   options.keyframes = 2;  // the last estimate is due at 16
-  options.systematic = options.systematic_late = 0.1;
+  options.systematic = 0.15;
   StereoCalibration calibration(options);
   EXPECT_FALSE(calibration.update(map));
   EXPECT_FALSE(calibration.update(map));

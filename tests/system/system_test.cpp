@@ -118,7 +118,8 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
                      "keyframes.scarce=0", "mapping.bundle_keyframes=20", "place.min_area=0",
                      "control.pipeline_delay=3", "kys.normalize=false"}));
   EXPECT_EQ(changes_of("accurate.yaml"),
-            (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10"}));
+            (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
+                     "calibration.keyframes=40"}));
   EXPECT_EQ(
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",
