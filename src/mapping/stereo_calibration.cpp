@@ -104,16 +104,21 @@ void shift_disparities(BundleProblem& problem, double offset) {
   for (auto& o : problem.observations) o.u_right -= static_cast<float>(offset);
 }
 
+/// Adjusts poses and points with the weights of the map.
+BundleSummary adjust_as_in_map(BundleProblem& problem, const std::atomic<bool>* stop) {
+  BundleOptions refine;
+  refine.iterations = 10;
+  refine.refine_iterations = 10;
+  refine.stop = stop;
+  return adjust_bundle(problem, refine);
+}
+
 /// Adjusts poses and points and takes out what does not fit: the same observations have to serve at
 /// every offset, or the costs could not be compared. Disparities do not count more here than in the
 /// map: a narrow bound around the present offset would keep what agrees with it, and the estimate
 /// would move by half of the offset or less. Returns false when it was stopped.
 bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
-  BundleOptions refine;
-  refine.iterations = 10;
-  refine.refine_iterations = 10;
-  refine.stop = stop;
-  const BundleSummary refined = adjust_bundle(problem, refine);
+  const BundleSummary refined = adjust_as_in_map(problem, stop);
   std::size_t kept = 0;
   std::size_t from = 0;
   for (std::size_t point = 1; point < problem.first.size(); ++point) {
@@ -255,12 +260,8 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   // All landmarks, those with one stereo view as well: what stayed behind would mislead the
   // tracker.
   Whole whole = whole_map(map, 1);
-  BundleOptions refine;
-  refine.iterations = 10;
-  refine.refine_iterations = 10;
-  refine.stop = stop;
   const double before = camera_path_length(whole.problem.T_c_w);
-  adjust_bundle(whole.problem, refine);
+  adjust_as_in_map(whole.problem, stop);
   if (before > 0) map.scale_culled(camera_path_length(whole.problem.T_c_w) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
