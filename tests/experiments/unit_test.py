@@ -644,15 +644,34 @@ class Scripts(unittest.TestCase):
 class DriveTables(unittest.TestCase):
     @staticmethod
     def row(mode, seed, ate, perception="exact", failed=""):
-        return ["07", "city", perception, mode, seed, 100, 1, ate, 0.5, 0.25, 0.01, 2, 30, 1, 12.5, failed]
+        """Half of the error is scale."""
+        return drive_tables.Run("07", "city", perception, mode, seed, 100, 1, ate, ate and ate / 2, 1.01, 0.5,
+                                0.25, 0.01, 2, 30, 1, 12.5, failed)
 
     def test_ratios_to_stock_and_mask(self):
         rows = [self.row("stock", "1", 1.0), self.row("stock", "2", 4.0), self.row("mask", "1", 0.5),
                 self.row("kys", "1", 0.5), self.row("kys", "2", 8.0), self.row("kys", "3", None, failed="x")]
-        lines = {line[3]: line for line in drive_tables.ratio_table(rows).rows}
-        self.assertEqual(lines["kys"][7:13], [2, "1.00", "-", 1, "1.00", "-"])  # 1/2 and 2; mask: seed 1
-        self.assertEqual(lines["mask"][7:9], [1, "0.50"])
-        self.assertEqual((lines["kys"][4], lines["kys"][-1], lines["stock"][7]), (3, 1, 0))
+        table = drive_tables.ratio_table(rows)
+        lines = {line[3]: line for line in table.rows}
+        self.assertTrue(all(len(line) == len(table.header) for line in table.rows))
+        # 1/2 and 2; mask: seed 1. The same with a free scale.
+        for first in (7, 10):
+            self.assertEqual(lines["kys"][first:first + 2], ["1.00, 2 of 3 pairs", "1.00, 1 of 3 pairs"])
+            self.assertEqual(lines["mask"][first:first + 2], ["0.50", ""])
+        self.assertEqual((lines["kys"][5], lines["kys"][9]), ("4.250", "2.125"))
+        self.assertEqual((lines["kys"][4], lines["kys"][-1], lines["stock"][7]), (3, 1, ""))
+
+    def test_modes_side_by_side(self):
+        """`stock` reads no priors: its runs stand beside each kind of them."""
+        rows = [self.row("stock", "1", 1.0), self.row("stock", "2", 2.0)]
+        for perception, factor in (("exact", 0.5), ("poor", 4.0)):
+            rows += [self.row("mask", "1", 2 * factor, perception), self.row("mask", "2", 4 * factor, perception),
+                     self.row("verified", "1", factor, perception), self.row("verified", "2", 2 * factor, perception)]
+        table = drive_tables.mode_table(rows)
+        self.assertEqual(table.header[3:], ["stock", "mask", "verified", "verified over stock", "over mask"])
+        self.assertEqual(table.rows, [["KITTI", "city", "exact", "1.500", "1.500", "0.750", "0.50", "0.50"],
+                                      ["KITTI", "city", "poor", "1.500", "12.00", "6.000", "4.00", "0.50"]])
+        self.assertEqual(drive_tables.mode_table(rows, "ate_sim3").rows[0][3:6], ["0.750", "0.750", "0.375"])
 
     def test_rows_that_are_there_are_not_joined_again(self):
         mine, other = self.row("kys", "1", 1.0), self.row("kys", "2", 2.0)
@@ -660,7 +679,7 @@ class DriveTables(unittest.TestCase):
                          [mine, other])
 
     def test_runs_are_read_as_they_were_written(self):
-        rows = [self.row("kys", "1", 1.5), [*self.row("kys", "2", None)[:5], *[None] * 10, "no room"]]
+        rows = [self.row("kys", "1", 1.5), drive_tables.Run("07", "city", "exact", "kys", "2", failed="no room")]
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "drives.csv"
             path.write_text(drive_tables.run_table(rows).comma_separated())

@@ -1,6 +1,7 @@
 """Tables of drives with traffic, from the rows of their runs."""
 import csv
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -10,13 +11,42 @@ from inputs import reading
 from paired import CONFIDENCE, difference, mean
 from tables import Table, show
 
+
+class Run(NamedTuple):
+    """One row of drives.csv. Text but for the figures; those are None where there are none."""
+
+    sequence: str
+    traffic: str
+    perception: str
+    mode: str
+    seed: str
+    frames: int | None = None
+    lost: int | None = None  # frames
+    ate: float | None = None  # m, after alignment in SE(3)
+    ate_sim3: float | None = None  # m, with a free scale too
+    scale: float | None = None  # of that alignment
+    e_t: float | None = None  # %
+    e_r: float | None = None  # deg per 100 m
+    rpe: float | None = None  # m
+    loops: int | None = None
+    keyframes: int | None = None
+    submaps: int | None = None
+    mover_share: float | None = None  # % of the image
+    failed: str = ""  # why
+
+    @property
+    def data(self):
+        return "KITTI" if self.sequence.isdigit() else "EuRoC"
+
+
+LABELS = 5  # columns
 RUN_HEADER = ["sequence", "traffic", "perception", "mode", "seed", "frames", "lost", "ATE m",
-              "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps", "mover share", "failed"]
-LABELS = RUN_HEADER[:5]
-HEADER = ["sequence", "traffic", "perception", "mode", "seeds", "ATE m", "less stock, m", "E_t %",
-          "E_R deg/100m", "frames lost", "loops", "failed"]
-RATIO_HEADER = ["data", "traffic", "perception", "mode", "runs", "ATE m", "largest m", "pairs",
-                "over stock", "95 %", "pairs", "over mask", "95 %", "E_t %", "E_R deg/100m",
+              "ATE Sim(3) m", "scale", "E_t %", "E_R deg/100m", "RPE m", "loops", "keyframes", "sub-maps",
+              "mover share", "failed"]
+HEADER = ["sequence", "traffic", "perception", "mode", "seeds", "ATE m", "less stock, m", "ATE Sim(3) m",
+          "E_t %", "E_R deg/100m", "frames lost", "loops", "failed"]
+RATIO_HEADER = ["data", "traffic", "perception", "mode", "runs", "ATE m", "largest m", "over stock",
+                "over mask", "ATE Sim(3) m", "over stock", "over mask", "E_t %", "E_R deg/100m",
                 "frames lost %", "failed"]
 
 
@@ -45,17 +75,17 @@ def read_runs(path):
             if len(line) != len(RUN_HEADER):
                 raise InputError(f"{path}: row {len(rows) + 2} has {len(line)} columns, not "
                                  f"{len(RUN_HEADER)}")
-            rows.append(line[:5] + [number(v) for v in line[5:-1]] + line[-1:])
+            rows.append(Run(*line[:LABELS], *map(number, line[LABELS:-1]), line[-1]))
         return rows
 
 
 def join_runs(rows, others):
     """`rows`, and those of `others` whose labels they do not have."""
-    known = {tuple(r[:5]) for r in rows}
+    known = {r[:LABELS] for r in rows}
     joined = list(rows)
     for row in others:
-        if tuple(row[:5]) not in known:
-            known.add(tuple(row[:5]))
+        if row[:LABELS] not in known:
+            known.add(row[:LABELS])
             joined.append(row)
     return joined
 
@@ -71,62 +101,93 @@ def interval(values):
     return f"{np.mean(values):+.3f} +- {half:.3f}"
 
 
+def grouped(rows, key):
+    """Rows by key, in the order in which the keys appear."""
+    groups = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
+
+
+class Reference:
+    """The runs of one mode, found by the input that another run has in common with them."""
+
+    def __init__(self, rows, mode):
+        self.any_priors = mode == "stock"  # it reads none
+        self.mode = mode
+        self.runs = {self.key(r): r for r in rows if r.mode == mode}
+
+    def key(self, run):
+        return (run.sequence, run.traffic, "" if self.any_priors else run.perception, run.seed)
+
+    def logs(self, group, error):
+        """Logarithm of `error` over that of this mode, of every pair that has both."""
+        pairs = [(getattr(r, error), getattr(self.runs.get(self.key(r)), error, None)) for r in group]
+        return [math.log(a / b) for a, b in pairs if a and b]
+
+    def ratio(self, group, error):
+        """Geometric mean of the ratio, with its interval; the number of pairs unless all have both."""
+        logs = self.logs(group, error)
+        d = difference(np.zeros(len(logs)), logs)
+        if d.mean is None:
+            return "-"
+        form = lambda v: show(math.exp(v), 2)
+        text = form(d.mean) if d.low is None else f"{form(d.mean)} ({form(d.low)}-{form(d.high)})"
+        return text if len(logs) == len(group) else f"{text}, {len(logs)} of {len(group)} pairs"
+
+
+def means(rows, *names):
+    return [show(mean([getattr(r, name) for r in rows]), 3) for name in names]
+
+
 def sequence_table(rows):
     """One line per sequence, traffic, perception and mode."""
-    groups, stock = {}, {}
-    for row in rows:
-        groups.setdefault(tuple(row[:4]), []).append(row)
-        if row[3] == "stock":
-            stock[(row[0], row[1], row[4])] = row[7]
+    stock = Reference(rows, "stock")
     lines = []
-    for (sequence, traffic, perception, mode), group in groups.items():
-        less = [r[7] - stock[(sequence, traffic, r[4])] for r in group
-                if r[7] is not None and stock.get((sequence, traffic, r[4])) is not None]
-        lines.append([sequence, traffic, "-" if mode == "stock" else perception, mode, len(group),
-                      show(mean([r[7] for r in group]), 3),
-                      "" if mode == "stock" else interval(less),
-                      show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
-                      *(sum(r[k] or 0 for r in group) for k in (6, 11)),
-                      sum(bool(r[15]) for r in group)])
+    for labels, group in grouped(rows, lambda r: r[:LABELS - 1]).items():
+        pairs = [(r.ate, getattr(stock.runs.get(stock.key(r)), "ate", None)) for r in group]
+        less = [a - b for a, b in pairs if a is not None and b is not None]
+        lines.append([*labels[:2], "-" if labels[3] == "stock" else labels[2], labels[3], len(group),
+                      *means(group, "ate"), "" if labels[3] == "stock" else interval(less),
+                      *means(group, "ate_sim3", "e_t", "e_r"), sum(r.lost or 0 for r in group),
+                      sum(r.loops or 0 for r in group), sum(bool(r.failed) for r in group)])
     return Table("drives", "Drives with traffic, simulated features", HEADER, lines)
 
 
-def ratio(group, others):
-    """Pairs, geometric mean of ATE over that of the run of `others` with the same key, interval.
-    `others`: ATE by key; `group`: (key, ATE)."""
-    logs = [math.log(ate / others[key]) for key, ate in group if ate and others.get(key)]
-    d = difference(np.zeros(len(logs)), logs)
-    form = lambda v: show(math.exp(v), 2)
-    return [d.pairs, "-" if d.mean is None else form(d.mean),
-            "-" if d.low is None else f"{form(d.low)} to {form(d.high)}"]
-
-
 def ratio_table(rows):
-    """One line per data set, traffic, perception and mode: ATE over that of `stock` and of `mask`
+    """One line per data set, traffic, perception and mode: errors over those of `stock` and of `mask`
     on the same sequence, traffic, seed (and perception)."""
-    data = lambda row: "KITTI" if row[0].isdigit() else "EuRoC"
-    groups, stock, mask = {}, {}, {}
-    for row in rows:
-        sequence, traffic, perception, mode, seed = row[:5]
-        groups.setdefault((data(row), traffic, "-" if mode == "stock" else perception, mode),
-                          []).append(row)
-        if mode == "stock":
-            stock[(sequence, traffic, seed)] = row[7]
-        elif mode == "mask":
-            mask[(sequence, traffic, perception, seed)] = row[7]
+    stock, mask = Reference(rows, "stock"), Reference(rows, "mask")
+    key = lambda r: (r.data, r.traffic, "-" if r.mode == "stock" else r.perception, r.mode)
     lines = []
-    for (name, traffic, perception, mode), group in groups.items():
-        ates = [r[7] for r in group if r[7] is not None]
-        frames = sum(r[5] or 0 for r in group)
-        none = [0, "", ""]
-        lines.append([
-            name, traffic, perception, mode, len(group), show(mean(ates), 3),
-            show(max(ates) if ates else None, 3),
-            *(none if mode == "stock" else ratio([((r[0], r[1], r[4]), r[7]) for r in group], stock)),
-            *(none if mode in ("stock", "mask") else
-              ratio([((r[0], r[1], r[2], r[4]), r[7]) for r in group], mask)),
-            show(mean([r[8] for r in group]), 3), show(mean([r[9] for r in group]), 3),
-            show(100 * sum(r[6] or 0 for r in group) / frames if frames else None, 2),
-            sum(bool(r[15]) for r in group)])
-    return Table("drives-ratios", "Drives with traffic: ATE over that of other modes", RATIO_HEADER,
-                 lines)
+    for (*labels, mode), group in grouped(rows, key).items():
+        ratios = lambda error: ["" if mode == "stock" else stock.ratio(group, error),
+                                "" if mode in ("stock", "mask") else mask.ratio(group, error)]
+        largest = max((r.ate for r in group if r.ate is not None), default=None)
+        frames = sum(r.frames or 0 for r in group)
+        lost = 100 * sum(r.lost or 0 for r in group) / frames if frames else None
+        lines.append([*labels, mode, len(group), *means(group, "ate"), show(largest, 3), *ratios("ate"),
+                      *means(group, "ate_sim3"), *ratios("ate_sim3"), *means(group, "e_t", "e_r"),
+                      show(lost, 2), sum(bool(r.failed) for r in group)])
+    return Table("drives-ratios", "Drives with traffic: errors over those of other modes", RATIO_HEADER,
+                 lines, "Geometric means of the ratios of all pairs; 95 % by bootstrap over pairs.")
+
+
+def mode_table(rows, error="ate"):
+    """Modes side by side: their mean error, m, by data set, traffic and perception. `verified`, where
+    it ran, over `stock` and over `mask`."""
+    modes = list(grouped(rows, lambda r: r.mode))
+    stock, mask = Reference(rows, "stock"), Reference(rows, "mask")
+    perceptions = list(grouped((r for r in rows if r.mode != "stock"), lambda r: r.perception))
+    lines = []
+    for (data, traffic), group in grouped(rows, lambda r: (r.data, r.traffic)).items():
+        for perception in perceptions:
+            of = lambda mode: [r for r in group
+                               if r.mode == mode and (mode == "stock" or r.perception == perception)]
+            verified = of("verified")
+            lines.append([data, traffic, perception, *(means(of(m), error)[0] for m in modes),
+                          stock.ratio(verified, error), mask.ratio(verified, error)])
+    name = {"ate": "ATE", "ate_sim3": "ATE with a free scale"}[error]
+    return Table("drives-modes" + ("" if error == "ate" else "-sim3"),
+                 f"Drives with traffic: mean {name}, m, of all modes",
+                 ["data", "traffic", "priors", *modes, "verified over stock", "over mask"], lines)

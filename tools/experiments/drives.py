@@ -9,10 +9,14 @@ TRUTH holds kitti/NN.txt and euroc/NAME.tum.txt. A mode may have settings: kys:k
 is the literal one. Feature files are made when a run needs them, and removed after the last one that
 does. A run that is there, of the same programs with the same arguments, is not made again: stop it
 and start it again as you like. `stock` reads no priors and runs once per traffic. Written after
-every drive: DIR/drives.md (mean, and difference to stock on the same seed), DIR/drives.csv (all). A run
-that fails is a row with its reason; then the exit status is 2. Also written: DIR/drives-ratios.md, ATE over that of
-`stock` and of `mask`, geometric mean over the sequences of a data set and the seeds. Runs that are
-elsewhere (--join, drives.csv of other folders) are in the tables too.
+every drive: DIR/drives.csv, all runs. Written after every sequence:
+  DIR/drives.md              mean, and difference to stock on the same seed
+  DIR/drives-ratios.md       errors over those of `stock` and of `mask`, geometric mean over the
+                             sequences of a data set and the seeds
+  DIR/drives-modes.md        modes side by side, ATE after alignment in SE(3)
+  DIR/drives-modes-sim3.md   the same with a free scale
+A run that fails is a row with its reason; then the exit status is 2. Runs that are elsewhere (--join,
+drives.csv of other folders) are in the tables too.
 """
 import argparse
 import glob
@@ -22,7 +26,8 @@ import os
 import sys
 import time
 
-from drive_tables import RUN_HEADER, join_runs, ratio_table, read_runs, run_table, sequence_table
+from drive_tables import (Run, join_runs, mode_table, ratio_table, read_runs, run_table,
+                          sequence_table)
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, digest, find_program, read_json,
                   remove, write_text)
 from inputs import reading, run, whole  # runs knows where it is
@@ -69,15 +74,15 @@ class Drive:
             return 0.0
 
 
-def segment_errors(program, output):
-    """E_t (%) and E_R (deg per 100 m) of a run."""
+def errors_of(program, output, alignment):
+    """What the evaluation says about a run's trajectory; {} when it fails."""
     try:
         _, printed = call([program, "--reference", os.path.join(output, "ground_truth.tum"),
-                           "--estimate", os.path.join(output, "trajectory.tum"), "--json"])
-        kitti = json.loads(printed).get("kitti") or {}
+                           "--estimate", os.path.join(output, "trajectory.tum"), "--json",
+                           "--align", alignment])
+        return json.loads(printed)
     except (Failure, ValueError):
-        kitti = {}
-    return kitti.get("t_rel_percent"), kitti.get("r_rel_deg_per_100m")
+        return {}
 
 
 def finished(command, output):
@@ -87,18 +92,23 @@ def finished(command, output):
 
 
 def figures_of(drive, command, output, options):
-    """What a row has after its labels, of a run that is made unless it is there."""
+    """The figures of a run, which is made unless it is there."""
     if not finished(command, output):
         remove(output)
         call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
         write_text(os.path.join(output, "run.json"), json.dumps([digest(command[0]), command[1:]]))
+    evaluation = find_program(options.bin, "evaluate_trajectory")
+    scaled = errors_of(evaluation, output, "sim3")
+    segments = errors_of(evaluation, output, "se3").get("kitti") or {}
     file = os.path.join(output, "summary.json")
-    e_t, e_r = segment_errors(find_program(options.bin, "evaluate_trajectory"), output)
     with reading(file):
         s = read_json(file)
-        return [s["frames"], s["frames"] - s["frames_tracked"], s.get("ate_se3_rmse_m"), e_t, e_r,
-                s.get("rpe_translation_rmse_m"), s["loops_closed"], s["keyframes"], s["submaps"],
-                drive.share(), ""]
+        return {"frames": s["frames"], "lost": s["frames"] - s["frames_tracked"],
+                "ate": s.get("ate_se3_rmse_m"), "ate_sim3": scaled.get("ate_m", {}).get("rmse"),
+                "scale": scaled.get("scale"), "e_t": segments.get("t_rel_percent"),
+                "e_r": segments.get("r_rel_deg_per_100m"), "rpe": s.get("rpe_translation_rmse_m"),
+                "loops": s["loops_closed"], "keyframes": s["keyframes"], "submaps": s["submaps"],
+                "mover_share": drive.share()}
 
 
 def run_drive(drive, modes, options, announce):
@@ -121,8 +131,8 @@ def run_drive(drive, modes, options, announce):
             figures = figures_of(drive, command, folder, options)
         except (Failure, InputError) as error:
             announce(f"{drive.name}: {mode}: {error}")
-            figures = [None] * (len(RUN_HEADER) - 6) + [str(error)]
-        rows.append([sequence, traffic, perception, mode, seed, *figures])
+            figures = {"failed": str(error)}
+        rows.append(Run(sequence, traffic, perception, mode, seed, **figures))
     if not options.keep:
         remove(drive.file)
     return rows
@@ -168,10 +178,15 @@ def main():
     others = [row for path in options.join for row in read_runs(path)]
     rows = []
 
-    def write_tables():
+    def write_runs():
         joined = join_runs(rows, others)
-        tables = [sequence_table(joined), ratio_table(joined)]
         write_text(os.path.join(options.output, "drives.csv"), run_table(joined).comma_separated())
+        return joined
+
+    def write_tables():
+        joined = write_runs()
+        tables = [sequence_table(joined), ratio_table(joined), mode_table(joined),
+                  mode_table(joined, "ate_sim3")]
         for table in tables:
             write_text(os.path.join(options.output, table.name + ".md"), table.markdown())
         return tables
@@ -183,10 +198,11 @@ def main():
                     modes = [m for m in options.modes if number == 0 or m.split(":")[0] != "stock"]
                     drive = Drive(options.truth, sequence, traffic, perception, seed, options)
                     rows += run_drive(drive, modes, options, announce)
-                    write_tables()
+                    write_runs()
+        write_tables()
     for table in write_tables():
         print(table.markdown())
-    failed = sum(bool(row[-1]) for row in rows)
+    failed = sum(bool(row.failed) for row in rows)
     announce(f"done; {failed} of {len(rows)} runs failed" if failed else "done")
     return 2 if failed else 0
 
