@@ -114,20 +114,19 @@ class Reference:
 
     def __init__(self, rows, mode):
         self.any_priors = mode == "stock"  # it reads none
-        self.mode = mode
         self.runs = {self.key(r): r for r in rows if r.mode == mode}
 
     def key(self, run):
         return (run.sequence, run.traffic, "" if self.any_priors else run.perception, run.seed)
 
-    def logs(self, group, error):
-        """Logarithm of `error` over that of this mode, of every pair that has both."""
+    def pairs(self, group, error):
+        """`error` of a run and of this mode's, of every pair that has both."""
         pairs = [(getattr(r, error), getattr(self.runs.get(self.key(r)), error, None)) for r in group]
-        return [math.log(a / b) for a, b in pairs if a and b]
+        return [(a, b) for a, b in pairs if a is not None and b is not None]
 
     def ratio(self, group, error):
         """Geometric mean of the ratio, with its interval; the number of pairs unless all have both."""
-        logs = self.logs(group, error)
+        logs = [math.log(a / b) for a, b in self.pairs(group, error) if a and b]
         d = difference(np.zeros(len(logs)), logs)
         if d.mean is None:
             return "-"
@@ -145,8 +144,7 @@ def sequence_table(rows):
     stock = Reference(rows, "stock")
     lines = []
     for labels, group in grouped(rows, lambda r: r[:LABELS - 1]).items():
-        pairs = [(r.ate, getattr(stock.runs.get(stock.key(r)), "ate", None)) for r in group]
-        less = [a - b for a, b in pairs if a is not None and b is not None]
+        less = [a - b for a, b in stock.pairs(group, "ate")]
         lines.append([*labels[:2], "-" if labels[3] == "stock" else labels[2], labels[3], len(group),
                       *means(group, "ate"), "" if labels[3] == "stock" else interval(less),
                       *means(group, "ate_sim3", "e_t", "e_r"), sum(r.lost or 0 for r in group),

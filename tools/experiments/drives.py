@@ -191,6 +191,7 @@ def main():
             write_text(os.path.join(options.output, table.name + ".md"), table.markdown())
         return tables
 
+    tables = []
     for sequence in options.sequences or sequences_of(options.truth):
         for traffic in options.traffic:
             for seed in options.seeds:
@@ -199,8 +200,8 @@ def main():
                     drive = Drive(options.truth, sequence, traffic, perception, seed, options)
                     rows += run_drive(drive, modes, options, announce)
                     write_runs()
-        write_tables()
-    for table in write_tables():
+        tables = write_tables()
+    for table in tables:
         print(table.markdown())
     failed = sum(bool(row.failed) for row in rows)
     announce(f"done; {failed} of {len(rows)} runs failed" if failed else "done")
