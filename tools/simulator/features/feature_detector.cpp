@@ -105,13 +105,13 @@ bool FeatureDetector::finds_on_object(const Sight& s, std::size_t frame, int cam
   const auto side = static_cast<std::uint64_t>(camera);
   Rng phase(hash_of(options_.seed, 13, id));
   const auto view = static_cast<std::uint64_t>(s.level / kSteadyLevels + phase.uniform());
-  Rng steady(hash_of(hash_of(options_.seed, 14), id, view));
-  Rng fresh(hash_of(hash_of(options_.seed, 15), id, frame));
-  Rng steady_one(hash_of(hash_of(options_.seed, 16, side), id, view));
-  Rng fresh_one(hash_of(hash_of(options_.seed, 17, side), id, frame));
-  return !steady.chance(kSteady * options_.dropout) && !steady_one.chance(kSteady * kMissed) &&
-         !fresh.chance((1 - kSteady) * options_.dropout) &&
-         !fresh_one.chance((1 - kSteady) * kMissed);
+  const auto happens = [&](std::uint64_t stream, std::uint64_t state, double probability) {
+    return Rng(hash_of(stream, id, state)).chance(probability);
+  };
+  return !happens(hash_of(options_.seed, 14), view, kSteady * options_.dropout) &&
+         !happens(hash_of(options_.seed, 16, side), view, kSteady * kMissed) &&
+         !happens(hash_of(options_.seed, 15), frame, (1 - kSteady) * options_.dropout) &&
+         !happens(hash_of(options_.seed, 17, side), frame, (1 - kSteady) * kMissed);
 }
 
 void FeatureDetector::measure(std::size_t frame, int camera, const std::vector<Sight>& found,
@@ -150,8 +150,9 @@ void FeatureDetector::measure(std::size_t frame, int camera, const std::vector<S
     k.response = std::clamp(l.strength + 4 * static_cast<float>(rng.gaussian()), 7.0F, 255.0F);
     FeatureLook origin;
     kys::Descriptor d = look(s.id, origin);
-    // The more it is seen from the side, the more its look changes.
-    flip_bits(d, options_.bit_noise * (1 + s.aside * s.aside), rng);
+    // The more it is seen from the side (0 to 1), the more its look changes.
+    const auto aside = static_cast<float>(std::acos(s.cosine) / std::acos(l.min_cosine));
+    flip_bits(d, options_.bit_noise * (1 + aside * aside), rng);
     out.set.keypoints.push_back(k);
     out.set.descriptors.push_back(d);
     out.ids.push_back(s.id);

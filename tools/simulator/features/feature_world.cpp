@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 #include "simulator/features/feature_detector.h"
@@ -29,6 +30,19 @@ std::vector<FeatureObject> objects_along(const FeaturePath& path, const FeatureO
     objects.push_back(std::move(o));
   }
   return objects;
+}
+
+// Of the same strength the older landmark.
+std::vector<Sight> strongest_first(const std::vector<Sight>& sights, const LandmarkMap& landmarks) {
+  std::vector<std::tuple<int, std::int32_t, std::size_t>> order;
+  for (std::size_t i = 0; i < sights.size(); ++i) {
+    order.emplace_back(-landmarks[sights[i].id].strength, sights[i].id, i);
+  }
+  std::ranges::sort(order);
+  std::vector<Sight> sorted;
+  sorted.reserve(sights.size());
+  for (const auto& [strength, id, i] : order) sorted.push_back(sights[i]);
+  return sorted;
 }
 
 }  // namespace
@@ -153,11 +167,7 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
     hide(*scene, camera, w.landmarks, sights);
     out.mover_share = scene->mover_share;
   }
-  std::stable_sort(sights.begin(), sights.end(), [&](const Sight& a, const Sight& b) {
-    const int sa = w.landmarks[a.id].strength;
-    const int sb = w.landmarks[b.id].strength;
-    return sa != sb ? sa > sb : a.id < b.id;
-  });
+  sights = strongest_first(sights, w.landmarks);
   w.detector.observe(index, 0, sights, scene ? &scene->left_raster : nullptr,
                      {out.left, out.left_landmarks, out.left_looks});
   w.detector.observe(index, 1, sights, scene ? &scene->right_raster : nullptr,

@@ -22,16 +22,37 @@ bool sees(const StereoCamera& camera, const Landmark& l, const Rigid3& T_a_c, co
   // As it is kept: rounding can make 8 of what is just below.
   if (sight.level >= kFeatureLevels || level >= l.max_level) return false;
   sight.p_c = p_c;
-  sight.aside = static_cast<float>(std::acos(std::min(1.0, cosine)) / std::acos(l.min_cosine));
+  sight.cosine = std::min(1.0, cosine);
   return true;
 }
 
+namespace {
+
+LandmarkEntry entry_of(const Landmark& l, std::int32_t id) {
+  constexpr double kSlack = 1e-5;  // much more than sees() rounds
+  const double farthest = l.max_distance;
+  const double nearest =
+      farthest / std::pow(kFeatureScale, std::min<double>(l.max_level, kFeatureLevels));
+  return {l.p_w, static_cast<float>(nearest * nearest * (1 - kSlack)),
+          static_cast<float>(farthest * farthest * (1 + kSlack)), id, l.face};
+}
+
+// Sizes of a cell, rounded down, that a point in it has at least to one of the cell `offset` away.
+int least_cells_between(const Eigen::Vector3i& offset) {
+  const Eigen::Array3d gap = (offset.cast<double>().array().abs() - 1).max(0.0);
+  return static_cast<int>(gap.matrix().norm());
+}
+
+}  // namespace
+
 void LandmarkMap::add(const Landmark& landmark) {
-  std::vector<std::int32_t>& ids = landmark.object < 0
-                                       ? grid_[cell_key(cell_of(landmark.p_w))]
-                                       : of_object_[static_cast<std::size_t>(landmark.object)];
-  ids.push_back(static_cast<std::int32_t>(landmarks_.size()));
+  const auto id = static_cast<std::int32_t>(landmarks_.size());
   landmarks_.push_back(landmark);
+  const int shell = std::clamp(static_cast<int>(landmark.max_distance / cell_), 0, kShells - 1);
+  std::vector<LandmarkEntry>& entries =
+      landmark.object < 0 ? grid_[cell_key(cell_of(landmark.p_w))][static_cast<std::size_t>(shell)]
+                          : of_object_[static_cast<std::size_t>(landmark.object)];
+  entries.push_back(entry_of(landmark, id));
 }
 
 std::vector<Sight> LandmarkMap::static_sights(const StereoCamera& camera,
@@ -50,10 +71,14 @@ std::vector<Sight> LandmarkMap::static_sights(const StereoCamera& camera,
         if (p.z() < -slack || p.head<2>().norm() > (p.z() + slack) * spread + 2 * slack) continue;
         const auto found = grid_.find(cell_key(c));
         if (found == grid_.end()) continue;
-        for (const std::int32_t id : found->second) {
-          Sight s{};
-          s.id = id;
-          if (sees(camera, (*this)[id], T_w_c, T_c_w, s)) out.push_back(s);
+        const auto shell = static_cast<std::size_t>(least_cells_between({x, y, z}));
+        for (std::size_t i = shell; i < found->second.size(); ++i) {
+          for (const LandmarkEntry& e : found->second[i]) {
+            if (e.is_out_of_range(T_w_c.t())) continue;
+            Sight s{};
+            s.id = e.id;
+            if (sees(camera, (*this)[e.id], T_w_c, T_c_w, s)) out.push_back(s);
+          }
         }
       }
     }
@@ -71,7 +96,9 @@ std::vector<std::int32_t> LandmarkMap::static_near(const Eigen::Vector3d& p_w,
       for (int z = low.z(); z <= high.z(); ++z) {
         const auto found = grid_.find(cell_key({x, y, z}));
         if (found == grid_.end()) continue;
-        ids.insert(ids.end(), found->second.begin(), found->second.end());
+        for (const std::vector<LandmarkEntry>& shell : found->second) {
+          for (const LandmarkEntry& e : shell) ids.push_back(e.id);
+        }
       }
     }
   }

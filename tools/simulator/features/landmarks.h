@@ -29,11 +29,25 @@ struct Landmark {
   std::int32_t object = -1;  ///< then p_w, normal, tangent are in the object's frame
 };
 
+/// Of a landmark what is read to find out that a camera does not see it: most are not seen.
+struct LandmarkEntry {
+  Eigen::Vector3d p_w;                    ///< as in Landmark
+  float least_squared, greatest_squared;  ///< m^2, of the distance to the camera, rounded outwards
+  std::int32_t id;
+  std::int8_t face;  ///< as in Landmark
+
+  /// True if the camera is too near or too far.
+  [[nodiscard]] bool is_out_of_range(const Eigen::Vector3d& camera_centre) const {
+    const double squared = (camera_centre - p_w).squaredNorm();
+    return squared < least_squared || squared > greatest_squared;
+  }
+};
+
 /// A landmark as a camera sees it.
 struct Sight {
   std::int32_t id;
   float level;                   ///< octave, with its fraction
-  float aside;                   ///< angle from the cone's axis over half the cone's: 0 to 1
+  double cosine;                 ///< of the angle from the cone's axis
   Eigen::Vector3d pixel;         ///< u, v, u in the right image
   Eigen::Vector3d p_c;           ///< m, left camera frame
   std::array<bool, 2> hidden{};  ///< by camera
@@ -62,7 +76,7 @@ class LandmarkMap {
   /// \param reach  m, no static landmark is seen from beyond
   /// \param objects  number of objects
   LandmarkMap(double reach, std::size_t objects)
-      : reach_(reach), cell_(reach / 7), of_object_(objects) {}
+      : reach_(reach), cell_(reach / kShells), of_object_(objects) {}
 
   /// Adds a landmark; its id is the number of landmarks before.
   void add(const Landmark& landmark);
@@ -73,27 +87,32 @@ class LandmarkMap {
     return landmarks_[static_cast<std::size_t>(id)];
   }
   [[nodiscard]] double reach() const { return reach_; }
-  /// Ids of the landmarks of an object.
-  [[nodiscard]] const std::vector<std::int32_t>& of_object(std::size_t object) const {
+  /// The landmarks of an object.
+  [[nodiscard]] const std::vector<LandmarkEntry>& of_object(std::size_t object) const {
     return of_object_[object];
   }
-  /// The static landmarks that a camera sees.
+  /// The static landmarks that a camera sees, in any order.
   [[nodiscard]] std::vector<Sight> static_sights(const StereoCamera& camera,
                                                  const Rigid3& T_w_c) const;
   /// Ids of the static landmarks within `radius` (m) of a point along each axis, and of some that
-  /// are farther away.
+  /// are farther away, in any order.
   [[nodiscard]] std::vector<std::int32_t> static_near(const Eigen::Vector3d& p_w,
                                                       double radius) const;
 
  private:
+  static constexpr int kShells = 7;  ///< cells of the grid from a landmark to where it is last seen
+
+  /// The landmarks of a cell by the distance they are seen from: shell i, up to i + 1 cells.
+  using Cell = std::array<std::vector<LandmarkEntry>, kShells>;
+
   [[nodiscard]] Eigen::Vector3i cell_of(const Eigen::Vector3d& p) const {
     return (p / cell_).array().floor().cast<int>();
   }
 
   double reach_, cell_;  ///< m; size of a cell of the grid
   std::vector<Landmark> landmarks_;
-  std::unordered_map<std::uint64_t, std::vector<std::int32_t>> grid_;
-  std::vector<std::vector<std::int32_t>> of_object_;
+  std::unordered_map<std::uint64_t, Cell> grid_;
+  std::vector<std::vector<LandmarkEntry>> of_object_;
 };
 
 }  // namespace kys_slam::simulator

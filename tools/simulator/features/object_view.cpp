@@ -57,17 +57,18 @@ void add_sights_on(const FeatureObject& object, const Presence& presence,
   const Rigid3 T_o_c = presence.T_w_o.inverse() * pose.T_w_c;
   const Rigid3 T_c_o = T_o_c.inverse();
   const Eigen::Vector3d right_o = T_o_c * Eigen::Vector3d(camera.baseline, 0, 0);
-  for (const std::int32_t id : landmarks.of_object(static_cast<std::size_t>(presence.object))) {
-    const Landmark& l = landmarks[id];
-    const int axis = std::abs(l.face) - 1;
-    const double side = l.face > 0 ? 1 : -1;
+  const bool sways = object.kind == FeatureObject::Kind::kArticulated;
+  for (const LandmarkEntry& e : landmarks.of_object(static_cast<std::size_t>(presence.object))) {
+    const int axis = std::abs(e.face) - 1;
+    const double side = e.face > 0 ? 1 : -1;
     const double half = object.half_size[axis];
     const bool left_sees = side * T_o_c.t()[axis] > half;
     const bool right_sees = side * right_o[axis] > half;
-    if (!left_sees && !right_sees) continue;
+    if ((!left_sees && !right_sees) || (!sways && e.is_out_of_range(T_o_c.t()))) continue;
+    const Landmark& l = landmarks[e.id];
     Sight s{};
-    s.id = id;
-    if (object.kind == FeatureObject::Kind::kArticulated) {
+    s.id = e.id;
+    if (sways) {
       Landmark moved = l;
       moved.p_w = sway(object, l.p_w, pose.timestamp);
       if (!sees(camera, moved, T_o_c, T_c_o, s)) continue;
