@@ -9,7 +9,8 @@ TRUTH holds kitti/NN.txt and euroc/NAME.tum.txt. A mode may have settings: kys:k
 is the literal one. Feature files are made when a run needs them, and removed after the last one that
 does. A run that is there, of the same programs with the same arguments, is not made again: stop it
 and start it again as you like. `stock` reads no priors and runs once per traffic. Written after
-every drive: DIR/drives.csv, all runs. Written after every sequence:
+every drive: DIR/drives.csv, all runs; DIR/pictures/SEQUENCE-TRAFFIC-PERCEPTION-SEED.png, the
+trajectories of all modes, with their errors. Written after every sequence:
   DIR/drives.md              mean, and difference to stock on the same seed
   DIR/drives-ratios.md       errors over those of `stock` and of `mask`, geometric mean over the
                              sequences of a data set and the seeds
@@ -26,6 +27,7 @@ import os
 import sys
 import time
 
+import figures
 from drive_tables import (Run, join_runs, mode_table, ratio_table, read_runs, run_table,
                           sequence_table)
 from runs import (DONE, TRACKING_FAILED, Failure, InputError, call, digest, find_program, read_json,
@@ -112,7 +114,7 @@ def figures_of(drive, command, output, options):
 
 
 def run_drive(drive, modes, options, announce):
-    """Rows of all modes of one drive."""
+    """Rows of all modes of one drive, and the folders of its runs by mode."""
     jobs = []
     for mode in modes:
         name, *settings = mode.split(":")
@@ -128,14 +130,28 @@ def run_drive(drive, modes, options, announce):
             if not finished(command, folder):
                 drive.make(announce)
                 announce(f"{drive.name}: {mode}")
-            figures = figures_of(drive, command, folder, options)
+            errors = figures_of(drive, command, folder, options)
         except (Failure, InputError) as error:
             announce(f"{drive.name}: {mode}: {error}")
-            figures = {"failed": str(error)}
-        rows.append(Run(sequence, traffic, perception, mode, seed, **figures))
+            errors = {"failed": str(error)}
+        rows.append(Run(sequence, traffic, perception, mode, seed, **errors))
     if not options.keep:
         remove(drive.file)
-    return rows
+    return rows, {mode: folder for mode, _, folder in jobs}
+
+
+def draw(drive, folders, options):
+    """The trajectories of a drive, unless the picture is newer than they are."""
+    path = os.path.join(options.output, "pictures", drive.name + ".png")
+    runs = [(mode, folder) for mode, folder in folders.items()
+            if os.path.exists(os.path.join(folder, "run.json"))]
+    times = [os.path.getmtime(os.path.join(folder, "run.json")) for _, folder in runs]
+    if os.path.exists(path) and os.path.getmtime(path) > max(times, default=0):
+        return
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    sequence, traffic, perception, seed = drive.labels
+    figures.trajectories(runs, f"{sequence}, traffic: {traffic}, perception: {perception}, seed {seed}",
+                         path)
 
 
 def sequences_of(truth):
@@ -195,11 +211,15 @@ def main():
     for sequence in options.sequences or sequences_of(options.truth):
         for traffic in options.traffic:
             for seed in options.seeds:
+                folders = {}
                 for number, perception in enumerate(options.perception):
                     modes = [m for m in options.modes if number == 0 or m.split(":")[0] != "stock"]
                     drive = Drive(options.truth, sequence, traffic, perception, seed, options)
-                    rows += run_drive(drive, modes, options, announce)
+                    made, runs = run_drive(drive, modes, options, announce)
+                    rows += made
+                    folders.update(runs)
                     write_runs()
+                    draw(drive, folders, options)
         tables = write_tables()
     for table in tables:
         print(table.markdown())
