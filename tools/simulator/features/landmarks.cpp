@@ -37,21 +37,14 @@ LandmarkEntry entry_of(const Landmark& l, std::int32_t id) {
           static_cast<float>(farthest * farthest * (1 + kSlack)), id, l.face};
 }
 
-// Sizes of a cell, rounded down, that a point in it has at least to one of the cell `offset` away.
-int least_cells_between(const Eigen::Vector3i& offset) {
-  const Eigen::Array3d gap = (offset.cast<double>().array().abs() - 1).max(0.0);
-  return static_cast<int>(gap.matrix().norm());
-}
-
 }  // namespace
 
 void LandmarkMap::add(const Landmark& landmark) {
   const auto id = static_cast<std::int32_t>(landmarks_.size());
   landmarks_.push_back(landmark);
-  const int shell = std::clamp(static_cast<int>(landmark.max_distance / cell_), 0, kShells - 1);
-  std::vector<LandmarkEntry>& entries =
-      landmark.object < 0 ? grid_[cell_key(cell_of(landmark.p_w))][static_cast<std::size_t>(shell)]
-                          : of_object_[static_cast<std::size_t>(landmark.object)];
+  std::vector<LandmarkEntry>& entries = landmark.object < 0
+                                            ? grid_[cell_key(cell_of(landmark.p_w))]
+                                            : of_object_[static_cast<std::size_t>(landmark.object)];
   entries.push_back(entry_of(landmark, id));
 }
 
@@ -71,14 +64,11 @@ std::vector<Sight> LandmarkMap::static_sights(const StereoCamera& camera,
         if (p.z() < -slack || p.head<2>().norm() > (p.z() + slack) * spread + 2 * slack) continue;
         const auto found = grid_.find(cell_key(c));
         if (found == grid_.end()) continue;
-        const auto shell = static_cast<std::size_t>(least_cells_between({x, y, z}));
-        for (std::size_t i = shell; i < found->second.size(); ++i) {
-          for (const LandmarkEntry& e : found->second[i]) {
-            if (e.is_out_of_range(T_w_c.t())) continue;
-            Sight s{};
-            s.id = e.id;
-            if (sees(camera, (*this)[e.id], T_w_c, T_c_w, s)) out.push_back(s);
-          }
+        for (const LandmarkEntry& e : found->second) {
+          if (e.is_out_of_range(T_w_c.t())) continue;
+          Sight s{};
+          s.id = e.id;
+          if (sees(camera, (*this)[e.id], T_w_c, T_c_w, s)) out.push_back(s);
         }
       }
     }
@@ -96,9 +86,7 @@ std::vector<std::int32_t> LandmarkMap::static_near(const Eigen::Vector3d& p_w,
       for (int z = low.z(); z <= high.z(); ++z) {
         const auto found = grid_.find(cell_key({x, y, z}));
         if (found == grid_.end()) continue;
-        for (const std::vector<LandmarkEntry>& shell : found->second) {
-          for (const LandmarkEntry& e : shell) ids.push_back(e.id);
-        }
+        for (const LandmarkEntry& e : found->second) ids.push_back(e.id);
       }
     }
   }

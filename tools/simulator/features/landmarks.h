@@ -76,7 +76,7 @@ class LandmarkMap {
   /// \param reach  m, no static landmark is seen from beyond
   /// \param objects  number of objects
   LandmarkMap(double reach, std::size_t objects)
-      : reach_(reach), cell_(reach / kShells), of_object_(objects) {}
+      : reach_(reach), cell_(reach / 7), of_object_(objects) {}
 
   /// Adds a landmark; its id is the number of landmarks before.
   void add(const Landmark& landmark);
@@ -100,18 +100,13 @@ class LandmarkMap {
                                                       double radius) const;
 
  private:
-  static constexpr int kShells = 7;  ///< cells of the grid from a landmark to where it is last seen
-
-  /// The landmarks of a cell by the distance they are seen from: shell i, up to i + 1 cells.
-  using Cell = std::array<std::vector<LandmarkEntry>, kShells>;
-
   [[nodiscard]] Eigen::Vector3i cell_of(const Eigen::Vector3d& p) const {
     return (p / cell_).array().floor().cast<int>();
   }
 
   double reach_, cell_;  ///< m; size of a cell of the grid
   std::vector<Landmark> landmarks_;
-  std::unordered_map<std::uint64_t, Cell> grid_;
+  std::unordered_map<std::uint64_t, std::vector<LandmarkEntry>> grid_;
   std::vector<std::vector<LandmarkEntry>> of_object_;
 };
 
