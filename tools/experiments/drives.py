@@ -114,7 +114,7 @@ def figures_of(drive, command, output, options):
 
 
 def run_drive(drive, modes, options, announce):
-    """Rows of all modes of one drive, and the folders of its runs by mode."""
+    """Rows of all modes of one drive, and by mode the folders of the runs that did not fail."""
     jobs = []
     for mode in modes:
         name, *settings = mode.split(":")
@@ -124,34 +124,33 @@ def run_drive(drive, modes, options, announce):
         folder = os.path.join(options.output, "runs", drive.name + "-" + mode.replace(":", "+"))
         jobs.append((mode, command, folder))
     sequence, traffic, perception, seed = drive.labels
-    rows = []
+    rows, folders = [], {}
     for mode, command, folder in jobs:
         try:
             if not finished(command, folder):
                 drive.make(announce)
                 announce(f"{drive.name}: {mode}")
             errors = figures_of(drive, command, folder, options)
+            folders[mode] = folder
         except (Failure, InputError) as error:
             announce(f"{drive.name}: {mode}: {error}")
             errors = {"failed": str(error)}
         rows.append(Run(sequence, traffic, perception, mode, seed, **errors))
     if not options.keep:
         remove(drive.file)
-    return rows, {mode: folder for mode, _, folder in jobs}
+    return rows, folders
 
 
 def draw(drive, folders, options):
     """The trajectories of a drive, unless the picture is newer than they are."""
     path = os.path.join(options.output, "pictures", drive.name + ".png")
-    runs = [(mode, folder) for mode, folder in folders.items()
-            if os.path.exists(os.path.join(folder, "run.json"))]
-    times = [os.path.getmtime(os.path.join(folder, "run.json")) for _, folder in runs]
+    times = [os.path.getmtime(os.path.join(folder, "run.json")) for folder in folders.values()]
     if os.path.exists(path) and os.path.getmtime(path) > max(times, default=0):
         return
     os.makedirs(os.path.dirname(path), exist_ok=True)
     sequence, traffic, perception, seed = drive.labels
-    figures.trajectories(runs, f"{sequence}, traffic: {traffic}, perception: {perception}, seed {seed}",
-                         path)
+    title = f"{sequence}, traffic: {traffic}, perception: {perception}, seed {seed}"
+    figures.trajectories(folders.items(), title, path)
 
 
 def sequences_of(truth):
