@@ -13,7 +13,7 @@ namespace kys_slam {
 /// Objects stored by value, found by id in constant time, visited in id order. Slots of erased
 /// objects are reused: memory depends on the number of present objects, plus four bytes per id ever
 /// used, which also hold the successors of replaced objects. References stay valid until their
-/// object is erased.
+/// object is erased. When memory runs out, a call throws std::bad_alloc and changes no object.
 template <typename IdType, typename T>
 class IdTable {
  public:
@@ -46,23 +46,25 @@ class IdTable {
       return *old;
     }
     make_slot(id);
-    ++size_;
-    if (!free_.empty()) {
-      const std::int32_t slot = free_.back();
+    std::int32_t slot = static_cast<std::int32_t>(objects_.size());
+    if (free_.empty()) {
+      objects_.push_back(std::move(object));
+    } else {
+      slot = free_.back();
       free_.pop_back();
-      slot_[id.value] = slot;
-      return objects_[static_cast<std::size_t>(slot)] = std::move(object);
+      objects_[static_cast<std::size_t>(slot)] = std::move(object);
     }
-    slot_[id.value] = static_cast<std::int32_t>(objects_.size());
-    return objects_.push_back(std::move(object));
+    slot_[id.value] = slot;
+    ++size_;
+    return objects_[static_cast<std::size_t>(slot)];
   }
 
   /// Returns whether there was such an object.
   bool erase(IdType id) {
     if (!contains(id)) return false;
     const std::int32_t slot = slot_[id.value];
-    objects_[static_cast<std::size_t>(slot)] = T{};
     free_.push_back(slot);
+    objects_[static_cast<std::size_t>(slot)] = T{};
     slot_[id.value] = kNone;
     --size_;
     return true;

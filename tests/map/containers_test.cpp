@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <new>
 #include <random>
 #include <set>
 #include <string>
@@ -66,6 +67,40 @@ TEST(IdTable, ACopyIsItsOwn) {
   EXPECT_EQ(moved.at({3}), "changed");
   table = moved;
   EXPECT_EQ(table.at({150}), "new");
+}
+
+/// An object that needs memory, of which there is enough for `left` more.
+struct Costly {
+  static int left;
+  Costly() {
+    if (left-- <= 0) throw std::bad_alloc();
+  }
+  explicit Costly(int n) : number(n) {}
+  int number = 0;
+};
+int Costly::left = 0;
+
+TEST(IdTable, AnObjectForWhichThereIsNoMemoryIsNotInTheTable) {
+  IdTable<LandmarkId, Costly> table;
+  Costly::left = 70;  // more than one block, less than two
+  std::uint32_t put = 0;
+  EXPECT_THROW(
+      {
+        for (; put < 1000; ++put) table.put({put}, Costly(static_cast<int>(put)));
+      },
+      std::bad_alloc);
+  ASSERT_GT(put, 0u);
+  ASSERT_LT(put, 1000u);
+  EXPECT_EQ(table.size(), put);
+  EXPECT_FALSE(table.contains({put}));
+  EXPECT_EQ(table.find({put}), nullptr);
+  EXPECT_EQ(table.ids().size(), put);
+
+  Costly::left = 1000;
+  table.put({put}, Costly(7));
+  EXPECT_EQ(table.size(), put + 1);
+  EXPECT_EQ(table.at({put}).number, 7);
+  EXPECT_EQ(table.at({put - 1}).number, static_cast<int>(put) - 1);
 }
 
 TEST(IdTable, VisitsThePresentOnesOfAListInItsOrder) {
