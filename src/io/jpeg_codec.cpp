@@ -14,21 +14,23 @@ struct HandleDelete {
   void operator()(void* handle) const { tjDestroy(handle); }
 };
 
-tjhandle decompressor() {
-  thread_local const std::unique_ptr<void, HandleDelete> handle(tjInitDecompress());
-  if (!handle) throw std::bad_alloc();
-  return handle.get();
+using Handle = std::unique_ptr<void, HandleDelete>;
+
+Handle checked(tjhandle handle) {
+  if (handle == nullptr) throw std::bad_alloc();
+  return Handle(handle);
 }
 
-[[noreturn]] void fail(const std::string& name) {
-  throw InputError(name + ": corrupt JPEG (" + tjGetErrorStr2(decompressor()) + ")");
+[[noreturn]] void fail(const Handle& handle, const std::string& name) {
+  throw InputError(name + ": corrupt JPEG (" + tjGetErrorStr2(handle.get()) + ")");
 }
 
 void decode(std::span<const std::uint8_t> file, const std::string& name, const ImageInfo& info,
             int format, std::uint8_t* out) {
-  if (tjDecompress2(decompressor(), file.data(), file.size(), out, info.width, 0, info.height,
-                    format, TJFLAG_LIMITSCANS) != 0) {
-    fail(name);
+  const Handle handle = checked(tjInitDecompress());
+  if (tjDecompress2(handle.get(), file.data(), file.size(), out, info.width, 0, info.height, format,
+                    TJFLAG_LIMITSCANS) != 0) {
+    fail(handle, name);
   }
 }
 
@@ -39,10 +41,11 @@ bool is_jpeg(std::span<const std::uint8_t> file) {
 }
 
 ImageInfo jpeg_info(std::span<const std::uint8_t> file, const std::string& name) {
+  const Handle handle = checked(tjInitDecompress());
   int width = 0, height = 0, subsampling = 0, colorspace = 0;
-  if (tjDecompressHeader3(decompressor(), file.data(), file.size(), &width, &height, &subsampling,
+  if (tjDecompressHeader3(handle.get(), file.data(), file.size(), &width, &height, &subsampling,
                           &colorspace) != 0) {
-    fail(name);
+    fail(handle, name);
   }
   if (width <= 0 || height <= 0 || width > kMaxImageSide || height > kMaxImageSide) {
     throw InputError(name + ": image size " + std::to_string(width) + "x" + std::to_string(height) +
@@ -72,15 +75,14 @@ GrayImage decode_jpeg_gray(std::span<const std::uint8_t> file, const std::string
 
 std::vector<std::uint8_t> encode_jpeg(const GrayImage& image, int quality) {
   if (image.empty()) throw InputError("an empty image cannot be written as JPEG");
-  thread_local const std::unique_ptr<void, HandleDelete> compressor(tjInitCompress());
-  if (!compressor) throw std::bad_alloc();
+  const Handle handle = checked(tjInitCompress());
   thread_local std::vector<std::uint8_t> buffer;  // of the largest size: memory that stays mapped
   buffer.resize(tjBufSize(image.width(), image.height(), TJSAMP_GRAY));
   std::uint8_t* out = buffer.data();
   unsigned long size = buffer.size();
-  if (tjCompress2(compressor.get(), image.data(), image.width(), 0, image.height(), TJPF_GRAY, &out,
+  if (tjCompress2(handle.get(), image.data(), image.width(), 0, image.height(), TJPF_GRAY, &out,
                   &size, TJSAMP_GRAY, quality, TJFLAG_NOREALLOC) != 0) {
-    throw InputError(std::string("JPEG: ") + tjGetErrorStr2(compressor.get()));
+    throw InputError(std::string("JPEG: ") + tjGetErrorStr2(handle.get()));
   }
   return {out, out + size};
 }

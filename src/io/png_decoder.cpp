@@ -183,7 +183,7 @@ void PngDecoder::decode_plain(std::uint8_t* out) const {
   const std::size_t row = row_bytes();
   const std::size_t filtered_size = (row + 1) * info_.height;
   const std::unique_ptr<std::uint8_t[]> filtered(new std::uint8_t[filtered_size]);
-  thread_local const std::unique_ptr<libdeflate_decompressor, DecompressorDelete> decompressor(
+  const std::unique_ptr<libdeflate_decompressor, DecompressorDelete> decompressor(
       libdeflate_alloc_decompressor());
   if (!decompressor) throw std::bad_alloc();
   std::size_t written = 0;

@@ -94,11 +94,12 @@ class Runs:
             if "trajectory.kitti" not in missing:
                 rows = harness.lines(os.path.join(self.output, "trajectory.kitti"))
                 harness.expect(rows == summary["frames"], f"{rows} rows: {summary}")
-        # A map like that of a run in which nothing fails is sound.
+        # A map like that of a run in which nothing fails is sound. One without keyframes is a map
+        # to begin with.
         if os.path.exists(self.map) and self.read_map() != self.sound_map:
             harness.passed(self.programs.run(
                 "run_stereo_kitti", self.sequence, "--output", self.output + "2", "--quiet",
-                "--overwrite", "--frames", "2", "--load-map", self.map, "--localize-only"))
+                "--overwrite", "--frames", "2", "--load-map", self.map))
 
 
 def main():
