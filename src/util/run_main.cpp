@@ -72,6 +72,10 @@ Failure describe(const std::exception_ptr& exception) {
     if (std::strstr(error.what(), "Insufficient memory") != nullptr) {
       return {kBadInput, "out of memory"};
     }
+    // That of its threads, which is no std::system_error.
+    if (std::strstr(error.what(), "pthread_create") != nullptr) {
+      return outside(std::string("cannot start a thread: ") + error.what());
+    }
     return defect(error.what());
   } catch (...) {
     return defect("unknown exception");

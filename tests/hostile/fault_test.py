@@ -3,8 +3,10 @@
 every n. Of the many allocations a sample; with --stacks the first and the last one that each distinct
 stack of calls asks for, with --all every one. Whatever fails: the program ends by
 itself with status 0 or 2 and one line, what it wrote is complete, and what was tracked is saved.
+With rectified images (run_stereo_kitti) and with images to rectify (run_stereo_euroc).
 
     fault_test.py BIN_DIR FAULTS_LIBRARY [--all] [--kinds read,write] [--schedule sequential]
+                  [--programs run_stereo_euroc]
 """
 import argparse
 import json
@@ -16,11 +18,13 @@ import tempfile
 import harness
 
 KINDS = ("open", "read", "write", "rename", "thread", "memory")
+PROGRAMS = ("run_stereo_kitti", "run_stereo_euroc")
 FRAMES = 8
 
 
 class Runs:
-    def __init__(self, arguments, folder):
+    def __init__(self, arguments, program, folder):
+        self.program = program
         self.programs = harness.Programs(os.path.abspath(arguments.bin))
         self.library = os.path.abspath(arguments.faults)
         self.schedule = arguments.schedule
@@ -31,6 +35,9 @@ class Runs:
         self.counts = os.path.join(folder, "counts")
         self.sound_map = b""
         harness.make_sequence(self.sequence)
+        if program == "run_stereo_euroc":
+            rectified, self.sequence = self.sequence, os.path.join(folder, "euroc")
+            harness.make_euroc(self.sequence, rectified, distortion="[-0.2, 0.05, 0.0, 0.0]")
 
     def run(self, fault, stacks=None):
         shutil.rmtree(self.output, ignore_errors=True)
@@ -41,7 +48,7 @@ class Runs:
                            KYS_FAULT_COUNT=self.counts)
         if stacks:
             environment["KYS_FAULT_STACKS"] = stacks
-        return self.programs.run("run_stereo_kitti", self.sequence, "--output", self.output,
+        return self.programs.run(self.program, self.sequence, "--output", self.output,
                                  "--quiet", "--frames", str(FRAMES), "--save-map", self.map,
                                  "--schedule", self.schedule, env=environment)
 
@@ -98,8 +105,38 @@ class Runs:
         # to begin with.
         if os.path.exists(self.map) and self.read_map() != self.sound_map:
             harness.passed(self.programs.run(
-                "run_stereo_kitti", self.sequence, "--output", self.output + "2", "--quiet",
+                self.program, self.sequence, "--output", self.output + "2", "--quiet",
                 "--overwrite", "--frames", "2", "--load-map", self.map))
+
+
+def count_failures(runs, arguments):
+    print(runs.program, flush=True)
+    failures = 0
+    counts = runs.count()
+    for kind in arguments.kinds.split(","):
+        what = f"{counts[kind]} calls"
+        if kind == "memory" and arguments.stacks:
+            faults, stacks = runs.stacks()
+            what += f" from {stacks} stacks"
+            faults = faults[arguments.part[0]::arguments.part[1]]
+        else:
+            step = 1
+            if kind == "memory" and not arguments.all:
+                step = max(1, counts[kind] // arguments.allocations)
+            faults = [f"{kind}:{n}" for n in range(1, counts[kind] + 1, step)]
+        failed = 0
+        for k, fault in enumerate(faults):
+            try:
+                runs.check(fault)
+            except AssertionError as problem:
+                failed += 1
+                print(f"{fault}: {problem}", flush=True)
+            if arguments.progress and k % 100 == 99:
+                print(f"{kind}: {k + 1} of {len(faults)} so far", flush=True)
+        failures += failed
+        print(f"{kind}: {what}, {len(faults)} failed in turn, {len(faults) - failed} as promised",
+              flush=True)
+    return failures
 
 
 def main():
@@ -114,35 +151,13 @@ def main():
     parser.add_argument("--progress", action="store_true")
     parser.add_argument("--allocations", type=int, default=60, help="of the sample")
     parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--programs", default=",".join(PROGRAMS))
     parser.add_argument("--schedule", default="pipelined")
     arguments = parser.parse_args()
     failures = 0
-    with tempfile.TemporaryDirectory(prefix="kys_faults_") as folder:
-        runs = Runs(arguments, folder)
-        counts = runs.count()
-        for kind in arguments.kinds.split(","):
-            what = f"{counts[kind]} calls"
-            if kind == "memory" and arguments.stacks:
-                faults, stacks = runs.stacks()
-                what += f" from {stacks} stacks"
-                faults = faults[arguments.part[0]::arguments.part[1]]
-            else:
-                step = 1
-                if kind == "memory" and not arguments.all:
-                    step = max(1, counts[kind] // arguments.allocations)
-                faults = [f"{kind}:{n}" for n in range(1, counts[kind] + 1, step)]
-            failed = 0
-            for k, fault in enumerate(faults):
-                try:
-                    runs.check(fault)
-                except AssertionError as problem:
-                    failed += 1
-                    print(f"{fault}: {problem}", flush=True)
-                if arguments.progress and k % 100 == 99:
-                    print(f"{kind}: {k + 1} of {len(faults)} so far", flush=True)
-            failures += failed
-            print(f"{kind}: {what}, {len(faults)} failed in turn, {len(faults) - failed} as promised",
-                  flush=True)
+    for program in arguments.programs.split(","):
+        with tempfile.TemporaryDirectory(prefix="kys_faults_") as folder:
+            failures += count_failures(Runs(arguments, program, folder), arguments)
     return 1 if failures else 0
 
 

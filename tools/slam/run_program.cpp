@@ -346,6 +346,9 @@ FrameInput open_input(const RunProgram& program, const Arguments& a) {
 
 int run(const RunProgram& program, const Arguments& a) {
   const Stopwatch start_up;
+  // Images are small: handing their rows out to threads costs more than it gains, and the cores
+  // are taken.
+  cv::setNumThreads(1);
   const Schedule schedule = parse_schedule(a.schedule);
   const FrameInput input = open_input(program, a);
   const Settings settings =
@@ -370,9 +373,6 @@ int run(const RunProgram& program, const Arguments& a) {
   }
   Priors priors = open_priors(a, input, settings);
 
-  // Images are small: handing their rows out to threads costs more than it gains, and the cores
-  // are taken.
-  cv::setNumThreads(1);
   System system(input.frames->camera(), settings, schedule, std::move(priors.provider));
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   Failures failures(info);
