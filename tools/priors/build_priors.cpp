@@ -85,8 +85,11 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "No progress");
 }
 
-/// Flow that would not be looked at.
-void check_flow(const BuildInputs& inputs) {
+/// Disparity and flow that would not be looked at.
+void check_fields(const BuildInputs& inputs) {
+  if (inputs.disparity == "sgbm" && !inputs.disparity_right.empty()) {
+    throw InputError("--disparity sgbm estimates both disparities: --disparity-right has no use");
+  }
   if (!inputs.flow[1].empty() && inputs.panoptic[1].empty()) {
     throw InputError("--flow-right needs --panoptic-right");
   }
@@ -108,7 +111,7 @@ void prepare(Arguments& a) {
   if (a.inputs.panoptic[0].empty()) {
     throw InputError("--panoptic-left or --semantic-left is needed");
   }
-  check_flow(a.inputs);
+  check_fields(a.inputs);
   for (const std::string& source : a.flow) {
     if (source == "keypoints") {
       a.inputs.keypoints = true;
