@@ -502,6 +502,15 @@ class Steps(unittest.TestCase):
                                                      "flow_network_ms": 1000.0})
         self.assertEqual(step.network_times({}), {})
 
+    def test_estimates_take_the_place_of_both_disparities_and_flows(self):
+        files = ["--label-space", "vkitti2", "--disparity", "l", "--disparity-right", "r",
+                 "--flow-left", "fl", "--flow-right", "fr"]
+        self.assertEqual(step.with_estimates(files, "sgbm", "dis"),
+                         ["--label-space", "vkitti2", "--disparity", "sgbm", "--flow-left", "dis",
+                          "--flow-right", "dis"])
+        self.assertEqual(step.with_estimates(files, None, None), files)
+        self.assertEqual(step.with_estimates(files, None, "dis"), files[:7] + ["dis", "--flow-right", "dis"])
+
     def test_the_rest_goes_on_like_what_was_done(self):
         with tempfile.TemporaryDirectory() as folder:
             work = pathlib.Path(folder)

@@ -139,6 +139,21 @@ def replace(arguments, option, value):
     arguments[arguments.index(option) + 1] = value
 
 
+def with_estimates(arguments, disparity, flow):
+    """The same options of build_priors with an estimator of disparity and one of flow instead of files;
+    None: the files."""
+    arguments = list(arguments)
+    if disparity:
+        replace(arguments, "--disparity", disparity)
+        if "--disparity-right" in arguments:  # estimated together with the left one
+            at = arguments.index("--disparity-right")
+            del arguments[at:at + 2]
+    if flow:
+        replace(arguments, "--flow-left", flow)
+        replace(arguments, "--flow-right", flow)
+    return arguments
+
+
 def relabel(work, arguments, case, seed, scratch):
     """Nested errors of the segmentation, the same share in both cameras."""
     for side in ("left", "right"):
@@ -197,11 +212,7 @@ def make_priors(work, job):
               case["decision"], "--seed", str(spec["seed"])])
         return results
     arguments = perception(spec, folder)
-    if "disparity" in case:
-        replace(arguments, "--disparity", case["disparity"])
-    if "flow" in case:
-        replace(arguments, "--flow-left", case["flow"])
-        replace(arguments, "--flow-right", case["flow"])
+    arguments = with_estimates(arguments, case.get("disparity"), case.get("flow"))
     if "relabel" in case:
         relabel(work, arguments, case, spec["seed"], scratch)
     if "flow_relative" in case:
@@ -355,11 +366,7 @@ def perception_times(work, job):
     if "state" in spec and (not given or given[0] == "priors"):
         return results
     files = perception(spec, folder)
-    estimated = list(files)
-    replace(estimated, "--disparity", "sgbm")
-    for side in ("left", "right"):
-        replace(estimated, f"--flow-{side}", "dis")
-    for k, arguments in enumerate((files, estimated)):
+    for k, arguments in enumerate((files, with_estimates(files, "sgbm", "dis"))):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         call([work.program("build_priors"), folder, "--output", os.path.join(scratch, str(k)),
               "--frames", str(spec["frames"]), "--jobs", "1", "--quiet", *arguments])
