@@ -150,13 +150,17 @@ void InstanceTracker::forget_velocities() {
 
 std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
   std::vector<InstanceBelief> changed;
-  for (auto& [instance, thing] : things_) {
-    if (!std::exchange(thing.changed, false)) continue;
+  changed.reserve(changed_.size());
+  std::sort(changed_.begin(), changed_.end());
+  for (const std::int32_t instance : changed_) {
+    Thing& thing = *by_instance_.at(instance);
+    thing.changed = false;
     const double moving_for =
         thing.p_static < kSurelyMoving ? thing.timestamp - thing.moving_since : 0;
     changed.push_back(
         {instance, static_cast<float>(thing.p_static), static_cast<float>(moving_for)});
   }
+  changed_.clear();
   return changed;
 }
 
@@ -240,7 +244,7 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     if (thing.p_static >= kSurelyMoving) thing.moving_since = timestamp;
     thing.label = prior.label;
     thing.timestamp = timestamp;
-    thing.changed = true;
+    if (!std::exchange(thing.changed, true)) changed_.push_back(prior.instance);
   }
 }
 

@@ -125,7 +125,7 @@ class InstanceTracker {
     double timestamp = 0;                     // of log_odds
     double first_seen = 0;                    // s
     double moving_since = 0;                  // s, when p_static fell below kSurelyMoving
-    bool changed = true;                      // since take_changed_beliefs
+    bool changed = false;                     // since take_changed_beliefs; it is in changed_
     std::optional<Eigen::Vector3d> velocity;  // m/s in the world; if it moves
     double compared = -1e300;                 // s, of the last frame with enough matches to test it
   };
@@ -159,6 +159,7 @@ class InstanceTracker {
   const kys::DistanceModel* model_;
   std::map<std::int32_t, Thing> things_;
   std::unordered_map<std::int32_t, Thing*> by_instance_;  // index of things_
+  std::vector<std::int32_t> changed_;                     // instances, each once
   std::deque<Frame> frames_;                              // latest first
   double last_file_ = -1e300;                             // s
   std::vector<InstanceState> states_;

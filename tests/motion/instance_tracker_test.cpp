@@ -315,6 +315,10 @@ TEST(InstanceTracker, ChangesAreToldOnce) {
   ASSERT_EQ(first.size(), 2u);
   EXPECT_EQ(first[0].instance, kDriving);
   EXPECT_TRUE(street.tracker().take_changed_beliefs().empty());
+  for (int i = 0; i < 3; ++i) street.frame();
+  const std::vector<InstanceBelief> again = street.tracker().take_changed_beliefs();
+  ASSERT_EQ(again.size(), 2u) << "each once, whatever number of frames changed it";
+  EXPECT_LT(again[0].instance, again[1].instance);
 }
 
 }  // namespace
