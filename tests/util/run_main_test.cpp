@@ -25,8 +25,8 @@ TEST(DescribeFailure, WhatComesFromOutsideIsBadInput) {
   EXPECT_EQ(failure_of(std::bad_alloc()).status, kBadInput);
   EXPECT_EQ(failure_of(std::bad_alloc()).message, "out of memory");
 
-  const std::filesystem::filesystem_error file(
-      "cannot open", "x/y.txt", std::make_error_code(std::errc::permission_denied));
+  const std::filesystem::filesystem_error file("cannot open", "x/y.txt",
+                                               std::make_error_code(std::errc::permission_denied));
   EXPECT_EQ(failure_of(file).status, kBadInput);
   EXPECT_EQ(failure_of(file).message, "x/y.txt: Permission denied");
 }
