@@ -2,6 +2,7 @@
 
 #include <kys_slam/util/hash.h>
 
+#include <Eigen/Core>
 #include <cstdint>
 
 namespace kys_slam::simulator {
@@ -9,7 +10,8 @@ namespace kys_slam::simulator {
 using kys_slam::hash_of;
 using kys_slam::mix;
 
-/// A small deterministic generator.
+/// A small deterministic generator. At most one number is drawn in a full expression: compilers
+/// differ in the order in which they evaluate the arguments of a call.
 class Rng {
  public:
   explicit Rng(std::uint64_t seed) : state_(mix(seed)) {}
@@ -28,6 +30,11 @@ class Rng {
   bool chance(double p) { return uniform() < p; }
   /// Standard normal deviate.
   double gaussian();
+  /// Three of them, of z first.
+  Eigen::Vector3d gaussian3() {
+    const double z = gaussian(), y = gaussian(), x = gaussian();
+    return {x, y, z};
+  }
 
  private:
   std::uint64_t state_;

@@ -28,21 +28,19 @@ Landmark new_landmark(const Rigid3& T_a_c, const Eigen::Vector3d& p_c, int octav
   Landmark l;
   l.p_w = T_a_c * p_c;
   const Eigen::Vector3d view = -p_c.normalized();
-  const auto deviate = [&] {
-    return Eigen::Vector3d(rng.gaussian(), rng.gaussian(), rng.gaussian());
-  };
   const double cone = rng.uniform(kMinCone, kMaxCone);
   l.min_cosine = static_cast<float>(std::cos(cone));
-  Eigen::Vector3d normal = (view + 0.4 * std::tan(cone) * deviate()).normalized();
+  Eigen::Vector3d normal = (view + 0.4 * std::tan(cone) * rng.gaussian3()).normalized();
   if (normal.dot(view) < std::cos(0.8 * cone)) normal = view;
-  const Eigen::Vector3d tangent = deviate().cross(normal).normalized();
+  const Eigen::Vector3d tangent = rng.gaussian3().cross(normal).normalized();
   l.normal = (T_a_c.rotation * normal).cast<float>();
   l.tangent = (T_a_c.rotation * tangent).cast<float>();
   const double level = octave + rng.uniform(0.02, 0.98);
   l.max_distance =
       static_cast<float>(std::min(p_c.norm() * std::pow(kFeatureScale, level), farthest));
   // Found for the first time somewhere in its span, most often at the beginning: from afar.
-  const double span = -std::log(1.0 - rng.uniform()) * (rng.chance(0.5) ? kShortSpan : kLongSpan);
+  const double factor = -std::log(1.0 - rng.uniform());
+  const double span = factor * (rng.chance(0.5) ? kShortSpan : kLongSpan);
   l.max_level = static_cast<float>(level + 0.05 + span);
   const double strength = rng.uniform();
   l.strength = static_cast<std::uint8_t>(20 + 100 * strength * strength);

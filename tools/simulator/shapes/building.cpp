@@ -175,8 +175,10 @@ void roof(Mesh& m, double width, double depth, double z, const HouseStyle& s, Rn
     for (int i = 0; i < 3; ++i) {
       const double x = rng.uniform(1, width - 2.5);
       const double y = rng.uniform(1.5, depth - 3);
-      m.box({x, y, z + 0.25}, {x + rng.uniform(0.8, 2.2), y + 1.2, z + rng.uniform(1.2, 2.4)},
-            rng.chance(0.5) ? kMetal : kBrickRed, true);
+      const int material = rng.chance(0.5) ? kMetal : kBrickRed;
+      const double length = rng.uniform(0.8, 2.2);
+      const double height = rng.uniform(1.2, 2.4);
+      m.box({x, y, z + 0.25}, {x + length, y + 1.2, z + height}, material, true);
     }
     return;
   }

@@ -37,6 +37,7 @@ class Painter {
                                 static_cast<float>(1 / size_v), grimy, tinted};
   }
   std::uint64_t next_seed() { return hash_of(seed_, ++counter_); }
+  float draw(double low, double high) { return static_cast<float>(rng_.uniform(low, high)); }
 
   void grime() {
     Canvas c(1024, 0.5F);
@@ -58,10 +59,10 @@ class Painter {
   void ground() {
     Canvas asphalt = rough(1024, 0.24F, 0.030F, 0.085F);
     for (int i = 0; i < 3; ++i) {  // repaired strips and cracks
-      const float u = static_cast<float>(rng_.uniform(0, 0.8));
-      const float v = static_cast<float>(rng_.uniform(0, 0.8));
+      const float u = draw(0, 0.8);
+      const float v = draw(0, 0.8);
       asphalt.add_rect(u, v, u + 0.16F, v + 0.07F, -0.05F);
-      asphalt.line(u, v, u + static_cast<float>(rng_.uniform(-0.2, 0.2)), v + 0.2F, 0.003F, 0.1F);
+      asphalt.line(u, v, u + draw(-0.2, 0.2), v + 0.2F, 0.003F, 0.1F);
     }
     set(kAsphalt, asphalt, 6.1, 6.1, true);
     Canvas paint = rough(512, 0.80F, 0.045F, 0.22F);
@@ -72,7 +73,7 @@ class Painter {
       for (int j = 0; j < 8; ++j) {
         const float u = static_cast<float>(i) / 8;
         const float v = static_cast<float>(j) / 8;
-        slabs.add_rect(u, v, u + 0.125F, v + 0.125F, static_cast<float>(rng_.uniform(-0.06, 0.06)));
+        slabs.add_rect(u, v, u + 0.125F, v + 0.125F, draw(-0.06, 0.06));
         slabs.rect(u, v, u + 0.125F, v + 0.006F, 0.22F);
         slabs.rect(u, v, u + 0.006F, v + 0.125F, 0.22F);
       }
@@ -96,7 +97,7 @@ class Painter {
     const float h = 1.0F / static_cast<float>(up);
     for (int j = 0; j < up; ++j) {
       for (int i = 0; i < across; ++i) {
-        const float shade = base + spread * static_cast<float>(rng_.uniform(-1, 1));
+        const float shade = base + spread * draw(-1, 1);
         const float u = (static_cast<float>(i) + (j % 2 == 0 ? 0 : 0.5F)) * w;
         const float v = static_cast<float>(j) * h;
         c.rect(u + 0.06F * w, v + 0.1F * h, std::min(1.0F, u + 0.97F * w), v + 0.95F * h, shade);
@@ -156,7 +157,7 @@ class Painter {
     } else {  // plants on the sill
       c.spots(rng_, 30, 0.01F, 0.03F, 0.25F);
       for (int i = 0; i < 5; ++i) {
-        c.disc(static_cast<float>(rng_.uniform(0.15, 0.85)), 0.18F, 0.07F, 0.08F);
+        c.disc(draw(0.15, 0.85), 0.18F, 0.07F, 0.08F);
       }
     }
     const float frame = 0.82F - 0.08F * static_cast<float>(kind);
@@ -194,13 +195,12 @@ class Painter {
     Canvas c(512, 0.13F);
     c.noise(next_seed(), 4, 6, 0.03F);
     for (int k = 0; k < 26; ++k) {  // goods on shelves
-      const float u = static_cast<float>(rng_.uniform(0.05, 0.88));
+      const float u = draw(0.05, 0.88);
       const float v = 0.08F + 0.22F * static_cast<float>(rng_.below(3));
-      const float w = static_cast<float>(rng_.uniform(0.03, 0.09));
-      const float h = static_cast<float>(rng_.uniform(0.06, 0.17));
-      c.rect(u, v, u + w, v + h, static_cast<float>(rng_.uniform(0.12, 0.8)));
-      c.rect(u + 0.2F * w, v + 0.3F * h, u + 0.8F * w, v + 0.6F * h,
-             static_cast<float>(rng_.uniform(0.1, 0.9)));
+      const float w = draw(0.03, 0.09);
+      const float h = draw(0.06, 0.17);
+      c.rect(u, v, u + w, v + h, draw(0.12, 0.8));
+      c.rect(u + 0.2F * w, v + 0.3F * h, u + 0.8F * w, v + 0.6F * h, draw(0.1, 0.9));
     }
     for (int s = 0; s < 3; ++s) {
       const float v = 0.06F + 0.22F * static_cast<float>(s);
@@ -228,15 +228,12 @@ class Painter {
       Canvas c(512, 0.75F);
       c.noise(next_seed(), 4, 8, 0.05F);
       for (int k = 0; k < 9; ++k) {
-        const float u = static_cast<float>(rng_.uniform(0.04, 0.7));
-        const float v = static_cast<float>(rng_.uniform(0.2, 0.8));
-        c.rect(u, v, u + static_cast<float>(rng_.uniform(0.05, 0.25)),
-               v + static_cast<float>(rng_.uniform(0.04, 0.16)),
-               static_cast<float>(rng_.uniform(0.05, 0.7)));
-        c.disc(static_cast<float>(rng_.uniform(0.15, 0.85)),
-               static_cast<float>(rng_.uniform(0.3, 0.8)),
-               static_cast<float>(rng_.uniform(0.03, 0.12)),
-               static_cast<float>(rng_.uniform(0.05, 0.9)));
+        const float u = draw(0.04, 0.7), v = draw(0.2, 0.8);
+        const float tone = draw(0.05, 0.7), height = draw(0.04, 0.16), width = draw(0.05, 0.25);
+        c.rect(u, v, u + width, v + height, tone);
+        const float shade = draw(0.05, 0.9), radius = draw(0.03, 0.12);
+        const float y = draw(0.3, 0.8), x = draw(0.15, 0.85);
+        c.disc(x, y, radius, shade);
       }
       for (int k = 0; k < 5; ++k) {
         const float v = 0.05F + 0.045F * static_cast<float>(k);
@@ -496,14 +493,11 @@ class Painter {
     Canvas machine(512, 0.38F);
     machine.noise(next_seed(), 4, 7, 0.02F);
     for (int i = 0; i < 14; ++i) {
-      const float u = static_cast<float>(rng_.uniform(0, 0.8));
-      const float v = static_cast<float>(rng_.uniform(0, 0.8));
-      machine.rect(u, v, u + static_cast<float>(rng_.uniform(0.04, 0.2)),
-                   v + static_cast<float>(rng_.uniform(0.04, 0.2)),
-                   static_cast<float>(rng_.uniform(0.1, 0.75)));
-      machine.disc(static_cast<float>(rng_.uniform(0.05, 0.95)),
-                   static_cast<float>(rng_.uniform(0.05, 0.95)), 0.018F,
-                   static_cast<float>(rng_.uniform(0.05, 0.9)));
+      const float u = draw(0, 0.8), v = draw(0, 0.8);
+      const float tone = draw(0.1, 0.75), height = draw(0.04, 0.2), width = draw(0.04, 0.2);
+      machine.rect(u, v, u + width, v + height, tone);
+      const float shade = draw(0.05, 0.9), y = draw(0.05, 0.95), x = draw(0.05, 0.95);
+      machine.disc(x, y, 0.018F, shade);
     }
     machine.text(rng_, 0.1F, 0.86F, 0.6F, 0.95F, 8, 0.85F);
     set(kMachine, machine, 1.5, 1.5);
@@ -511,10 +505,9 @@ class Painter {
       Canvas load(512, 0.1F);
       for (int k = 0; k < 12; ++k) {
         const float u = static_cast<float>(k) / 12;
-        const float h = static_cast<float>(rng_.uniform(0.5, 0.95));
-        load.rect(u + 0.004F, 0, u + 0.078F, h, static_cast<float>(rng_.uniform(0.2, 0.7)));
-        load.rect(u + 0.015F, 0.4F * h, u + 0.065F, 0.6F * h,
-                  static_cast<float>(rng_.uniform(0.1, 0.9)));
+        const float h = draw(0.5, 0.95);
+        load.rect(u + 0.004F, 0, u + 0.078F, h, draw(0.2, 0.7));
+        load.rect(u + 0.015F, 0.4F * h, u + 0.065F, 0.6F * h, draw(0.1, 0.9));
       }
       load.noise(next_seed(), 8, 6, 0.025F);
       set(kRackLoad0 + i, load, 1, 1);

@@ -268,14 +268,14 @@ Mesh make_tree(std::uint64_t seed, double height) {
     const double k = spread * rng.uniform(0.50, 0.66);
     m.ellipsoid(c, {k, k, 0.8 * k}, 9, 14, kLeaves, 0.17, rng.bits());
     for (int j = 0; j < 95; ++j) {  // leaf sprays that break the outline
-      Vec3 n(rng.gaussian(), rng.gaussian(), rng.gaussian());
+      Vec3 n = rng.gaussian3();
       n.normalize();
       const Vec3 p = c + n.cwiseProduct(Vec3(k, k, 0.8 * k)) * rng.uniform(0.88, 1.14);
-      Vec3 e(rng.gaussian(), rng.gaussian(), rng.gaussian());
+      Vec3 e = rng.gaussian3();
       e = (e - 0.6 * n * n.dot(e)).normalized() * rng.uniform(0.10, 0.2);
       const Vec3 f = n.cross(e).normalized() * rng.uniform(0.06, 0.13);
-      const Vec2 o(rng.uniform(0, 2), rng.uniform(0, 2));
-      m.quad_metric(p - e - f, p + e - f, p + e + f, p - e + f, kLeaves, o);
+      const double v = rng.uniform(0, 2), u = rng.uniform(0, 2);
+      m.quad_metric(p - e - f, p + e - f, p + e + f, p - e + f, kLeaves, Vec2(u, v));
     }
   }
   return m;

@@ -274,7 +274,8 @@ void TrafficMaker::at_stops() {
 void TrafficMaker::waiting(double from, double to, Rng& rng) {
   const double s = road_.path_length_at(0.5 * (from + to)) + (has_lead(from) ? 24 : 13);
   for (double t = from; t < to - 0.5;) {
-    crossing(t, s + (rng.chance(0.5) ? 3.4 : 0), rng.uniform(6, 10), rng);
+    const double speed = rng.uniform(6, 10);
+    crossing(t, s + (rng.chance(0.5) ? 3.4 : 0), speed, rng);
     t -= density_.at_stops * std::log(1 - rng.uniform());
     t += 0.8;
   }
@@ -330,7 +331,9 @@ void TrafficMaker::person_in_room(double time, Rng& rng) {
   const Vector3d way = level(aside + rng.uniform(-0.7, 0.7) * ahead);
   const double speed = rng.uniform(0.7, 1.5);
   const Vector3d half(0.28, rng.uniform(0.8, 0.93), 0.2);
-  Vector3d start = T_w_c.t() + rng.uniform(2, 7) * ahead + rng.uniform(-1, 1) * aside;
+  const double offset = rng.uniform(-1, 1);
+  const double distance = rng.uniform(2, 7);
+  Vector3d start = T_w_c.t() + distance * ahead + offset * aside;
   start += up * (floor - up.dot(start));
   Eigen::Matrix3d R;  // x right, y down, z forward
   R << (-up).cross(way), -up, way;

@@ -268,8 +268,10 @@ class TownBuilder {
     };
     const double half_pi = std::numbers::pi / 2;
     for (double s = 9; s < length - 9; s += 11.5) {
-      put(trees_[rng_.below(5)], o_.tree, s + rng_.uniform(-0.4, 0.4), 0.95,
-          rng_.uniform(0, 2 * std::numbers::pi), rng_.uniform(0.85, 1.1));
+      const double scale = rng_.uniform(0.85, 1.1);
+      const double turn = rng_.uniform(0, 2 * std::numbers::pi);
+      const double along = rng_.uniform(-0.4, 0.4);
+      put(trees_[rng_.below(5)], o_.tree, s + along, 0.95, turn, scale);
     }
     for (double s = 14.5; s < length - 9; s += 23) put(lamp_, o_.post, s, 0.55, -half_pi);
     for (double s = 11; s < length - 8; s += rng_.uniform(3.5, 7.5)) furniture(put, s);
@@ -294,12 +296,17 @@ class TownBuilder {
       case 2:
         put(bin_, o_.post, s, 0.7, 0);
         break;
-      case 3:
-        put(stands_[rng_.below(4)], o_.post, s, 0.9, rng_.uniform(-0.4, 0.4));
+      case 3: {
+        const double turn = rng_.uniform(-0.4, 0.4);
+        put(stands_[rng_.below(4)], o_.post, s, 0.9, turn);
         break;
-      case 4:
-        put(planters_[rng_.below(2)], scene_.add_object(kPottedPlant), s, 2.9, rng_.uniform(0, 1));
+      }
+      case 4: {
+        const double turn = rng_.uniform(0, 1);
+        const int object = scene_.add_object(kPottedPlant);
+        put(planters_[rng_.below(2)], object, s, 2.9, turn);
         break;
+      }
       case 5:
         put(sign_, o_.post, s, 0.5, rng_.chance(0.5) ? 0 : std::numbers::pi);
         break;

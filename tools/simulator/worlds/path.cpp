@@ -126,8 +126,8 @@ Drive::Drive(double start, double duration, const std::function<double(double, d
 }
 
 double Drive::distance(double t) const {
-  const double k = std::clamp(t / kTick, 0.0, static_cast<double>(s_.size() - 1));
-  const auto i = std::min(static_cast<std::size_t>(k), s_.size() - 2);
+  const double k = std::min(t / kTick, static_cast<double>(s_.size() - 1));
+  const auto i = std::min(static_cast<std::size_t>(std::max(k, 0.0)), s_.size() - 2);
   const double f = k - static_cast<double>(i);
   return s_[i] * (1 - f) + s_[i + 1] * f;
 }

@@ -37,6 +37,7 @@ class Drive {
  public:
   /// speed(s, t) in m/s.
   Drive(double start, double duration, const std::function<double(double, double)>& speed);
+  /// Before 0 as if the first speed had been driven.
   [[nodiscard]] double distance(double t) const;
 
  private:

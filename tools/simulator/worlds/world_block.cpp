@@ -56,8 +56,10 @@ void add_life(World& world) {
                                : Vec2(i % 4 == 1 ? kBlockWidth + d : -d, rng.uniform(0, 40));
     const double heading =
         (along_x ? 0 : std::numbers::pi / 2) + (rng.chance(0.5) ? std::numbers::pi : 0);
+    const double phase = rng.uniform(0, 6);
+    const double speed = rng.uniform(0.9, 1.4);
     add_person(world.scene, meshes.people[static_cast<std::size_t>(rng.below(6))], start, heading,
-               rng.uniform(0.9, 1.4), kKerbHeight, rng.uniform(0, 6));
+               speed, kKerbHeight, phase);
   }
 }
 

@@ -123,8 +123,9 @@ Mesh make_crates(Rng& rng) {
     for (int j = 0; j < 2; ++j) {
       const int high = 1 + rng.below(3);
       for (int k = 0; k < high; ++k) {
-        crate(-0.83 + 0.85 * i + rng.uniform(-0.03, 0.03), -0.83 + 0.85 * j, s * k, s - 0.02,
-              rng.chance(0.6) ? kCrate : kRackLoad0 + rng.below(2));
+        const int material = rng.chance(0.6) ? kCrate : kRackLoad0 + rng.below(2);
+        const double offset = rng.uniform(-0.03, 0.03);
+        crate(-0.83 + 0.85 * i + offset, -0.83 + 0.85 * j, s * k, s - 0.02, material);
       }
     }
   }
@@ -139,9 +140,11 @@ Mesh make_table(Rng& rng) {
   }
   for (int i = 0; i < 4; ++i) {
     const double x = -0.8 + 0.42 * i;
-    m.box({x, rng.uniform(-0.4, 0), 0.77},
-          {x + rng.uniform(0.15, 0.35), rng.uniform(0.1, 0.4), 0.77 + rng.uniform(0.05, 0.4)},
-          i % 2 == 0 ? kCardboard : kMachine);
+    const double length = rng.uniform(0.15, 0.35);
+    const double far = rng.uniform(0.1, 0.4);
+    const double height = rng.uniform(0.05, 0.4);
+    const double near = rng.uniform(-0.4, 0);
+    m.box({x, near, 0.77}, {x + length, far, 0.77 + height}, i % 2 == 0 ? kCardboard : kMachine);
   }
   return m;
 }
@@ -197,7 +200,8 @@ void furnish(Scene& scene, const HallObjects& o, std::uint64_t seed) {
   put(make_machine(rng), o.post, 0.6, -5.0, 0.0);
   const int chair = scene.add_prototype(make_chair());
   for (const Vec2& p : {Vec2(4.0, 4.9), Vec2(-4.4, 4.9), Vec2(6.5, -4.8), Vec2(-9.9, 5.0)}) {
-    put(make_table(rng), scene.add_object(kTableClass), p.x(), p.y(), rng.uniform(-0.2, 0.2));
+    const double turn = rng.uniform(-0.2, 0.2);
+    put(make_table(rng), scene.add_object(kTableClass), p.x(), p.y(), turn);
     scene.place(chair, scene.add_object(kChair), ground_pose(p.x() - 0.4, p.y() - 0.7, 0, 1.5));
     scene.place(chair, scene.add_object(kChair), ground_pose(p.x() + 1.2, p.y() + 0.1, 0, 3.0));
   }

@@ -186,9 +186,9 @@ class StreetTraffic {
         const double met = s / 8.0 + (d.x() > 0.1 ? 12.5 : 0.0);
         const Vec2 start = origin + d * s - walk * (speed * met * 0.8) +
                            right_of(d) * side * (kRoadHalfWidth + rng_.uniform(1.7, 2.5));
+        const double phase = rng_.uniform(0, 2 * std::numbers::pi);
         add_person(world_.scene, meshes_.people[rng_.below(6)], start,
-                   std::atan2(walk.y(), walk.x()), speed, kKerbHeight,
-                   rng_.uniform(0, 2 * std::numbers::pi));
+                   std::atan2(walk.y(), walk.x()), speed, kKerbHeight, phase);
       }
     };
     walkers({0, 0}, k_.dir_a, 6, 78, 22);

@@ -72,10 +72,12 @@ class Vehicles {
     for (int i = 0; i < count; ++i) {
       const double side = i % 2 == 0 ? 1.0 : -1.0;
       const double heading = (rng_.chance(0.5) ? 1 : -1) * std::numbers::pi / 2;
-      const Vec2 start(side * (kRoadHalfWidth + rng_.uniform(1.0, 2.5)),
-                       from + (to - from) * (i + rng_.uniform()) / count);
+      const double along = from + (to - from) * (i + rng_.uniform()) / count;
+      const Vec2 start(side * (kRoadHalfWidth + rng_.uniform(1.0, 2.5)), along);
+      const double phase = rng_.uniform(0, 6);
+      const double speed = rng_.uniform(1.0, 1.6);
       add_person(world_.scene, meshes_.people[static_cast<std::size_t>(rng_.below(6))], start,
-                 heading, rng_.uniform(1.0, 1.6), kKerbHeight, rng_.uniform(0, 6));
+                 heading, speed, kKerbHeight, phase);
     }
   }
   Rng& rng() { return rng_; }
