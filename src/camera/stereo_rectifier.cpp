@@ -9,6 +9,8 @@
 #include <optional>
 #include <utility>
 
+#include "camera/plausible.h"
+
 namespace kys_slam {
 
 /// For every pixel of the result, where it comes from: the offset of the upper left of four source
@@ -209,6 +211,9 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
   if (!camera_.is_valid() || std::abs(P[1].at<double>(1, 3)) > 1e-9) {
     throw InputError(name + ": the cameras cannot be rectified (is cam1 to the right of cam0?)");
   }
+  if (const std::string why = implausible_camera(camera_); !why.empty()) {
+    throw InputError(name + ": " + why);
+  }
   T_b_c_ =
       left.T_b_s * Rigid3(Eigen::Matrix3d(to_eigen(R[0]).transpose()), Eigen::Vector3d::Zero());
 }
@@ -237,6 +242,9 @@ void StereoRectifier::rectify_equidistant(const RawCamera& left, const RawCamera
   if (!camera_.is_valid() || std::abs(shift.y()) > 1e-9 * shift.norm()) {
     throw InputError(name + ": the cameras cannot be rectified (is the right camera to the right " +
                      "of the left one?)");
+  }
+  if (const std::string why = implausible_camera(camera_); !why.empty()) {
+    throw InputError(name + ": " + why);
   }
   for (std::size_t i = 0; i < 2; ++i) {
     cv::Mat x(size, CV_32FC1), y(size, CV_32FC1);

@@ -57,23 +57,17 @@ std::vector<Shot> read_shots(const fs::path& camera) {
   return shots;
 }
 
-/// Pairs the cameras by time, in order; images that have no partner within the tolerance are left
-/// out and counted.
+std::vector<std::int64_t> stamps_of(const std::vector<Shot>& shots) {
+  std::vector<std::int64_t> stamps;
+  for (const Shot& shot : shots) stamps.push_back(shot.nanoseconds);
+  return stamps;
+}
+
 void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right, double tolerance,
                   Sequence::Content& content) {
-  const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
-  std::size_t l = 0, r = 0;
-  while (l < left.size() && r < right.size()) {
-    const std::int64_t difference = right[r].nanoseconds - left[l].nanoseconds;
-    if (difference < -limit) {
-      ++r;
-    } else if (difference > limit) {
-      ++l;
-    } else {
-      content.frames.push_back({left[l].image.stem().string(), seconds(left[l].nanoseconds),
-                                left[l].image, right[r].image});
-      ++l, ++r;
-    }
+  for (const auto& [l, r] : pair_stamps(stamps_of(left), stamps_of(right), tolerance)) {
+    content.frames.push_back({left[l].image.stem().string(), seconds(left[l].nanoseconds),
+                              left[l].image, right[r].image});
   }
   content.dropped =
       static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());

@@ -7,10 +7,9 @@
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
 #include <limits>
 
+#include "camera/plausible.h"
 #include "io/sequence_parts.h"
 
 namespace kys_slam {
@@ -67,35 +66,6 @@ std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& 
   return stamps;
 }
 
-void pair_stamps(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
-                 const std::vector<std::int64_t>& left_ns,
-                 const std::vector<std::int64_t>& right_ns, double tolerance,
-                 Sequence::Content& content) {
-  const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
-  const auto apart = [&](std::size_t l, std::size_t r) {
-    return std::abs(right_ns[r] - left_ns[l]);
-  };
-  for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
-    const std::int64_t difference = right_ns[r] - left_ns[l];
-    // A later image may be nearer.
-    if (r + 1 < right.size() && apart(l, r + 1) < apart(l, r)) {
-      ++r;
-    } else if (l + 1 < left.size() && apart(l + 1, r) < apart(l, r)) {
-      ++l;
-    } else if (difference < -limit) {
-      ++r;
-    } else if (difference > limit) {
-      ++l;
-    } else {
-      content.frames.push_back(
-          {left[l].stem().string(), static_cast<double>(left_ns[l]) * 1e-9, left[l], right[r]});
-      ++l, ++r;
-    }
-  }
-  content.dropped =
-      static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());
-}
-
 void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
   const TextTable table(file);
   if (table.rows().size() != frames.size()) {
@@ -146,8 +116,13 @@ std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::
   }
   if (left_ns && right_ns) {
     content.paired_by_time = true;
-    pair_stamps(left_images, right_images, *left_ns, *right_ns, options.part.pairing_tolerance,
-                content);
+    for (const auto& [l, r] : pair_stamps(*left_ns, *right_ns, options.part.pairing_tolerance)) {
+      content.frames.push_back({left_images[l].stem().string(),
+                                static_cast<double>((*left_ns)[l]) * 1e-9, left_images[l],
+                                right_images[r]});
+    }
+    content.dropped = static_cast<std::int64_t>(left_images.size() + right_images.size() -
+                                                2 * content.frames.size());
     if (content.frames.empty()) {
       throw InputError(right.string() + ": no image has the time stamp of a left one");
     }
@@ -159,6 +134,9 @@ std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::
   rig.set_image_size(info.width, info.height);
   if (const auto camera = rig.rectified()) {
     content.camera = *camera;
+    if (const std::string why = implausible_camera(*camera); !why.empty()) {
+      throw InputError(rig.name + ": " + why);
+    }
   } else {
     const auto rectifier = std::make_shared<StereoRectifier>(rig.left, rig.right, rig.name);
     content.camera = rectifier->camera();

@@ -8,6 +8,8 @@
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 
 #include "camera/kitti_calibration.h"
 
@@ -102,6 +104,31 @@ std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& 
     frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
   }
   return frames;
+}
+
+std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std::int64_t> left,
+                                                             std::span<const std::int64_t> right,
+                                                             double tolerance) {
+  const auto limit = static_cast<std::int64_t>(std::llround(tolerance * 1e9));
+  const auto apart = [&](std::size_t l, std::size_t r) { return std::abs(right[r] - left[l]); };
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;
+  for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
+    const std::int64_t difference = right[r] - left[l];
+    // A later image may be nearer.
+    if (r + 1 < right.size() && apart(l, r + 1) < apart(l, r)) {
+      ++r;
+    } else if (l + 1 < left.size() && apart(l + 1, r) < apart(l, r)) {
+      ++l;
+    } else if (difference < -limit) {
+      ++r;
+    } else if (difference > limit) {
+      ++l;
+    } else {
+      pairs.emplace_back(l, r);
+      ++l, ++r;
+    }
+  }
+  return pairs;
 }
 
 void require_consecutive(const std::vector<Sequence::Frame>& frames) {

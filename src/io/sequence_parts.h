@@ -3,8 +3,12 @@
 #include <kys_slam/sequence.h>
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 /// Functions shared by the readers of the sequence layouts. All throw InputError naming the file.
@@ -25,6 +29,15 @@ std::vector<std::filesystem::path> list_images(const std::filesystem::path& fold
 /// the other camera. Time stamps are 0.
 std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
                                           const std::filesystem::path& right);
+
+/// Pairs the images of two cameras by time, in order: each takes the nearest one that is at most
+/// `tolerance` (s) away. Images without a partner are left out, so that a lost image does not shift
+/// those after it.
+/// \param left, right time stamps (ns), increasing
+/// \returns positions in `left` and in `right`
+std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std::int64_t> left,
+                                                             std::span<const std::int64_t> right,
+                                                             double tolerance);
 
 /// For layouts whose frames have no times but a rate. Names without a number are not looked at.
 /// \throws InputError naming the image after a gap in the numbers that names end in

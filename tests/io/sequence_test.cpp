@@ -423,6 +423,14 @@ TEST(Euroc, PairsByTimeAndCountsWhatHasNoPartner) {
                             {.start = 0, .frames = {}, .pairing_tolerance = 1e-7});
       },
       {"cam1/data.csv"});
+  // With a tolerance above the interval, lost images do not shift the pairs after them.
+  const auto loose =
+      open_euroc_sequence(folder / "V9_01", {.start = 0, .frames = {}, .pairing_tolerance = 0.06});
+  ASSERT_EQ(loose->frame_count(), 4);
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_EQ(loose->frame(i).name, sequence->frame(i).name);
+    EXPECT_EQ(loose->read(i).left.at(30, 20), loose->read(i).right.at(30, 20));
+  }
 }
 
 TEST(Euroc, GroundTruthMovesFromTheBodyToTheRectifiedLeftCamera) {
