@@ -20,7 +20,7 @@ std::size_t nearest(std::span<const TimedPose> poses, double timestamp) {
 
 TrajectoryPair associate_by_time(std::span<const TimedPose> reference,
                                  std::span<const TimedPose> estimate, double max_difference) {
-  const bool reference_is_longer = reference.size() > estimate.size();
+  const bool reference_is_longer = reference.size() >= estimate.size();
   const auto& longer = reference_is_longer ? reference : estimate;
   const auto& shorter = reference_is_longer ? estimate : reference;
   TrajectoryPair pair;

@@ -291,8 +291,10 @@ TEST_F(ObjectFiles, NamesMayHaveBlanksCommasAndQuotes) {
              "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
              "4,left 4,0.0,7,\"van, or \"\"bus\"\"\",0.9,33,1,2,3,4,5,6,0.25\n"
              "5,\"left, 5\",0.1,8,traffic light,1,34,1.5,2,3,4,5,6,0.25\n");
-  write_text(folder_ / "frames.csv",
-             "index,name,timestamp\n4,left 4,0\n5,\"left, 5\",0.1\n6,left 6,0.2\n");
+  write_text(
+      folder_ / "frames.csv",
+      "index,name,timestamp,status,submap\n4,left 4,0,tracked,0\n5,\"left, 5\",0.1,tracked,0\n"
+      "6,left 6,0.2,tracked,0\n");
   const ObjectRun run = read_object_run(folder_.path());
   ASSERT_EQ(run.objects.size(), 2u);
   EXPECT_EQ(run.objects[0].instance, 7);
@@ -424,6 +426,20 @@ TEST_F(ObjectFiles, DamagedTruthIsRefused) {
   expect_input_error([&] { read_true_objects(folder_ / "a.txt", frames); }, {"a.txt", "17"});
 }
 
+TEST_F(ObjectFiles, FramesOutsideTheLargestSubMapHaveNoPose) {
+  write_text(folder_ / "frames.csv",
+             "index,name,timestamp,status,submap\n4,4,0,started,0\n5,5,0.1,started,9\n"
+             "6,6,0.2,tracked,9\n");
+  EXPECT_EQ(read_object_run(folder_.path()).frames.count(4), 0u);
+  EXPECT_EQ(read_object_run(folder_.path()).frames.size(), 2u);
+  write_text(folder_ / "frames.csv",
+             "index,name,timestamp,status,submap\n4,4,0,started,0\n5,5,0.1,lost,-1\n"
+             "6,6,0.2,lost,-1\n");
+  const ObjectRun run = read_object_run(folder_.path());
+  ASSERT_EQ(run.frames.size(), 1u);
+  EXPECT_EQ(run.frames.begin()->first, 4);
+}
+
 TEST_F(ObjectFiles, WhatIsThereTwiceIsRefused) {
   const std::map<int, FramePoses> frames = {{4, {}}};
   const std::string car = "4 2 Car 0 0 -1.6 600 170 650 200 1.5 1.8 4.2 1 2 ";
@@ -431,10 +447,12 @@ TEST_F(ObjectFiles, WhatIsThereTwiceIsRefused) {
   expect_input_error([&] { read_true_objects(folder_ / "a.txt", frames); },
                      {"a.txt", "object 2 twice in frame 4"});
   write_text(folder_ / "frames.csv",
-             "index,name,timestamp\n4,000004,0\n4,000004,0.1\n6,000006,0.2\n");
+             "index,name,timestamp,status,submap\n4,000004,0,tracked,0\n4,000004,0.1,tracked,0\n"
+             "6,000006,0.2,tracked,0\n");
   expect_input_error([&] { read_object_run(folder_.path()); }, {"frames.csv:3", "second time"});
   write_text(folder_ / "frames.csv",
-             "index,name,timestamp\n4,000004,0\n5,000005,0.2\n6,000006,0.1\n");
+             "index,name,timestamp,status,submap\n4,000004,0,tracked,0\n5,000005,0.2,tracked,0\n"
+             "6,000006,0.1,tracked,0\n");
   expect_input_error([&] { read_object_run(folder_.path()); },
                      {"frames.csv:4", "time stamps do not increase"});
 }

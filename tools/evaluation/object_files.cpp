@@ -106,7 +106,8 @@ std::vector<EstimatedObject> read_estimates(const fs::path& path) {
   return objects;
 }
 
-/// Both files of a run have a row per frame.
+/// Both files of a run have a row per frame. Frames outside the largest sub-map, in whose frame the
+/// trajectory is, are left out: trajectory.kitti repeats the pose before them.
 std::map<int, FramePoses> read_frames(const fs::path& folder) {
   const TextTable table(folder / "frames.csv");
   const std::vector<Rigid3> poses = read_kitti_poses(folder / "trajectory.kitti");
@@ -115,16 +116,28 @@ std::map<int, FramePoses> read_frames(const fs::path& folder) {
                      " lines, but trajectory.kitti has " + std::to_string(poses.size()));
   }
   std::map<int, FramePoses> frames;
+  std::map<std::int64_t, std::vector<int>> of_submap;  // frames
   double last_time = 0;
   for (std::size_t k = 0; k < poses.size(); ++k) {
     const TextRow row = csv_row(table.rows()[k + 1]);
-    expect_columns(table, row, 3);
+    expect_columns(table, row, 5);
     const FramePoses pose{table.number(row, 2), poses[k], poses[k]};
     if (k > 0 && pose.timestamp <= last_time) table.fail(row, "time stamps do not increase");
     last_time = pose.timestamp;
-    if (!frames.emplace(small_integer(table, row, 0), pose).second) {
-      table.fail(row, "a frame for the second time");
-    }
+    const int index = small_integer(table, row, 0);
+    if (!frames.emplace(index, pose).second) table.fail(row, "a frame for the second time");
+    of_submap[table.integer(row, 4)].push_back(index);
+  }
+  of_submap[-1];  // lost
+  std::size_t most = 0;
+  for (const auto& [submap, members] : of_submap) {
+    if (submap >= 0) most = std::max(most, members.size());
+  }
+  bool found = false;  // of equal ones the first is the main one
+  for (const auto& [submap, members] : of_submap) {
+    const bool main = submap >= 0 && members.size() == most && !std::exchange(found, true);
+    if (main) continue;
+    for (const int index : members) frames.erase(index);
   }
   return frames;
 }
