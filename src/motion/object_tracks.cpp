@@ -227,6 +227,7 @@ class Assigner {
     const ObjectObservation& seen = frame.observations[o];
     track.state =
         predict(track.state, frame.timestamp - track.timestamp, options_.acceleration_density);
+    waiting_.erase(seen.instance);  // the track stood there: what waited was in its place
     note(track, k, o, frame, seen);
   }
 

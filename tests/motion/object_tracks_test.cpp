@@ -219,6 +219,30 @@ TEST(ObjectTracks, NoTwoThingsShareAnIdentityInAFrame) {
   EXPECT_EQ(names.size(), 2u);
 }
 
+// X is named beside Y, without a place, then stands where Y was, and jumps a frame later.
+TEST(ObjectTracks, ANameThatWaitedTakesNoFramesOfTheTrackItContinues) {
+  const Thing y;
+  Thing x = y;
+  x.instance = y.instance + 1;
+  std::mt19937 random(1);
+  std::vector<ObjectFrame> frames = empty_frames(20);
+  for (int k = 0; k < 20; ++k) {
+    auto& observations = frames[static_cast<std::size_t>(k)].observations;
+    if (k < 4) observations.push_back(seen(y, k, random, y.velocity));
+    if (k == 5) x.start.x() += 5;
+    if (k == 0) continue;
+    observations.push_back(seen(x, k, random, x.velocity));
+    if (k >= 4) continue;
+    observations.back().place.reset();
+    observations.back().velocity.reset();
+  }
+  std::set<std::pair<std::int64_t, std::int32_t>> keys;
+  for (const ObjectEstimate& e : track_objects(frames)) {
+    EXPECT_TRUE(keys.insert({e.frame, e.instance}).second) << e.frame << " " << e.instance;
+  }
+  EXPECT_GE(keys.size(), 20u);
+}
+
 // Frames that only name a thing are filled in, those before it is first seen well too.
 TEST(ObjectTracks, NamesAloneKeepATrack) {
   const Thing thing;
