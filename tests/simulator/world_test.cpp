@@ -182,6 +182,24 @@ TEST(TrafficAndJam, VehiclesOfALaneDoNotTouch) {
   }
 }
 
+// In the first frame too: vehicles that follow the camera's drive have a velocity there.
+TEST(ObjectTruthRows, VelocityIsThatOfThePoses) {
+  for (const char* name : {"street", "traffic", "jam"}) {
+    const World world = make_world({name, 4, 20, 206, 62});
+    const ObjectTruth truth(world);
+    const double dt = world.times[1] - world.times[0];
+    for (int frame = 0; frame < 19; ++frame) {
+      const auto now = truth.rows(frame), next = truth.rows(frame + 1);
+      ASSERT_EQ(now.size(), next.size());
+      for (std::size_t i = 0; i < now.size(); ++i) {
+        const Eigen::Vector3d mean = 0.5 * (now[i].velocity + next[i].velocity);
+        const Eigen::Vector3d moved = (next[i].T_g_o.t() - now[i].T_g_o.t()) / dt;
+        EXPECT_LT((mean - moved).norm(), 0.2) << name << " " << frame << " " << now[i].object;
+      }
+    }
+  }
+}
+
 // FAST-9: nine neighbours in a row on the circle of radius 3, all brighter or all darker.
 bool is_fast_corner(const GrayImage& image, int x, int y, int threshold) {
   static constexpr int kX[16] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
