@@ -2,12 +2,15 @@
 
 #include <kys_slam/rigid3.h>
 
-/// Derivatives on SO(3), and the pose increment that most solvers use. Two increments are in use:
-/// plus_left()  on the left, x_a -> exp(w) x_a + v: bundle adjustment, poses of frames and of
-/// loops, motion of instances plus()       rotation and translation decoupled (rigid3.h): pose
-/// graph, ego-motion of the prior builder, covariances in the public API Formulas: Sola, Deray and
-/// Atchuthan, "A micro Lie theory for state estimation in robotics", arXiv 1812.01537, eqs.
-/// 145-146.
+/// Derivatives on SO(3), and the pose increment that most solvers use. Two increments are in use.
+///
+/// - plus_left(): on the left, x_a -> exp(w) x_a + v. Bundle adjustment, poses of frames and of
+///   loops, motion of instances.
+/// - plus(): rotation and translation decoupled (rigid3.h). Pose graph, ego-motion of the prior
+///   builder, covariances in the public API.
+///
+/// Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics",
+/// arXiv 1812.01537, eqs. 145-146.
 namespace kys_slam {
 
 /// Left Jacobian of SO(3): exp(w + d) = exp(J_l(w) d) exp(w) to first order in d.

@@ -109,9 +109,8 @@ struct Kernels {
   /// patch
   void (*warp)(const std::uint8_t* patch, const float* back, Template* to);
 
-  /// Weights as in sum_up. \param image the pixel left of and above the template's first one; kRow
-  /// + 1
-  ///   columns and kCornerSide + 1 rows are read
+  /// Weights as in sum_up. \param image the pixel left of and above the template's first one;
+  /// (kRow + 1) columns and (kCornerSide + 1) rows are read
   void (*sum_up_both)(const Template& wanted, const CornerWindow& window, const std::uint8_t* image,
                       std::ptrdiff_t stride, float fraction_x, float fraction_y, float tolerance,
                       float noise, CornerSums* sums);
