@@ -24,14 +24,16 @@ enum class LoopEvent : std::uint8_t {
 };
 const char* to_string(LoopEvent event);
 
-/// Time of the stages of one frame, ms. `total` is the duration of `feed`. Times of the back end
-/// are those of the keyframe made from this frame, in whichever thread it ran.
+/// Time of the stages of one frame, ms. `total` is the time from the frame to its pose: `feed`
+/// without a stall that was asked for and, in the schedule `sequential`, without the back end.
+/// Times of the back end are those of the keyframe made from this frame, in whichever thread it
+/// ran.
 struct StageTimes {
   double total = 0;
   double extract = 0;  ///< both images
   double priors = 0;   ///< prior look-up
   double stereo = 0;
-  double track = 0;      ///< prediction, local map, keyframe decision
+  double track = 0;      ///< prediction, local map, keyframe decision, wait for the back end
   double predict = 0;    ///< part of track
   double local_map = 0;  ///< part of track
   double local_mapping = 0;

@@ -47,6 +47,12 @@ inline Eigen::Vector3d operator*(const Rigid3& T_a_b, const Eigen::Vector3d& p_b
   return T_a_b.rotation * p_b + T_a_b.translation;
 }
 
+/// The same rotation, the translation times `factor`.
+inline Rigid3 scaled(Rigid3 T_a_b, double factor) {
+  T_a_b.translation *= factor;
+  return T_a_b;
+}
+
 /// Skew-symmetric matrix: hat(a) * b == a.cross(b).
 inline Eigen::Matrix3d hat(const Eigen::Vector3d& a) {
   Eigen::Matrix3d A;

@@ -36,8 +36,8 @@ std::vector<float> ScaleLevels::inv_sigmas() const {
 int ScaleLevels::predict_octave(float max_distance, float distance) const {
   const float ratio = max_distance / distance;
   if (!(ratio > 1)) return 0;
-  const int octave = static_cast<int>(std::ceil(std::log(ratio) / log_factor));
-  return std::clamp(octave, 0, levels() - 1);
+  const float octave = std::ceil(std::log(ratio) / log_factor);
+  return static_cast<int>(std::clamp(octave, 0.0f, static_cast<float>(levels() - 1)));
 }
 
 FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
@@ -54,9 +54,7 @@ FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
   }
   descriptors_ = shared(std::move(left.descriptors));
   priors_ = shared(std::move(priors));
-  if (n > std::numeric_limits<std::uint16_t>::max()) {
-    throw std::logic_error("more than 65535 features in a frame");
-  }
+  if (n > kMostFeatures) throw std::logic_error("too many features in a frame");
   for (float& u : u_right_) u -= disparity_offset_;
   cell_width_inv_ = static_cast<float>(kColumns) / static_cast<float>(camera.width);
   cell_height_inv_ = static_cast<float>(kRows) / static_cast<float>(camera.height);

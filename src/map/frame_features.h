@@ -15,6 +15,9 @@
 
 namespace kys_slam {
 
+/// Features of one image.
+inline constexpr std::size_t kMostFeatures = 65535;
+
 /// Assumed standard deviation of a keypoint's coordinates and of its disparity, px of its octave.
 /// Measured against exact flow and disparity of simulated sequences: 0.11-0.17 and 0.08-0.12 px,
 /// the same at all octaves. The rest is a margin for real lenses and calibrations.

@@ -39,6 +39,7 @@ struct KeyFrameMessage {
   std::vector<InstanceBelief> beliefs;     ///< those that changed since the last message
   KeyFrameId reference;  ///< reference keyframe of tracking; parent if none is covisible
   Rigid3 T_c_reference;  ///< measured relative pose: the map may have changed since
+  double scale = 1;      ///< Map::scale at which it was measured
 };
 
 }  // namespace kys_slam

@@ -219,8 +219,9 @@ void Map::set_disparity_offset(float offset) {
   }
 }
 
-void Map::scale_culled(double factor) {
+void Map::note_rescaling(double factor) {
   moved_ = true;
+  scale_ *= factor;
   newly_culled_.clear();
   for (const KeyFrameId id : culled_.ids()) {
     culled_.at(id).T_c_parent.translation *= factor;
@@ -515,6 +516,7 @@ KeyFrameView Map::view(KeyFrameId id) const {
 ChangeSet Map::take_changes() {
   ChangeSet changes;
   changes.disparity_offset = disparity_offset_;
+  changes.scale = scale_;
   changes.moved = std::exchange(moved_, false);
   sort_unique(dirty_landmarks_);
   changes.landmarks.reserve(dirty_landmarks_.size());

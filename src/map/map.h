@@ -89,7 +89,10 @@ class Map {
   [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
   /// After a correction of the scale of the whole map by `factor`: multiplies the translations
   /// T_c_parent of culled keyframes by it, and publishes that the map moved.
-  void scale_culled(double factor);
+  void note_rescaling(double factor);
+  /// Product of these factors. A translation measured at another one has to be multiplied by the
+  /// quotient.
+  [[nodiscard]] double scale() const { return scale_; }
   /// Removes a keyframe and its observations. Its children get a new parent: its own parent or one
   /// of the other children. Returns false for the root of a spanning tree, which is not removed.
   bool cull_keyframe(KeyFrameId id);
@@ -175,6 +178,7 @@ class Map {
   ScaleLevels scales_;
   bool moved_ = false;          // many keyframes together, since the last change set
   float disparity_offset_ = 0;  // px
+  double scale_ = 1;
   bool keeps_beliefs_ = false;
   std::map<std::int32_t, InstanceBelief> beliefs_;  // of the instances of this run
   // With beliefs only: every landmark by its instance, and some that had this instance before.

@@ -16,8 +16,11 @@ void Replica::apply(ChangeSet changes) {
     if (!changes.moved || !view.parent.valid()) continue;
     const Anchor parent = resolve(view.parent);
     const Rigid3 T_p_w = parent.T_c_k * keyframes_.at(parent.keyframe).T_c_w;
-    hanging.emplace_back(id, view.T_c_w * T_p_w.inverse());
+    Rigid3 T_c_p = view.T_c_w * T_p_w.inverse();
+    T_c_p.translation *= changes.scale / scale_;
+    hanging.emplace_back(id, T_c_p);
   }
+  scale_ = changes.scale;
   for (const LandmarkId id : changes.erased_landmarks) landmarks_.erase(id);
   for (const auto& [from, into] : changes.replaced) landmarks_.replace(from, into);
   for (auto& [id, view] : changes.landmarks) landmarks_.put(id, std::move(view));

@@ -12,6 +12,9 @@ class Replica {
   [[nodiscard]] const IdTable<LandmarkId, LandmarkView>& landmarks() const { return landmarks_; }
   [[nodiscard]] const IdTable<KeyFrameId, KeyFrameView>& keyframes() const { return keyframes_; }
 
+  /// Map::scale of the state it has.
+  [[nodiscard]] double scale() const { return scale_; }
+
   void apply(ChangeSet changes);
   void put(LandmarkId id, LandmarkView view) { landmarks_.put(id, std::move(view)); }
   void put(KeyFrameId id, KeyFrameView view) { keyframes_.put(id, std::move(view)); }
@@ -44,6 +47,7 @@ class Replica {
   IdTable<KeyFrameId, KeyFrameView> keyframes_;
   IdTable<KeyFrameId, CulledKeyFrame> culled_;
   std::vector<KeyFrameId> pending_;  // by id
+  double scale_ = 1;
 };
 
 }  // namespace kys_slam

@@ -262,7 +262,7 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   Whole whole = whole_map(map, 1);
   const double before = camera_path_length(whole.problem.T_c_w);
   adjust_as_in_map(whole.problem, stop);
-  if (before > 0) map.scale_culled(camera_path_length(whole.problem.T_c_w) / before);
+  if (before > 0) map.note_rescaling(camera_path_length(whole.problem.T_c_w) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
   }

@@ -104,15 +104,18 @@ void BackEndRunner::submit(KeyFrameMessage message) {
   changed_.notify_all();
 }
 
-/// The oldest step, waited for.
-BackEndStep BackEndRunner::take(std::unique_lock<std::mutex>& lock) {
+/// Adds the oldest step, waited for. False when it failed and `steps` has some before it.
+bool BackEndRunner::take(std::unique_lock<std::mutex>& lock, std::vector<BackEndStep>& steps) {
   changed_.wait(lock, [&] { return !done_.empty() || failure_; });
-  if (done_.empty()) std::rethrow_exception(failure_);
-  BackEndStep step = std::move(done_.front());
+  if (done_.empty()) {
+    if (steps.empty()) std::rethrow_exception(failure_);
+    return false;
+  }
+  steps.push_back(std::move(done_.front()));
   done_.pop_front();
   submitted_.pop_front();
   --waiting_;
-  return step;
+  return true;
 }
 
 std::vector<BackEndStep> BackEndRunner::collect(std::int64_t frame_index) {
@@ -131,8 +134,7 @@ std::vector<BackEndStep> BackEndRunner::collect(std::int64_t frame_index) {
         due = !done_.empty() || failure_;
         break;
     }
-    if (!due) break;
-    steps.push_back(take(lock));
+    if (!due || !take(lock, steps)) break;
   }
   return steps;
 }
@@ -140,8 +142,18 @@ std::vector<BackEndStep> BackEndRunner::collect(std::int64_t frame_index) {
 std::vector<BackEndStep> BackEndRunner::drain() {
   std::vector<BackEndStep> steps;
   std::unique_lock lock(mutex_);
-  while (!submitted_.empty()) steps.push_back(take(lock));
+  while (!submitted_.empty() && take(lock, steps)) continue;
   return steps;
+}
+
+ChangeSet BackEndRunner::finish() {
+  try {
+    return back_end_.finish(&stop_);
+  } catch (...) {
+    const std::lock_guard lock(mutex_);
+    failure_ = std::current_exception();
+    throw;
+  }
 }
 
 void BackEndRunner::wait_idle() {

@@ -93,9 +93,10 @@ class BackEndRunner {
   /// Before the first message.
   ChangeSet continue_map(Map map) { return back_end_.continue_map(std::move(map)); }
   void submit(KeyFrameMessage message);
-  /// Steps that are due before frame `frame_index` is tracked, in order.
+  /// Steps that are due before frame `frame_index` is tracked, in order. Where a step failed, those
+  /// before it; the next call throws what it threw.
   std::vector<BackEndStep> collect(std::int64_t frame_index);
-  /// All remaining steps; waits for them.
+  /// All remaining steps; waits for them. Empty only when none remain; failures as in `collect`.
   std::vector<BackEndStep> drain();
   /// Number of messages submitted and not yet collected.
   [[nodiscard]] int waiting() const { return waiting_; }
@@ -103,7 +104,7 @@ class BackEndRunner {
   /// does not change until the next `submit`.
   void wait_idle();
   /// Call it after `drain`: the last corrections of the map.
-  ChangeSet finish() { return back_end_.finish(&stop_); }
+  ChangeSet finish();
   /// After `drain`.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         kys::Statistics& statistics) const {
@@ -121,7 +122,7 @@ class BackEndRunner {
 
  private:
   void run();
-  BackEndStep take(std::unique_lock<std::mutex>& lock);
+  bool take(std::unique_lock<std::mutex>& lock, std::vector<BackEndStep>& steps);
 
   BackEnd back_end_;
   Schedule schedule_;

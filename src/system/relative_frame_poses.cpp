@@ -9,7 +9,7 @@ void RelativeFramePoses::close(KeyFrameId id, const Tracker& tracker) {
     Entry& entry = frames_[f];
     if (!entry.before.reference.valid()) continue;
     if (tracker.submap(entry.before.reference) != tracker.submap(id)) continue;
-    entry.after = {id, tracker.current_pose(entry.before) * T_w_k};
+    entry.after = {id, tracker.current_pose(entry.before) * T_w_k, tracker.replica().scale()};
     entry.share =
         static_cast<double>(f - last_keyframe_) / static_cast<double>(at - last_keyframe_);
   }
@@ -21,7 +21,7 @@ std::optional<Rigid3> RelativeFramePoses::pose(const Map& map, std::size_t frame
   const auto from = [&](const FramePose& pose) -> std::optional<Rigid3> {
     const std::optional<Rigid3> T_k_w = map.pose(pose.reference);
     if (!T_k_w) return std::nullopt;
-    return (pose.T_c_reference * *T_k_w).inverse();
+    return (pose.at_scale(map.scale()) * *T_k_w).inverse();
   };
   std::optional<Rigid3> before = from(entry.before);
   const std::optional<Rigid3> after = from(entry.after);

@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cmath>
 #include <mutex>
+#include <numbers>
 #include <utility>
 
 #include "camera/plausible.h"
@@ -44,6 +45,38 @@ void check_labels(const Map& map, const std::string& label_space,
                                label_space_name(label_space)));
 }
 
+/// What tables and grids of the matchers take for granted.
+void check_features(const FeatureSet& set, const StereoCamera& camera, std::size_t levels,
+                    const std::string& where) {
+  if (set.keypoints.size() != set.descriptors.size()) {
+    throw InputError(fmt::format("{}: {} keypoints, but {} descriptors", where,
+                                 set.keypoints.size(), set.descriptors.size()));
+  }
+  if (set.size() > kMostFeatures) {
+    throw InputError(fmt::format("{}: more than {} features", where, kMostFeatures));
+  }
+  constexpr float kTurn = 2 * std::numbers::pi_v<float>;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    const Keypoint& k = set.keypoints[i];
+    // Corners refined to a fraction of a pixel of their octave may lie outside. A NaN does not.
+    constexpr float kMargin = 16;  // px
+    const bool inside = k.x >= -kMargin && k.x <= static_cast<float>(camera.width) + kMargin &&
+                        k.y >= -kMargin && k.y <= static_cast<float>(camera.height) + kMargin;
+    if (!inside) {
+      throw InputError(fmt::format("{}: feature {} at ({:g}, {:g}) px is outside the image", where,
+                                   i, k.x, k.y));
+    }
+    if (k.octave >= levels) {
+      throw InputError(fmt::format("{}: feature {} is of octave {}; orb.levels says {} octaves",
+                                   where, i, k.octave, levels));
+    }
+    if (!(k.angle >= 0 && k.angle <= kTurn)) {
+      throw InputError(fmt::format("{}: the orientation of feature {} is {:g}, not in 0..2 pi",
+                                   where, i, k.angle));
+    }
+  }
+}
+
 }  // namespace
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
@@ -64,6 +97,7 @@ System::~System() = default;
 
 void System::load_map(const std::filesystem::path& file, bool localize_only) {
   Impl& s = *impl_;
+  const std::lock_guard lock(s.mutex);
   if (s.count > 0) throw LogicError("a map can be loaded before the first frame only");
   if (s.map_loaded) throw LogicError("a map can be loaded once only");
   Map map = kys_slam::load_map(file, label_space_name(s.options.control.label_space));
@@ -75,7 +109,7 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
     throw InputError(file.string() + ": the map was made with another camera (" +
                      describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");
   }
-  if (map.scales().scale != s.scales.scale) {
+  if (map.scales().scale != s.scales.scale || map.scales().log_factor != s.scales.log_factor) {
     throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
                      "orb.scale_factor)");
   }
@@ -120,7 +154,12 @@ void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& mask
   for (const GrayImage* mask : {&masks.left, &masks.right}) {
     if (!mask->empty()) check_size(*mask, "a mask");
   }
-  if (frame.left_features) return;
+  if (frame.left_features) {
+    const std::size_t levels = scales.scale.size();
+    check_features(*frame.left_features, camera, levels, "frame " + name + ", left image");
+    check_features(*frame.right_features, camera, levels, "frame " + name + ", right image");
+    return;
+  }
   for (const GrayImage* image : {&frame.left, &frame.right}) check_size(*image, "an image");
 }
 
@@ -145,6 +184,15 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
         report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
       }
     }
+  }
+}
+
+/// Waits for all steps.
+void System::Impl::drain() {
+  while (true) {
+    std::vector<BackEndStep> steps = runner.drain();
+    if (steps.empty()) return;
+    apply(std::move(steps));
   }
 }
 
@@ -190,10 +238,11 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
 /// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
 /// starts, to be merged when a known place is seen again. The back end is waited for, so that the
 /// answer depends on the frames alone.
-TrackResult System::Impl::recover(const StereoFrame& frame, const FrontEndResult& seen,
+TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
                                   TrackResult lost) {
   if (!options.relocalization.enabled || seen.features->size() == 0) return lost;
-  apply(runner.drain());
+  drain();
+  front_end.renew(seen);
   if (const auto place = runner.relocalize(*tracker.with_beliefs(seen.features), lost.statistics)) {
     TrackResult resumed =
         tracker.resume(input(frame, seen), {place->keyframe, place->T_c_w, place->landmarks}, 0);
@@ -282,6 +331,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   FrontEndResult seen = s.front_end.process(frame, masks);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
+  s.front_end.renew(seen);
   TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());
   if (tracked.status == TrackingStatus::kLost && s.tracker.has_map()) {
     tracked = s.recover(frame, seen, std::move(tracked));
@@ -315,7 +365,7 @@ void System::finish() {
   const std::lock_guard lock(impl_->mutex);
   if (impl_->finished) return;
   impl_->finished = true;
-  impl_->apply(impl_->runner.drain());
+  impl_->drain();
   impl_->tracker.apply(impl_->runner.finish());
 }
 

@@ -47,13 +47,14 @@ struct System::Impl {
   [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
     return {count, frame.timestamp, seen.features, seen.left, seen.repeated, seen.segments};
   }
-  TrackResult recover(const StereoFrame& frame, const FrontEndResult& seen, TrackResult lost);
+  TrackResult recover(const StereoFrame& frame, FrontEndResult& seen, TrackResult lost);
   struct Place {
     KeyFrameId submap;
     Rigid3 T_w_c;
   };
   [[nodiscard]] std::optional<Place> place(std::size_t frame) const;
   [[nodiscard]] KeyFrameId main_submap() const;
+  void drain();
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
 
   std::mutex mutex;  // held while a frame is fed and while the map is read

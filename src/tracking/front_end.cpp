@@ -33,11 +33,13 @@ int drop_features(FeatureSet& features, std::vector<kys::Prior>& priors, Keep&& 
 }
 
 /// Raises the instance numbers of things.
-void raise(std::vector<kys::Prior>& priors, std::int32_t by, std::span<const std::uint8_t> thing) {
+void raise(std::vector<kys::Prior>& priors, std::int32_t by, std::span<const std::uint8_t> thing,
+           const StereoFrame& frame) {
   for (kys::Prior& prior : priors) {
     if (prior.label >= thing.size() || thing[prior.label] == 0 || prior.instance < 0) continue;
     if (prior.instance % kys::kRightInstances >= kys::kRightInstances - by) {
-      throw InputError("instance " + std::to_string(prior.instance) +
+      const std::string name = frame.name.empty() ? std::to_string(frame.index) : frame.name;
+      throw InputError("frame " + name + ": instance " + std::to_string(prior.instance) +
                        " is too high beside those of the loaded map");
     }
     prior.instance += by;
@@ -79,7 +81,7 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   result.segments.assign(segments.begin(), segments.end());
   if (instances_raised_by_ > 0) {
     for (auto* priors : {&priors_[0], &priors_[1], &result.segments}) {
-      raise(*priors, instances_raised_by_, is_thing_);
+      raise(*priors, instances_raised_by_, is_thing_, frame);
     }
   }
   for (std::size_t side = 0; side < 2; ++side) {
@@ -136,6 +138,12 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   priors_[0].clear();
   result.times.stereo = watch.lap_ms();
   return result;
+}
+
+void FrontEnd::renew(FrontEndResult& result) const {
+  if (result.features->disparity_offset() == disparity_offset_) return;
+  result.features = std::make_shared<const FrameFeatures>(
+      result.features->with_disparity_offset(disparity_offset_));
 }
 
 }  // namespace kys_slam

@@ -58,6 +58,8 @@ class FrontEnd {
   }
   /// px, added to the disparities of later frames.
   void set_disparity_offset(float offset) { disparity_offset_ = offset; }
+  /// A result made before that gets the offset too.
+  void renew(FrontEndResult& result) const;
 
  private:
   void extract(const StereoFrame& frame);

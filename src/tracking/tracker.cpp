@@ -109,6 +109,7 @@ bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   if (instances_) judge_instances(frame, result);
   if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {
     result.reason += "; " + std::to_string(result.inliers) + " inliers stand still";
+    result.instances.clear();
     forget_instance_frames();
     return false;
   }
@@ -191,8 +192,9 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
 /// What the next frame starts from.
 void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   const Replica::Anchor anchor = replica_.resolve(reference_);
-  frame.pose.reference = anchor.keyframe;
-  frame.pose.T_c_reference = frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse();
+  frame.pose = {anchor.keyframe,
+                frame.T_c_w * replica_.keyframes().at(anchor.keyframe).T_c_w.inverse(),
+                replica_.scale()};
   result.pose = frame.pose;
   result.T_c_w = frame.T_c_w;
   // The pose before a relocalisation may be wrong, or of another sub-map.
@@ -256,7 +258,8 @@ void Tracker::refresh_last_frame() {
   const Rigid3 T_c_w_before = last_->T_c_w;
   const Replica::Anchor anchor = replica_.resolve(last_->pose.reference);
   // The culled keyframe's own frame lies between: T_c_ref_old * T_ref_old_ref_new.
-  last_->pose = {anchor.keyframe, last_->pose.T_c_reference * anchor.T_c_k};
+  last_->pose = {anchor.keyframe, last_->pose.at_scale(replica_.scale()) * anchor.T_c_k,
+                 replica_.scale()};
   last_->T_c_w = last_->pose.T_c_reference * replica_.keyframes().at(anchor.keyframe).T_c_w;
   for (LandmarkId& id : last_->landmarks) {
     if (id.valid()) id = replica_.resolve(id);
@@ -269,7 +272,8 @@ void Tracker::refresh_last_frame() {
 
 Rigid3 Tracker::current_pose(const FramePose& pose) const {
   const Replica::Anchor anchor = replica_.resolve(pose.reference);
-  return pose.T_c_reference * anchor.T_c_k * replica_.keyframes().at(anchor.keyframe).T_c_w;
+  return pose.at_scale(replica_.scale()) * anchor.T_c_k *
+         replica_.keyframes().at(anchor.keyframe).T_c_w;
 }
 
 KeyFrameId Tracker::submap(KeyFrameId keyframe) const {

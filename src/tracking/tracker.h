@@ -44,6 +44,10 @@ enum class TrackingStatus : std::uint8_t { kStarted, kTracked, kLost };
 struct FramePose {
   KeyFrameId reference;  ///< invalid: not connected to the map
   Rigid3 T_c_reference;
+  double scale = 1;  ///< Map::scale at which it was measured
+
+  /// T_c_reference in a map of another scale.
+  [[nodiscard]] Rigid3 at_scale(double other) const { return scaled(T_c_reference, other / scale); }
 };
 
 /// Place and pose of a frame recognised in the map.

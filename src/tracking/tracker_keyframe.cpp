@@ -57,6 +57,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   message.reference = reference_;
   if (reference_.valid()) {
     message.T_c_reference = frame.T_c_w * replica_.keyframes().at(reference_).T_c_w.inverse();
+    message.scale = replica_.scale();
   }
   add_stereo_landmarks(frame, message);
   for (const NewLandmark& landmark : message.new_landmarks) {

@@ -261,6 +261,22 @@ TEST(ChangeSet, KeyframesUnderWayFollowWhenTheMapMoves) {
   }
 }
 
+TEST(ChangeSet, KeyframesUnderWayTakeTheNewScale) {
+  const auto at = [](double x) { return Rigid3(Eigen::Quaterniond::Identity(), {-x, 0, 0}); };
+  Replica replica;
+  ChangeSet known;
+  known.keyframes.emplace_back(KeyFrameId{1}, KeyFrameView{at(10), {}, {}, {}, {}, {}, {}});
+  replica.apply(known);
+  replica.put_pending(KeyFrameId{2}, {at(12), {}, {}, {}, {1}, {}, {}});
+  ChangeSet larger;
+  larger.moved = true;
+  larger.scale = 1.1;
+  larger.keyframes.emplace_back(KeyFrameId{1}, KeyFrameView{at(11), {}, {}, {}, {}, {}, {}});
+  replica.apply(larger);
+  EXPECT_NEAR(replica.keyframes().at(KeyFrameId{2}).T_c_w.inverse_t().x(), 13.2, 1e-9);
+  EXPECT_EQ(replica.scale(), 1.1);
+}
+
 TEST(ChangeSet, NothingChangedMeansAnEmptyOne) {
   RandomEditor editor(4);
   (void)editor.map().take_changes();

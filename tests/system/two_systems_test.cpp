@@ -118,6 +118,26 @@ TEST_F(TwoSystems, FramesThatDoNotFitAreRefusedAndTheSystemGoesOn) {
   StereoFrame half = street_[1];
   half.left_features.emplace();
   EXPECT_THROW(system.feed(half), InputError);
+  // Features that no table of the matchers has room for.
+  StereoFrame fed = street_[1];
+  fed.left = fed.right = {};
+  fed.left_features.emplace();
+  fed.right_features.emplace();
+  for (FeatureSet* set : {&*fed.left_features, &*fed.right_features}) {
+    const FeatureSet good{{{100, 50, 1, 30, 7}}, {{}}};
+    for (const Keypoint bad : {Keypoint{100, 50, 1, 30, 8}, Keypoint{std::nanf(""), 50, 1, 30, 0},
+                               Keypoint{100, 1e30F, 1, 30, 0}, Keypoint{100, 50, 270, 30, 0},
+                               Keypoint{100, 50, std::nanf(""), 30, 0}}) {
+      *set = {{bad}, {{}}};
+      EXPECT_THROW(system.feed(fed), InputError) << bad.x << " " << bad.y << " " << bad.angle;
+    }
+    *set = {{{100, 50, 1, 30, 7}}, {}};
+    EXPECT_THROW(system.feed(fed), InputError) << "a keypoint without a descriptor";
+    set->keypoints.assign(65536, good.keypoints[0]);
+    set->descriptors.resize(65536);
+    EXPECT_THROW(system.feed(fed), InputError) << "too many";
+    *set = good;
+  }
   EXPECT_EQ(system.feed(street_[1]).status, FrameStatus::kTracked);
   system.finish();
   EXPECT_EQ(system.trajectory().size(), 2u) << "refused frames are not counted";
