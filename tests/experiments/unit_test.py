@@ -18,6 +18,7 @@ try:
     import numpy as np
 
     import data_sets
+    import drives
     import experiment_tables
     import figures
     import first_page
@@ -717,6 +718,27 @@ class DriveTables(unittest.TestCase):
 
 
 class Drives(unittest.TestCase):
+    def test_a_picture_shows_runs_of_its_own_perception_and_those_of_stock(self):
+        """`mask` fails with poor priors; `stock` runs with the first ones alone."""
+        def run_drive(drive, modes, *_):
+            perception = drive.labels[2]
+            return ([DriveTables.row(mode, "1", 1.0, perception) for mode in modes],
+                    {mode: f"{perception}/{mode}" for mode in modes if (mode, perception) != ("mask", "poor")})
+
+        drawn = []
+        modes = ["mask", "stock", "stock:a=1", "kys"]
+        with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()), \
+                contextlib.redirect_stderr(io.StringIO()), \
+                unittest.mock.patch.multiple(
+                    drives, Drive=lambda truth, *labels: argparse.Namespace(labels=labels[:4]),
+                    run_drive=run_drive, draw=lambda drive, folders, _: drawn.append(list(folders.items()))), \
+                unittest.mock.patch.object(sys, "argv", [
+                    "drives.py", folder, "--output", folder, "--sequences", "07", "--traffic", "city",
+                    "--perception", "exact,poor", "--seeds", "1", "--modes", ",".join(modes)]):
+            self.assertEqual(drives.main(), 0)
+        self.assertEqual(drawn, [[(mode, f"exact/{mode}") for mode in modes],
+                                 [("stock", "exact/stock"), ("stock:a=1", "exact/stock:a=1"), ("kys", "poor/kys")]])
+
     def test_a_drive_round_a_block_is_one_a_vehicle_can_make(self):
         rows = np.array(town_path.drive(1500, 3)).reshape(-1, 3, 4)
         turns, places = rows[:, :, :3], rows[:, :, 3]
