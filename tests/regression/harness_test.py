@@ -1,8 +1,16 @@
 #!/usr/bin/env python3
 """What the comparison of trajectories and the bands rest on."""
 import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
 import unittest
+import unittest.mock
 
+import harness
+from drive import drive_text
 from harness import compare, is_exact, largest_difference
 from record import band_of_ate
 
@@ -54,6 +62,49 @@ class Bands(unittest.TestCase):
         self.assertEqual(band_of_ate(0.1, 0.003, [0.2]), [0.091, 0.109])
         self.assertEqual(band_of_ate(0.1, 0.0, [0.1]), [0.098, 0.102])
         self.assertEqual(band_of_ate(0.001, 1, [0.3]), [0.0, 0.599])
+
+
+class Input(unittest.TestCase):
+    """Of the case `drive`, whose tests run side by side; the simulator is a stub."""
+
+    MAKE = ("import sys, harness; "
+            "harness.make_input({'input': {'features': 'drive'}}, 1, harness.BuildFolder(sys.argv[1]))")
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.build = pathlib.Path(temporary.name)
+        (self.build / "bin").mkdir()
+        program = self.build / "bin" / "simulate_features"
+        program.write_text('#!/bin/sh\nwhile [ "$1" != --output ]; do shift; done; echo x > "$2"\n')
+        program.chmod(0o755)
+        self.trajectory = self.build / "regression" / "data" / "drive.txt"
+
+    def make(self):
+        harness.make_input({"input": {"features": "drive"}}, 1, harness.BuildFolder(self.build))
+
+    def test_the_trajectory_that_is_there_is_not_written_again(self):
+        self.make()
+        before = self.trajectory.stat()
+        self.make()
+        now = self.trajectory.stat()
+        self.assertEqual((now.st_ino, now.st_mtime_ns), (before.st_ino, before.st_mtime_ns))
+        self.trajectory.write_text("of an earlier version")
+        self.make()
+        self.assertEqual(self.trajectory.read_text(), drive_text())
+
+    def test_two_processes_make_it_at_the_same_time(self):
+        """The other one does all of it after the first has written its file and before it renames it."""
+        replace = os.replace
+
+        def other_first(*paths):
+            subprocess.run([sys.executable, "-c", self.MAKE, self.build], check=True, cwd=harness.FOLDER)
+            replace(*paths)
+
+        with unittest.mock.patch.object(os, "replace", other_first):
+            self.make()
+        self.assertEqual(self.trajectory.read_text(), drive_text())
+        self.assertEqual([p.name for p in self.trajectory.parent.glob("drive.txt*")], ["drive.txt"])
 
 
 if __name__ == "__main__":
