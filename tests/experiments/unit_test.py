@@ -508,6 +508,32 @@ class Steps(unittest.TestCase):
                                {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
         self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
 
+    def test_worlds_rendered_before_are_known_by_their_command(self):
+        """READMEs as simulate_sequence writes them, and the options a plan asks for."""
+        with tempfile.TemporaryDirectory() as folder:
+            for name, options in (("a", "--seed 1 --frames 60 --size 414x126"),
+                                  ("b", "--seed 1 --size 414x126 --images-only"),
+                                  ("c", "--seed 1 --size 414x126"), ("d", "--seed 2 --size 414x126")):
+                touch(pathlib.Path(folder) / name / "README")
+                (pathlib.Path(folder) / name / "README").write_text(
+                    "A simulated sequence: world street, 200 frames. Made by\n\n"
+                    f"    simulate_sequence street --output /elsewhere/{name} {options}\n\nimage_0  left image\n")
+            touch(pathlib.Path(folder) / "e" / "notes")
+
+            def found(name, frames=None):
+                planner = Plans.Planner(scale="full")
+                planner.given, planner.jobs = {}, {}
+                planner.programs = unittest.mock.Mock(key=lambda program: program)
+                experiment = {"seeds": [1], "size": "414x126", **({"frames": frames} if frames else {})}
+                job, *_ = planner.input_of(name, 1, experiment)
+                place = step.rendered_before(folder, planner.jobs[job]["spec"]["arguments"])
+                return place and os.path.basename(place)
+
+            self.assertEqual(found("world/street", 60), "a")
+            self.assertEqual(found("world/street"), "c")
+            self.assertIsNone(found("world/street", 61))
+            self.assertIsNone(found("world/hall"))
+
     def test_times_of_networks_per_frame(self):
         """Of both cameras: two images, two fields of disparity, four of flow per frame."""
         times = {"network": 3.0, "segments": 1.0, "segmented images": 20, "build": 7.0}
