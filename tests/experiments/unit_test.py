@@ -343,8 +343,10 @@ class DataSets(unittest.TestCase):
             touch(root / "sequences" / "07" / "panoptic_right" / "x.png")
             self.assertEqual(data_sets.perception_of(sequence, folder),
                              ("perception", sequence.folder))
+            self.assertIsNone(data_sets.prior_files_of(sequence, folder))
             touch(root / "priors" / "kitti" / "07" / "000000.kysp")
-            self.assertEqual(data_sets.perception_of(sequence, folder)[0], "priors")
+            self.assertEqual(data_sets.prior_files_of(sequence, folder), str(root / "priors" / "kitti" / "07"))
+            self.assertEqual(data_sets.perception_of(sequence, folder), ("perception", sequence.folder))
 
 
 class Experiments(unittest.TestCase):
@@ -568,6 +570,86 @@ class Steps(unittest.TestCase):
             count, total, seconds = step.time_left(step.Work(folder))
             self.assertEqual((count, total), (60, 100))
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
+
+
+class GivenPriors(unittest.TestCase):
+    """Of a KITTI sequence with prior files, with and without perception outputs."""
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.root = pathlib.Path(temporary.name) / "data"
+        touch(self.root / "kitti" / "07" / "image_0" / "000000.png")
+        touch(self.root / "priors" / "kitti" / "07" / "000000.kysp")
+        self.perception = self.root / "perception" / "kitti" / "07"
+        self.folder = self.root.parent / "work"
+        self.folder.mkdir()
+        (self.folder / "plan.json").write_text(json.dumps(
+            {"bin": "", "source": str(SOURCE), "cores": 1, "jobs": [], "costs": []}))
+
+    def with_perception(self):
+        for name in ("panoptic_left", "panoptic_right"):
+            touch(self.perception / name / "000000.png")
+
+    def planner(self):
+        planner = Plans.Planner(data=str(self.root), cores=1)
+        planner.jobs, planner.states, planner.cases = {}, {}, plan.load_yaml("cases.yaml")
+        planner.given = data_sets.find(str(self.root))
+        planner.programs = unittest.mock.Mock(key=lambda name: name)
+        return planner
+
+    def make(self, case, config=None):
+        """The prior files of a job of a plan, and the commands that make them."""
+        planner = self.planner()
+        source = planner.input_of("kitti/07", 1, {"seeds": [1]})
+        job = planner.jobs[planner.priors_of(source, "kitti/07", case, config, 1)]
+        commands = []
+        with unittest.mock.patch.object(step, "call", lambda command: commands.append(command) or (0, "")):
+            step.make_priors(step.Work(self.folder), job)
+        return self.folder / "priors" / job["id"], commands
+
+    def test_exact_ones_are_taken_as_they_are(self):
+        for _ in range(2):
+            output, commands = self.make("exact")
+            self.assertEqual(os.path.realpath(output), os.path.realpath(self.root / "priors" / "kitti" / "07"))
+            self.assertEqual(commands, [])
+            self.with_perception()
+
+    def test_those_of_another_configuration_are_made_from_perception_outputs(self):
+        with self.assertRaisesRegex(step.Failure, "no perception outputs"):
+            self.make("exact", "priors_paper.yaml")
+        self.with_perception()
+        output, (command,) = self.make("exact", "priors_paper.yaml")
+        self.assertFalse(output.is_symlink())
+        after = lambda option: command[command.index(option) + 1]
+        self.assertEqual(after("--config"), str(SOURCE / "configs" / "priors_paper.yaml"))
+        self.assertEqual(after("--panoptic-left"), str(self.perception / "panoptic_left"))
+        self.assertEqual((after("--disparity"), after("--flow-left")), ("sgbm", "dis"))
+
+    def test_those_with_errors_of_perception_are_made_from_its_outputs(self):
+        with self.assertRaisesRegex(step.Failure, "no perception outputs"):
+            self.make("sgbm+dis")
+        self.with_perception()
+        _, (command,) = self.make("sgbm+dis")
+        self.assertEqual(command[command.index("--panoptic-right") + 1], str(self.perception / "panoptic_right"))
+
+    def test_times_of_perception(self):
+        """Networks of both folders; without perception outputs nothing is timed."""
+        def times():
+            planner = self.planner()
+            job = planner.jobs[planner.perception_of(planner.input_of("kitti/07", 1, {"seeds": [1]}), "kitti/07")]
+            with unittest.mock.patch.object(step, "call", unittest.mock.Mock()) as call:
+                found = step.perception_times(step.Work(self.folder), job)
+            for (command,), _ in call.call_args_list:
+                self.assertEqual(command[1], str(self.root / "kitti" / "07"))
+            return found.keys(), call.call_count
+
+        (self.root / "priors" / "kitti" / "07" / "times.json").write_text(
+            json.dumps({"network": 1, "segments": 1, "segmented images": 2}))
+        self.assertEqual(times(), ({"segmentation_ms"}, 0))
+        self.with_perception()
+        (self.perception / "times.json").write_text(json.dumps({"stereo": 1, "stereo fields": 2}))
+        self.assertEqual(times(), ({"segmentation_ms", "stereo_network_ms", "classical_ms"}, 2))
 
 
 class Refusals(unittest.TestCase):
