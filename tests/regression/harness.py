@@ -150,14 +150,14 @@ def is_generated(case):
 # --- runs --------------------------------------------------------------------------------------
 
 
-def run(case, name, arguments, settings, place):
-    """Runs the case's program on an input; returns the folder of results."""
+def run(case, name, arguments, settings, place, allowed=(DONE, TRACKING_FAILED)):
+    """Runs the case's program on an input; returns the folder of results. `allowed`: exit status."""
     output = os.path.join(place.runs, name)
     remove(output)
     command = [place.program(case["run"]["program"]), *arguments, *case["run"]["arguments"]]
     for setting in settings:
         command += ["--set", setting]
-    call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
+    call([*command, "--quiet", "--output", output], allowed)
     return output
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """What the comparison of trajectories and the bands rest on."""
+import json
 import math
 import os
 import pathlib
@@ -64,20 +65,51 @@ class Bands(unittest.TestCase):
         self.assertEqual(band_of_ate(0.001, 1, [0.3]), [0.0, 0.599])
 
 
-class Input(unittest.TestCase):
-    """Of the case `drive`, whose tests run side by side; the simulator is a stub."""
-
-    MAKE = ("import sys, harness; "
-            "harness.make_input({'input': {'features': 'drive'}}, 1, harness.BuildFolder(sys.argv[1]))")
+class StubPrograms(unittest.TestCase):
+    """Tests of the case `drive` with stubs of its programs."""
 
     def setUp(self):
         temporary = tempfile.TemporaryDirectory()
         self.addCleanup(temporary.cleanup)
         self.build = pathlib.Path(temporary.name)
         (self.build / "bin").mkdir()
-        program = self.build / "bin" / "simulate_features"
-        program.write_text('#!/bin/sh\nwhile [ "$1" != --output ]; do shift; done; echo x > "$2"\n')
-        program.chmod(0o755)
+        self.program("simulate_features", 'echo x > "$2"')
+
+    def program(self, name, text):
+        """$2 is the output."""
+        path = self.build / "bin" / name
+        path.write_text('#!/bin/sh\nwhile [ "$1" != --output ]; do shift; done\n' + text + "\n")
+        path.chmod(0o755)
+
+
+class Broken(StubPrograms):
+    def check(self, status):
+        """Status of check.py --broken with a run whose ATE is 50 m, and its last line."""
+        summary = json.dumps({"complete": True, "frames": 1, "frames_tracked": 1, "ate_se3_rmse_m": 50,
+                              "versions": {}})
+        self.program("run_stereo_kitti", f"mkdir -p $2; echo '{summary}' > $2/summary.json; "
+                     f"echo 1 0 0 0 0 1 0 0 0 0 1 0 > $2/trajectory.kitti; echo lost >&2; exit {status}")
+        done = subprocess.run([sys.executable, os.path.join(harness.FOLDER, "check.py"), self.build, "drive",
+                               "--broken"], capture_output=True, text=True, check=False)
+        return done.returncode, (done.stdout + done.stderr).splitlines()[-1]
+
+    def test_an_error_above_the_band_is_what_it_is_for(self):
+        status, said = self.check(0)
+        self.assertEqual(status, 0, said)
+        self.assertIn("ATE 50.00000 m", said)
+
+    def test_a_run_that_loses_track_is_no_error_above_the_band(self):
+        self.assertEqual(self.check(3), (1, "check.py: run_stereo_kitti: status 3: lost"))
+
+
+class Input(StubPrograms):
+    """Its tests run side by side."""
+
+    MAKE = ("import sys, harness; "
+            "harness.make_input({'input': {'features': 'drive'}}, 1, harness.BuildFolder(sys.argv[1]))")
+
+    def setUp(self):
+        super().setUp()
         self.trajectory = self.build / "regression" / "data" / "drive.txt"
 
     def make(self):
