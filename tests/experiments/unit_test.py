@@ -408,6 +408,19 @@ class Plans(unittest.TestCase):
             os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
             self.assertNotEqual(ids(), first)
 
+    def test_prior_files_whose_exposure_is_measured_depend_on_what_measures_it(self):
+        def job(case, version):
+            planner = self.Planner()
+            planner.jobs, planner.given, planner.cases = {}, {}, plan.load_yaml("cases.yaml")
+            planner.programs = unittest.mock.Mock(
+                key=lambda name: f"{name} {version}" if name == "compare_priors" else name)
+            source = planner.input_of("world/street", 1, {"seeds": [1]})
+            return planner.priors_of(source, "world/street", case, None, 1)
+
+        for case, depends in (("segments 10 %", True), ("flow 2.7 px", True), ("exact", False), ("drop", False),
+                              ("sgbm+dis", False)):
+            self.assertEqual(job(case, 1) != job(case, 2), depends, case)
+
     def test_other_code_of_the_steps_makes_other_jobs(self):
         with tempfile.TemporaryDirectory() as folder:
             code = pathlib.Path(folder) / "step.py"

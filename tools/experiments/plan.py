@@ -206,6 +206,8 @@ class Planner:
         needs = [job] if job else []
         if recipe:
             spec["perturb"] = self.programs.key("perturb_priors")
+        if "relabel" in recipe or "flow_relative" in recipe:  # step.py measures the exposure
+            spec["compare"] = self.programs.key("compare_priors")
         if "decision" in recipe:
             needs.append(self.priors_of(source, name, "exact", config, seed))
         words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]
