@@ -1,13 +1,14 @@
 // index_benchmark MAP [QUERIES]: the hash tables of place recognition and FLANN's LSH index on the
 // landmarks of a map (run_stereo_kitti --save-map), asked with features of its keyframes. Found:
 // the share of queries whose nearest landmark, at most 50 bits away, is the answer. Processor time.
+#include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
+#include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/process_figures.h>
 
 #include <algorithm>
 #include <bit>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <flann/flann.hpp>
 #include <functional>
@@ -148,8 +149,15 @@ int run(int argc, char** argv) {
     std::fprintf(stderr, "usage: index_benchmark MAP [QUERIES]\n");
     return kBadInput;
   }
+  const auto queries = argc > 2 ? parse_int(argv[2]) : 20000;
+  if (!queries || *queries < 1) {
+    throw InputError(std::string("QUERIES ") + argv[2] + ": must be a whole number, at least 1");
+  }
   const Map map = load_map(argv[1]);
-  const Data data = take_data(map, argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 20000);
+  const Data data = take_data(map, static_cast<std::size_t>(*queries));
+  if (data.landmarks.empty() || data.queries.empty()) {
+    throw InputError(std::string(argv[1]) + ": holds no landmarks or no keyframes");
+  }
   std::printf("%zu landmarks, %zu queries\n%-44s %8s %9s %8s %10s %9s\n", data.landmarks.size(),
               data.queries.size(), "", "found", "precision", "us/query", "us to add", "MB");
   const PlaceOptions place;

@@ -3,6 +3,7 @@
 // system; `supernodal`: of that only ours and CHOLMOD's supernodal factorisation. Every
 // measurement is a process of its own, in turns, so that a busy machine meets all alike; processor
 // time, and memory beyond what the problem itself takes.
+#include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -331,6 +332,7 @@ int run(int argc, char** argv) {
   const int rounds = argc > 2 ? std::max(1, std::atoi(argv[2])) : 3;
   const std::string part = argc > 3 ? argv[3] : "";
   const Map map = load_map(argv[1]);
+  if (map.keyframes().empty()) throw InputError(std::string(argv[1]) + ": holds no keyframes");
   const BundleProblem problem = whole_map(map);
   const Graph graph = essential_graph(map);
   std::printf("%zu keyframes, %zu points, %zu observations; %zu edges; processor time in turns\n",

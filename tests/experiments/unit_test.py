@@ -18,6 +18,7 @@ try:
     import numpy as np
 
     import data_sets
+    import drives
     import experiment_tables
     import figures
     import first_page
@@ -65,6 +66,20 @@ class Published(unittest.TestCase):
             stated = self.values("table2.csv", method, "ATE, mean over sequences")[""]
             mean = np.mean(list(self.values("table2.csv", method).values()))
             self.assertAlmostEqual(mean, stated, delta=0.0006, msg=method)
+
+    def test_published_figures_stand_below_those_of_the_same_metric(self):
+        for name, metric, line in (
+                ("table_s7_stall", "wall clock",
+                 ["ORB-SLAM3 stall 0 ms", "94.40", "34.60", "126.00", "138.10"]),
+                ("table_s7_stall", "ATE", ["ORB-SLAM3 stall 50 ms", "1.310", "0.270", "0.910", "1.320"]),
+                ("table_supp_e_f_h", "keypoints with mu up to 8",
+                 ["KYS-SLAM gate 8", "99.80", "93.80", "73.40"])):
+            experiment = {**plan.load_yaml(name + ".yaml"), "name": name}
+            rows = [{"input": i, "seed": 1, "case": "exact", "variant": "", "schedule": "realtime", "repeat": 0,
+                     "origin": "given", "configuration": experiment["baseline"], "status": "done", "tracked": 100.0,
+                     **dict.fromkeys(experiment["metrics"], 1.0)} for i in experiment["inputs"]]
+            table, = (t for t in experiment_tables.value_tables(experiment, rows) if f": {metric}," in t.title)
+            self.assertIn(line, [row[:len(line)] for row in table.rows], name)
 
 
 class Statistics(unittest.TestCase):
@@ -328,8 +343,10 @@ class DataSets(unittest.TestCase):
             touch(root / "sequences" / "07" / "panoptic_right" / "x.png")
             self.assertEqual(data_sets.perception_of(sequence, folder),
                              ("perception", sequence.folder))
+            self.assertIsNone(data_sets.prior_files_of(sequence, folder))
             touch(root / "priors" / "kitti" / "07" / "000000.kysp")
-            self.assertEqual(data_sets.perception_of(sequence, folder)[0], "priors")
+            self.assertEqual(data_sets.prior_files_of(sequence, folder), str(root / "priors" / "kitti" / "07"))
+            self.assertEqual(data_sets.perception_of(sequence, folder), ("perception", sequence.folder))
 
 
 class Experiments(unittest.TestCase):
@@ -390,6 +407,19 @@ class Plans(unittest.TestCase):
             prior.write_text("other")
             os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
             self.assertNotEqual(ids(), first)
+
+    def test_prior_files_whose_exposure_is_measured_depend_on_what_measures_it(self):
+        def job(case, version):
+            planner = self.Planner()
+            planner.jobs, planner.given, planner.cases = {}, {}, plan.load_yaml("cases.yaml")
+            planner.programs = unittest.mock.Mock(
+                key=lambda name: f"{name} {version}" if name == "compare_priors" else name)
+            source = planner.input_of("world/street", 1, {"seeds": [1]})
+            return planner.priors_of(source, "world/street", case, None, 1)
+
+        for case, depends in (("segments 10 %", True), ("flow 2.7 px", True), ("exact", False), ("drop", False),
+                              ("sgbm+dis", False)):
+            self.assertEqual(job(case, 1) != job(case, 2), depends, case)
 
     def test_other_code_of_the_steps_makes_other_jobs(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -493,6 +523,32 @@ class Steps(unittest.TestCase):
                                {"priors-y": {"status": "failed", "reason": "no file", "seconds": 1}})
         self.assertEqual(result, {**result, "status": "failed", "reason": "priors: no file"})
 
+    def test_worlds_rendered_before_are_known_by_their_command(self):
+        """READMEs as simulate_sequence writes them, and the options a plan asks for."""
+        with tempfile.TemporaryDirectory() as folder:
+            for name, options in (("a", "--seed 1 --frames 60 --size 414x126"),
+                                  ("b", "--seed 1 --size 414x126 --images-only"),
+                                  ("c", "--seed 1 --size 414x126"), ("d", "--seed 2 --size 414x126")):
+                touch(pathlib.Path(folder) / name / "README")
+                (pathlib.Path(folder) / name / "README").write_text(
+                    "A simulated sequence: world street, 200 frames. Made by\n\n"
+                    f"    simulate_sequence street --output /elsewhere/{name} {options}\n\nimage_0  left image\n")
+            touch(pathlib.Path(folder) / "e" / "notes")
+
+            def found(name, frames=None):
+                planner = Plans.Planner(scale="full")
+                planner.given, planner.jobs = {}, {}
+                planner.programs = unittest.mock.Mock(key=lambda program: program)
+                experiment = {"seeds": [1], "size": "414x126", **({"frames": frames} if frames else {})}
+                job, *_ = planner.input_of(name, 1, experiment)
+                place = step.rendered_before(folder, planner.jobs[job]["spec"]["arguments"])
+                return place and os.path.basename(place)
+
+            self.assertEqual(found("world/street", 60), "a")
+            self.assertEqual(found("world/street"), "c")
+            self.assertIsNone(found("world/street", 61))
+            self.assertIsNone(found("world/hall"))
+
     def test_times_of_networks_per_frame(self):
         """Of both cameras: two images, two fields of disparity, four of flow per frame."""
         times = {"network": 3.0, "segments": 1.0, "segmented images": 20, "build": 7.0}
@@ -527,6 +583,86 @@ class Steps(unittest.TestCase):
             count, total, seconds = step.time_left(step.Work(folder))
             self.assertEqual((count, total), (60, 100))
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
+
+
+class GivenPriors(unittest.TestCase):
+    """Of a KITTI sequence with prior files, with and without perception outputs."""
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.root = pathlib.Path(temporary.name) / "data"
+        touch(self.root / "kitti" / "07" / "image_0" / "000000.png")
+        touch(self.root / "priors" / "kitti" / "07" / "000000.kysp")
+        self.perception = self.root / "perception" / "kitti" / "07"
+        self.folder = self.root.parent / "work"
+        self.folder.mkdir()
+        (self.folder / "plan.json").write_text(json.dumps(
+            {"bin": "", "source": str(SOURCE), "cores": 1, "jobs": [], "costs": []}))
+
+    def with_perception(self):
+        for name in ("panoptic_left", "panoptic_right"):
+            touch(self.perception / name / "000000.png")
+
+    def planner(self):
+        planner = Plans.Planner(data=str(self.root), cores=1)
+        planner.jobs, planner.states, planner.cases = {}, {}, plan.load_yaml("cases.yaml")
+        planner.given = data_sets.find(str(self.root))
+        planner.programs = unittest.mock.Mock(key=lambda name: name)
+        return planner
+
+    def make(self, case, config=None):
+        """The prior files of a job of a plan, and the commands that make them."""
+        planner = self.planner()
+        source = planner.input_of("kitti/07", 1, {"seeds": [1]})
+        job = planner.jobs[planner.priors_of(source, "kitti/07", case, config, 1)]
+        commands = []
+        with unittest.mock.patch.object(step, "call", lambda command: commands.append(command) or (0, "")):
+            step.make_priors(step.Work(self.folder), job)
+        return self.folder / "priors" / job["id"], commands
+
+    def test_exact_ones_are_taken_as_they_are(self):
+        for _ in range(2):
+            output, commands = self.make("exact")
+            self.assertEqual(os.path.realpath(output), os.path.realpath(self.root / "priors" / "kitti" / "07"))
+            self.assertEqual(commands, [])
+            self.with_perception()
+
+    def test_those_of_another_configuration_are_made_from_perception_outputs(self):
+        with self.assertRaisesRegex(step.Failure, "no perception outputs"):
+            self.make("exact", "priors_paper.yaml")
+        self.with_perception()
+        output, (command,) = self.make("exact", "priors_paper.yaml")
+        self.assertFalse(output.is_symlink())
+        after = lambda option: command[command.index(option) + 1]
+        self.assertEqual(after("--config"), str(SOURCE / "configs" / "priors_paper.yaml"))
+        self.assertEqual(after("--panoptic-left"), str(self.perception / "panoptic_left"))
+        self.assertEqual((after("--disparity"), after("--flow-left")), ("sgbm", "dis"))
+
+    def test_those_with_errors_of_perception_are_made_from_its_outputs(self):
+        with self.assertRaisesRegex(step.Failure, "no perception outputs"):
+            self.make("sgbm+dis")
+        self.with_perception()
+        _, (command,) = self.make("sgbm+dis")
+        self.assertEqual(command[command.index("--panoptic-right") + 1], str(self.perception / "panoptic_right"))
+
+    def test_times_of_perception(self):
+        """Networks of both folders; without perception outputs nothing is timed."""
+        def times():
+            planner = self.planner()
+            job = planner.jobs[planner.perception_of(planner.input_of("kitti/07", 1, {"seeds": [1]}), "kitti/07")]
+            with unittest.mock.patch.object(step, "call", unittest.mock.Mock()) as call:
+                found = step.perception_times(step.Work(self.folder), job)
+            for (command,), _ in call.call_args_list:
+                self.assertEqual(command[1], str(self.root / "kitti" / "07"))
+            return found.keys(), call.call_count
+
+        (self.root / "priors" / "kitti" / "07" / "times.json").write_text(
+            json.dumps({"network": 1, "segments": 1, "segmented images": 2}))
+        self.assertEqual(times(), ({"segmentation_ms"}, 0))
+        self.with_perception()
+        (self.perception / "times.json").write_text(json.dumps({"stereo": 1, "stereo fields": 2}))
+        self.assertEqual(times(), ({"segmentation_ms", "stereo_network_ms", "classical_ms"}, 2))
 
 
 class Refusals(unittest.TestCase):
@@ -703,6 +839,27 @@ class DriveTables(unittest.TestCase):
 
 
 class Drives(unittest.TestCase):
+    def test_a_picture_shows_runs_of_its_own_perception_and_those_of_stock(self):
+        """`mask` fails with poor priors; `stock` runs with the first ones alone."""
+        def run_drive(drive, modes, *_):
+            perception = drive.labels[2]
+            return ([DriveTables.row(mode, "1", 1.0, perception) for mode in modes],
+                    {mode: f"{perception}/{mode}" for mode in modes if (mode, perception) != ("mask", "poor")})
+
+        drawn = []
+        modes = ["mask", "stock", "stock:a=1", "kys"]
+        with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()), \
+                contextlib.redirect_stderr(io.StringIO()), \
+                unittest.mock.patch.multiple(
+                    drives, Drive=lambda truth, *labels: argparse.Namespace(labels=labels[:4]),
+                    run_drive=run_drive, draw=lambda drive, folders, _: drawn.append(list(folders.items()))), \
+                unittest.mock.patch.object(sys, "argv", [
+                    "drives.py", folder, "--output", folder, "--sequences", "07", "--traffic", "city",
+                    "--perception", "exact,poor", "--seeds", "1", "--modes", ",".join(modes)]):
+            self.assertEqual(drives.main(), 0)
+        self.assertEqual(drawn, [[(mode, f"exact/{mode}") for mode in modes],
+                                 [("stock", "exact/stock"), ("stock:a=1", "exact/stock:a=1"), ("kys", "poor/kys")]])
+
     def test_a_drive_round_a_block_is_one_a_vehicle_can_make(self):
         rows = np.array(town_path.drive(1500, 3)).reshape(-1, 3, 4)
         turns, places = rows[:, :, :3], rows[:, :, 3]

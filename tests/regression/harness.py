@@ -100,13 +100,24 @@ def _priors(world, place, announce):
     return output
 
 
+def _drive(place):
+    """The trajectory of the case `drive`. Tests run side by side: one that is current stays as it is."""
+    path, text = os.path.join(place.data, "drive.txt"), drive_text()
+    if os.path.exists(path):
+        with open(path, encoding="utf-8") as file:
+            if file.read() == text:
+                return path
+    new = f"{path}.{os.getpid()}"
+    with open(new, "w", encoding="utf-8") as file:
+        file.write(text)
+    os.replace(new, path)
+    return path
+
+
 def _features(spec, seed, place, announce):
     name = spec["features"]
     if name == "drive":
-        trajectory = os.path.join(place.data, "drive.txt")
-        with open(trajectory + ".new", "w", encoding="utf-8") as file:
-            file.write(drive_text())
-        os.replace(trajectory + ".new", trajectory)
+        trajectory = _drive(place)
     else:
         trajectory = _existing(os.path.join(shared_data(), "ground_truth", name))
         name = os.path.basename(name).split(".")[0]
@@ -139,14 +150,14 @@ def is_generated(case):
 # --- runs --------------------------------------------------------------------------------------
 
 
-def run(case, name, arguments, settings, place):
-    """Runs the case's program on an input; returns the folder of results."""
+def run(case, name, arguments, settings, place, allowed=(DONE, TRACKING_FAILED)):
+    """Runs the case's program on an input; returns the folder of results. `allowed`: exit status."""
     output = os.path.join(place.runs, name)
     remove(output)
     command = [place.program(case["run"]["program"]), *arguments, *case["run"]["arguments"]]
     for setting in settings:
         command += ["--set", setting]
-    call([*command, "--quiet", "--output", output], (DONE, TRACKING_FAILED))
+    call([*command, "--quiet", "--output", output], allowed)
     return output
 
 

@@ -1,8 +1,17 @@
 #!/usr/bin/env python3
 """What the comparison of trajectories and the bands rest on."""
+import json
 import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
 import unittest
+import unittest.mock
 
+import harness
+from drive import drive_text
 from harness import compare, is_exact, largest_difference
 from record import band_of_ate
 
@@ -54,6 +63,80 @@ class Bands(unittest.TestCase):
         self.assertEqual(band_of_ate(0.1, 0.003, [0.2]), [0.091, 0.109])
         self.assertEqual(band_of_ate(0.1, 0.0, [0.1]), [0.098, 0.102])
         self.assertEqual(band_of_ate(0.001, 1, [0.3]), [0.0, 0.599])
+
+
+class StubPrograms(unittest.TestCase):
+    """Tests of the case `drive` with stubs of its programs."""
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.build = pathlib.Path(temporary.name)
+        (self.build / "bin").mkdir()
+        self.program("simulate_features", 'echo x > "$2"')
+
+    def program(self, name, text):
+        """$2 is the output."""
+        path = self.build / "bin" / name
+        path.write_text('#!/bin/sh\nwhile [ "$1" != --output ]; do shift; done\n' + text + "\n")
+        path.chmod(0o755)
+
+
+class Broken(StubPrograms):
+    def check(self, status):
+        """Status of check.py --broken with a run whose ATE is 50 m, and its last line."""
+        summary = json.dumps({"complete": True, "frames": 1, "frames_tracked": 1, "ate_se3_rmse_m": 50,
+                              "versions": {}})
+        self.program("run_stereo_kitti", f"mkdir -p $2; echo '{summary}' > $2/summary.json; "
+                     f"echo 1 0 0 0 0 1 0 0 0 0 1 0 > $2/trajectory.kitti; echo lost >&2; exit {status}")
+        done = subprocess.run([sys.executable, os.path.join(harness.FOLDER, "check.py"), self.build, "drive",
+                               "--broken"], capture_output=True, text=True, check=False)
+        return done.returncode, (done.stdout + done.stderr).splitlines()[-1]
+
+    def test_an_error_above_the_band_is_what_it_is_for(self):
+        status, said = self.check(0)
+        self.assertEqual(status, 0, said)
+        self.assertIn("ATE 50.00000 m", said)
+
+    def test_a_run_that_loses_track_is_no_error_above_the_band(self):
+        self.assertEqual(self.check(3), (1, "check.py: run_stereo_kitti: status 3: lost"))
+
+
+class Input(StubPrograms):
+    """Its tests run side by side."""
+
+    MAKE = ("import sys, harness; "
+            "harness.make_input({'input': {'features': 'drive'}}, 1, harness.BuildFolder(sys.argv[1]))")
+
+    def setUp(self):
+        super().setUp()
+        self.trajectory = self.build / "regression" / "data" / "drive.txt"
+
+    def make(self):
+        harness.make_input({"input": {"features": "drive"}}, 1, harness.BuildFolder(self.build))
+
+    def test_the_trajectory_that_is_there_is_not_written_again(self):
+        self.make()
+        before = self.trajectory.stat()
+        self.make()
+        now = self.trajectory.stat()
+        self.assertEqual((now.st_ino, now.st_mtime_ns), (before.st_ino, before.st_mtime_ns))
+        self.trajectory.write_text("of an earlier version")
+        self.make()
+        self.assertEqual(self.trajectory.read_text(), drive_text())
+
+    def test_two_processes_make_it_at_the_same_time(self):
+        """The other one does all of it after the first has written its file and before it renames it."""
+        replace = os.replace
+
+        def other_first(*paths):
+            subprocess.run([sys.executable, "-c", self.MAKE, self.build], check=True, cwd=harness.FOLDER)
+            replace(*paths)
+
+        with unittest.mock.patch.object(os, "replace", other_first):
+            self.make()
+        self.assertEqual(self.trajectory.read_text(), drive_text())
+        self.assertEqual([p.name for p in self.trajectory.parent.glob("drive.txt*")], ["drive.txt"])
 
 
 if __name__ == "__main__":

@@ -493,6 +493,23 @@ TEST(Writing, BadInputIsRefusedInOneLineAndLeavesNothing) {
   EXPECT_FALSE(fs::exists(out));
 }
 
+TEST(Writing, ReadmeNamesTheCommand) {
+  const ScratchFolder scratch("readme");
+  const auto readme = [&](const std::string& name, const std::string& frames) {
+    const std::string out = (scratch / name).string();
+    const ProgramResult r =
+        run_program(std::string(KYS_BIN_DIR) + "/simulate_sequence street" + frames +
+                        " --size 64x48 --images-only --quiet --output " + out,
+                    scratch);
+    EXPECT_EQ(r.status, 0) << r.error;
+    std::ifstream file(out + "/README");
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  EXPECT_NE(readme("cut", " --frames 2").find(" --seed 1 --frames 2 --size 64x48 --images-only\n"),
+            std::string::npos);
+  EXPECT_NE(readme("whole", "").find(" --seed 1 --size 64x48 --images-only\n"), std::string::npos);
+}
+
 TEST(Writing, FullDiskLeavesNothing) {
   const ScratchFolder scratch("disk");
   const fs::path out = scratch / "out";

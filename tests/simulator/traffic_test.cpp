@@ -127,7 +127,7 @@ TEST(Traffic, WhatIsBehindABoxIsNotSeen) {
         const Rigid3* T_w_o = pose_in_frame(o, i);
         if (T_w_o == nullptr || static_cast<std::int32_t>(n) == l.object) continue;
         const Rigid3 T_o_w = T_w_o->inverse();
-        // A centimetre less on all sides: what lies on a face is not behind it.
+        // Two centimetres less on all sides: what lies on a face is not behind it.
         const Vector3d half = o.half_size.cast<double>() - Vector3d::Constant(0.02);
         if ((c_w - T_w_o->t()).norm() > 80) continue;
         if (passes_through(T_o_w * c_w, T_o_w * p_w, half)) return true;

@@ -107,12 +107,17 @@ def files_in(folder):
         yield from (os.path.join(path, name) for name in sorted(files))
 
 
-def perception_of(sequence, root):
-    """Where prior files or perception outputs of a sequence are: ("priors" | "perception", folder),
-    ("vkitti", folder of its frames), or None."""
+def prior_files_of(sequence, root):
+    """The folder of a sequence's prior files, or None."""
     for folder in (os.path.join(root, "priors", sequence.name), sequence.folder + "-priors"):
         if os.path.isdir(folder) and any(f.endswith(".kysp") for f in os.listdir(folder)):
-            return "priors", folder
+            return folder
+    return None
+
+
+def perception_of(sequence, root):
+    """Where perception outputs of a sequence are: ("perception", folder), ("vkitti", folder of its
+    frames), or None."""
     for folder in (os.path.join(root, "perception", sequence.name), sequence.folder):
         if all(os.path.isdir(os.path.join(folder, name)) for name in PERCEPTION):
             return "perception", folder

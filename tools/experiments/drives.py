@@ -141,6 +141,10 @@ def run_drive(drive, modes, options, announce):
     return rows, folders
 
 
+def reads_priors(mode):
+    return mode.split(":")[0] != "stock"
+
+
 def draw(drive, folders, options):
     """The trajectories of a drive, unless the picture is newer than they are."""
     path = os.path.join(options.output, "pictures", drive.name + ".png")
@@ -210,15 +214,16 @@ def main():
     for sequence in options.sequences or sequences_of(options.truth):
         for traffic in options.traffic:
             for seed in options.seeds:
-                folders = {}
+                stock = {}  # folders of its runs, which are in the pictures of every perception
                 for number, perception in enumerate(options.perception):
-                    modes = [m for m in options.modes if number == 0 or m.split(":")[0] != "stock"]
+                    modes = [m for m in options.modes if number == 0 or reads_priors(m)]
                     drive = Drive(options.truth, sequence, traffic, perception, seed, options)
                     made, runs = run_drive(drive, modes, options, announce)
                     rows += made
-                    folders.update(runs)
+                    stock |= {m: folder for m, folder in runs.items() if not reads_priors(m)}
                     write_runs()
-                    draw(drive, folders, options)
+                    folders = stock | runs
+                    draw(drive, {m: folders[m] for m in options.modes if m in folders}, options)
         tables = write_tables()
     for table in tables:
         print(table.markdown())

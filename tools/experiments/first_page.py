@@ -101,7 +101,7 @@ def places_in_words(places):
 
 
 def where(experiments):
-    """Inputs on which KYS and stock differ by more than a tenth, most first."""
+    """KYS and stock by kind of scene and variant, over pairs of the same input and seed."""
     found = {}
     for experiment, rows in experiments:
         if experiment.get("kind") or "sweep" in experiment:

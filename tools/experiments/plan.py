@@ -131,10 +131,13 @@ class Planner:
         return self.states[places]
 
     def given_perception(self, name):
-        """Parts of a spec: a recording and its perception, where they are and in what state."""
+        """Parts of a spec: a recording, its prior files and perception outputs, where they are and in
+        what state."""
         sequence = self.given[name]
+        prior_files = data_sets.prior_files_of(sequence, self.options.data)
         perception = data_sets.perception_of(sequence, self.options.data)
-        return {"state": self.state_of(*sequence.places), "perception": perception,
+        return {"state": self.state_of(*sequence.places), "prior_files": prior_files,
+                "prior_files_state": prior_files and self.state_of(prior_files), "perception": perception,
                 "perception_state": perception and self.state_of(perception[1])}
 
     # --- input ---------------------------------------------------------------------------------
@@ -203,6 +206,8 @@ class Planner:
         needs = [job] if job else []
         if recipe:
             spec["perturb"] = self.programs.key("perturb_priors")
+        if "relabel" in recipe or "flow_relative" in recipe:  # step.py measures the exposure
+            spec["compare"] = self.programs.key("compare_priors")
         if "decision" in recipe:
             needs.append(self.priors_of(source, name, "exact", config, seed))
         words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]

@@ -120,7 +120,8 @@ def perception(spec, folder):
     if "state" not in spec:
         return perception_arguments(folder)
     if spec["perception"] is None:
-        raise Failure("no prior files and no perception outputs (tools/perception makes them)")
+        what = "given prior files do not fit, and" if spec["prior_files"] else "no prior files and"
+        raise Failure(f"{what} no perception outputs (tools/perception makes them)")
     kind, place = spec["perception"]
     if kind == "vkitti":
         arguments = ["--label-space", "vkitti2", "--disparity-encoding", "vkitti",
@@ -201,9 +202,9 @@ def make_priors(work, job):
     remove(output)
     remove(scratch)
     os.makedirs(scratch)
-    if "state" in spec and spec["perception"] and spec["perception"][0] == "priors" and not case:
+    if spec.get("prior_files") and not case and not spec["config"]:
         os.makedirs(os.path.dirname(output), exist_ok=True)
-        os.symlink(spec["perception"][1], output)
+        os.symlink(spec["prior_files"], output)
         return {}
     results = {}
     if "decision" in case:
@@ -361,9 +362,10 @@ def perception_times(work, job):
     folder = work.path(spec["input"])
     remove(scratch)
     results, seconds, given = {}, [], spec.get("perception")
-    for place in (given[1], os.path.dirname(os.path.realpath(given[1]))) if given else ():
-        results.update(network_times(read_json(os.path.join(place, "times.json")) or {}))
-    if "state" in spec and (not given or given[0] == "priors"):
+    for made in filter(None, (given and given[1], spec.get("prior_files"))):
+        for place in (made, os.path.dirname(os.path.realpath(made))):
+            results.update(network_times(read_json(os.path.join(place, "times.json")) or {}))
+    if "state" in spec and not given:
         return results
     files = perception(spec, folder)
     for k, arguments in enumerate((files, with_estimates(files, "sgbm", "dis"))):

@@ -35,15 +35,17 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
   options.height = static_cast<int>(*height);
 }
 
-// What makes these files again. --jobs and --quiet are left out: they change nothing in them.
+// What makes these files again. --frames is there if it was given: plans of experiments compare the
+// options. --jobs and --quiet are left out: they change nothing in the files.
 std::string command_of(const kys_slam::simulator::World& world,
                        const kys_slam::simulator::WorldOptions& world_options,
                        const kys_slam::simulator::WriteOptions& write_options, bool images_only) {
-  std::string command =
-      "simulate_sequence " + world_options.name + " --output " + write_options.output.string() +
-      " --seed " + std::to_string(world_options.seed) + " --frames " +
-      std::to_string(world.times.size()) + " --size " + std::to_string(world.rig.left.width()) +
-      "x" + std::to_string(world.rig.left.height());
+  std::string command = "simulate_sequence " + world_options.name + " --output " +
+                        write_options.output.string() + " --seed " +
+                        std::to_string(world_options.seed);
+  if (world_options.frames > 0) command += " --frames " + std::to_string(world_options.frames);
+  command += " --size " + std::to_string(world.rig.left.width()) + "x" +
+             std::to_string(world.rig.left.height());
   if (images_only) command += " --images-only";
   if (write_options.drop_camera >= 0) {
     char text[64];

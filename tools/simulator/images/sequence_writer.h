@@ -16,7 +16,7 @@ struct WriteOptions {
   int jobs = 0;           ///< threads; 0: one per processor
   bool truth = true;      ///< disparity, flow, panoptic segments
   int drop_camera = -1;   ///< kEuroc: camera whose frames are dropped
-  double drop_share = 0;  ///< in [0, 1)
+  double drop_share = 0;  ///< 0 to 0.9
   bool quiet = false;
   const std::atomic<bool>* stop = nullptr;  ///< if set, stop
 };

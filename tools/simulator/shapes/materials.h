@@ -94,7 +94,7 @@ struct MaterialLook {
 
 struct MaterialLibrary {
   std::vector<MaterialLook> looks;   ///< indexed by Material
-  Texture grime;                     ///< mean 0.5; factor is 0.55 + 0.9 * value
+  Texture grime;                     ///< mean 0.5; factor is 0.5 + value
   float grime_scale = 1.0F / 23.0F;  ///< tiles per metre
 };
 
