@@ -332,6 +332,10 @@ class _InOrder:
         self._queue.append((stamp, item))
 
 
+#: images of one camera that wait for the other one at most; a few seconds of both
+_MOST_WAITING = 100
+
+
 def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
                  counts: Dict[str, int]) -> Iterator[Tuple[int, object, object]]:
     """Pairs of the items of two cameras by time.
@@ -340,7 +344,8 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
     tolerance: s, largest difference of the stamps of a pair.
     Yields (left stamp, left item, right item). What has no partner, or one that is nearer to another
     item, is counted, and so is an item whose stamp is out of order: late, or far ahead of those that
-    follow it.
+    follow it. At most _MOST_WAITING items of a camera wait for the other one; the oldest of more have no
+    partner.
     """
     limit = int(round(tolerance * 1e9))
     queues: Tuple[Deque, Deque] = (deque(), deque())
@@ -374,11 +379,22 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
                 last = stamp
                 yield stamp, item, other
 
+    def drop_waiting(side: int) -> None:
+        """Of a camera that is far ahead of the other one. The other one has one item at most, which stays
+        (_InOrder), and so does its partner."""
+        queue, other = queues[side], queues[1 - side]
+        while len(queue) > _MOST_WAITING:
+            apart = [abs(other[0][0] - queue[i][0]) for i in (0, 1)] if other else [limit + 1]
+            has_partner = apart[0] <= limit and apart[0] <= apart[1]
+            del queue[1 if has_partner else 0]
+            counts["unmatched right" if side else "unmatched left"] += 1
+
     counts.update({"unmatched left": 0, "unmatched right": 0, "out of order": 0})
     for side, stamp, item in stream:
         ordered[side].put(stamp, item)
         # One image of lead, so that a nearer partner may still come.
         yield from match(2)
+        drop_waiting(side)
     for camera in ordered:
         camera.end()
     yield from match(1)
