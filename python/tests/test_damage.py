@@ -191,6 +191,28 @@ def test_map_is_checked_before_tracking(folders, capsys):
     assert not (folders / "run" / "frames.csv").exists()
 
 
+def test_outputs_that_are_the_input(folders, shots, capsys):
+    for kind in ("ros1", "mcap"):
+        write_bag(folders / ("d.bag" if kind == "ros1" else "d"), kind, shots, "mono8")
+    packed = next((folders / "d").glob("*.mcap"))
+    shutil.copy(packed, folders / "x.mcap")
+    (folders / "link.mcap").symlink_to(folders / "x.mcap")
+    for read, *output in (("d.bag", "--save-map", "d.bag"), ("x.mcap", "--record", "x.mcap"),
+                          ("x.mcap", "--save-map", "link.mcap"), ("link.mcap", "--record", "x.mcap"),
+                          ("d", "--record", packed), ("left.avi", "--save-map", "right.avi")):
+        inputs = [folders / read]
+        if read == "left.avi":
+            inputs.append(folders / "right.avi")
+            for file in inputs:
+                file.write_bytes(b"not looked at")
+        written = folders / output[1]
+        before = written.read_bytes()
+        said = refused(capsys, "run", *inputs, *run_of(folders)[2:], "--overwrite", output[0], written)
+        assert f"{output[0]} {written}: is the input" in said
+        assert written.read_bytes() == before and not (folders / "run").exists()
+    assert cli.main([str(a) for a in run_of(folders, "--save-map", folders / "new.map")]) == 0
+
+
 def test_map_is_saved_when_other_results_are_not(folders, capsys):
     (folders / "run" / "frames.csv" / "x").mkdir(parents=True)
     error = refused(capsys, *run_of(folders), "--save-map", folders / "m.map", "--overwrite")
