@@ -469,7 +469,7 @@ def test_what_becomes_of_late_frames():
     for policy, kept in (("drop-oldest", [2, 3, 4]), ("drop-newest", [0, 1, 2])):
         frames = FrameQueue(policy, 3)
         taken = [frames.put(i) for i in range(5)]
-        assert taken == [True] * 5 if policy == "drop-oldest" else [True] * 3 + [False] * 2
+        assert taken == ([True] * 5 if policy == "drop-oldest" else [True] * 3 + [False] * 2)
         frames.close()
         assert list(frames) == kept
         assert (frames.received, frames.dropped) == (5, 2)
