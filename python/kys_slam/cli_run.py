@@ -70,7 +70,8 @@ def _run_recording(args) -> int:
                                     start_up_s=start_up_s, wall_s=time.monotonic() - wall,
                                     cpu_s=time.process_time() - cpu, end_reason=end_reason,
                                     left_out=_left_out(recording, frames, masks),
-                                    warnings=feed.finish())
+                                    warnings=feed.finish(),
+                                    recording=getattr(recording, "recording", ""))
         if args.save_map:
             with failures.guard():
                 _save_map(args, slam, output)

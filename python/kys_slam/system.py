@@ -151,17 +151,19 @@ class System(_core.System):
                   ground_truth: Optional[Tuple[np.ndarray, np.ndarray]] = None, *,
                   start_up_s: float = 0, wall_s: float = 0, cpu_s: float = 0,
                   end_reason: str = "", left_out: Optional[Dict[str, int]] = None,
-                  warnings: Sequence[str] = ()) -> dict:
+                  warnings: Sequence[str] = (), recording: str = "") -> dict:
         """After finish(): the folder a command line run leaves (trajectory.tum, summary.json, ...).
 
         ground_truth: times (N,) s and poses (N, 4, 4) of the left camera.
         end_reason: why the run is not complete; "": it is.
         left_out: what the input holds and was not used, counts by what it is.
         warnings: what the user was shown, e.g. PairHistory.warning.
+        recording: Sequence.recording, by which the C++ programs do not overwrite results of another
+            recording of the same name.
         Returns a dict: frames, tracked, loops, table (text).
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
-                               end_reason, left_out or {}, list(warnings))
+                               end_reason, left_out or {}, list(warnings), recording)
 
 
 def _as_bytes(segments: Union[PriorFrame, bytes, None]) -> Optional[bytes]:

@@ -592,9 +592,10 @@ void bind_system(nb::module_& m) {
               const std::optional<std::tuple<Times, Poses>>& truth, double start_up_s,
               double wall_s, double cpu_s, const std::string& end_reason,
               const std::map<std::string, std::int64_t>& left_out,
-              const std::vector<std::string>& warnings) {
+              const std::vector<std::string>& warnings, const std::string& recording) {
              RunInfo info;
              info.sequence = sequence;
+             info.recording = recording;
              info.start_up_s = start_up_s;
              info.wall_s = wall_s;
              info.cpu_s = cpu_s;

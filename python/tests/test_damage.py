@@ -450,6 +450,18 @@ def test_options_of_other_inputs(folders, shots, corridor, capsys):
         assert "--size" in refused(capsys, "calibrate", folders / "camera.yaml", "--size", size)
 
 
+def test_results_name_their_recording(folders):
+    """As those of the C++ programs, which do not overwrite results of another recording."""
+    assert cli.main([str(a) for a in run_of(folders, "--start", 2, "--frames", 3)]) == 0
+    named = summary_of(folders / "run")["recording"]
+    assert re.fullmatch(r"frame 2: [0-9a-f]{16}", named)
+    rig = kys_slam.read_stereo_rig([folders / "camera.yaml"])
+    others = [kys_slam.open_image_pair(folders / "left", folders / "right", rig, start=start).recording
+              for start in (2, 3)]
+    assert others[0] == named and others[1].startswith("frame 3: ")
+    assert others[1].split()[-1] != named.split()[-1]
+
+
 def test_options_that_need_others(folders, capsys):
     """None is ignored without a word."""
     assert "needs --priors" in refused(capsys, *run_of(folders, "--strict-priors"))

@@ -300,6 +300,7 @@ def test_feature_files_with_priors_choose_the_mode(tmp_path):
                         for folder in ("run", "c++"))
         assert ours["mode"] == theirs["mode"] == mode
         assert ours.get("missing_priors") == theirs.get("missing_priors")
+        assert ours["recording"] == theirs["recording"]
     with pytest.raises(AssertionError):
         run(tmp_path, features, "--mode", "kys")
 
