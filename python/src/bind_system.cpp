@@ -448,6 +448,7 @@ void bind_pipe(nb::module_& m) {
       .def(nb::init<int, bool, int>(), "descriptor"_a, "wait"_a, "jpeg_quality"_a)
       .def("finish", &PythonPipe::finish, released)
       .def_prop_ro("broken", &PythonPipe::broken)
+      .def_prop_ro("error", &PythonPipe::error)
       .def_prop_ro("skipped", &PythonPipe::skipped);
 }
 
