@@ -26,7 +26,7 @@ BAG_SUFFIXES = {".bag", ".mcap", ".db3"}
 class PairFrame(NamedTuple):
     """A rectified stereo pair."""
 
-    index: int
+    index: int  #: position in the recording, from 0
     name: str
     timestamp: float  #: s
     left: np.ndarray  #: (H, W) uint8
@@ -37,15 +37,16 @@ class Recording:
     """Frames of a recording, in order: iterate over it once."""
 
     def __init__(self, name: str, layout: str, rig: StereoRig, pairs: Iterator,
-                 size: Optional[int], counts: Dict[str, int]) -> None:
+                 size: Optional[int], counts: Dict[str, int], start: int) -> None:
+        """pairs: those from number `start` on."""
         self.name, self.layout = name, layout
         self.ground_truth = None
         self.has_images = True
         self.counts = counts  #: images that were left out, by why
-        self._pairs, self._size = pairs, size
+        self._pairs, self._size, self._start = pairs, size, start
         self._first = next(pairs, None)
         if self._first is None:
-            raise InputError(f"{name}: holds no stereo pair")
+            raise InputError(f"{name}: holds no stereo pair" + (f" at {start} (start)" if start else ""))
         height, width = self._first[2].shape[:2]
         rig.set_image_size(width, height)
         camera = rig.rectified()
@@ -56,7 +57,7 @@ class Recording:
         return min(self._size or 0, sys.maxsize)  # of a damaged bag, anything
 
     def __iter__(self) -> Iterator[PairFrame]:
-        index = 0
+        index = self._start
         first, self._first = self._first, None
         if first is not None:
             yield self._rectified(index, first)
@@ -171,7 +172,7 @@ def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, st
 
     size = max(0, min(lengths) - start)
     return Recording(Path(left).resolve().stem, "video pair", rig, pairs(),
-                     size if frames is None else min(size, frames), counts)
+                     size if frames is None else min(size, frames), counts, start)
 
 
 # Bags
@@ -454,4 +455,4 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
                            for t in (left, right)]
     size = max(0, min(messages) - start)
     return Recording(Path(path).resolve().stem, "bag", rig, pairs(),
-                     size if frames is None else min(size, frames), counts)
+                     size if frames is None else min(size, frames), counts, start)

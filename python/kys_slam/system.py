@@ -100,7 +100,8 @@ class System(_core.System):
     def feed(self, left: np.ndarray, right: np.ndarray, timestamp: float,
              segments: Union[PriorFrame, bytes, None] = None,
              masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None, *,
-             name: str = "", bgr: bool = False) -> _core.FrameReport:
+             name: str = "", bgr: bool = False, index: Optional[int] = None
+             ) -> _core.FrameReport:
         """Tracks the next frame.
 
         left, right: (H, W) uint8, (H, W) uint16 (the high byte counts) or (H, W, 3) uint8; any
@@ -110,14 +111,18 @@ class System(_core.System):
         masks: (left, right), (H, W) uint8 each or None: 0 use, anything else not.
         name: of the frame, by which its prior file is found.
         bgr: colour images are in OpenCV's order.
+        index: number of the frame in its recording, for reports and results; None: position among the
+            frames fed, from 0.
         """
-        return self._feed(left, right, timestamp, name, _as_bytes(segments), _as_pair(masks), bgr)
+        return self._feed(left, right, timestamp, name, _as_bytes(segments), _as_pair(masks), bgr,
+                          index)
 
     def feed_frame(self, frame: _core.StereoFrame,
                    segments: Union[PriorFrame, bytes, None] = None,
                    masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None
                    ) -> _core.FrameReport:
-        """The same with a frame of a Sequence."""
+        """The same with a frame of a Sequence, which has a number of its own: its position in the whole
+        sequence."""
         return self._feed_frame(frame, _as_bytes(segments), _as_pair(masks))
 
     def set_observer(self, observer: Optional[Callable[[Observation], None]]) -> None:

@@ -450,6 +450,54 @@ def test_options_of_other_inputs(folders, shots, corridor, capsys):
         assert "--size" in refused(capsys, "calibrate", folders / "camera.yaml", "--size", size)
 
 
+def indices_of(folder):
+    return [int(line.split(",")[0]) for line in (folder / "frames.csv").read_text().splitlines()[1:]]
+
+
+@pytest.mark.parametrize("kind", ("folders", "video", "bag"))
+def test_frames_have_the_numbers_of_the_recording(folders, shots, corridor, kind, monkeypatch):
+    """From the third frame on, and with one left out: in the results and where pairs are checked."""
+    if kind == "video":
+        write_video(folders / "both.avi", [np.hstack(c[:2]) for c in corridor])
+    if kind == "bag":
+        write_bag(folders / "d.bag", "ros1", shots, "mono8")
+    file = {"folders": folders, "video": folders / "both.avi", "bag": folders / "d.bag"}[kind]
+    checked = []
+
+    class Watch:
+        warning = ""
+
+        def count_frame(self):
+            return True
+
+        def check(self, left, right, index):
+            checked.append(index)
+
+        def finish(self):
+            pass
+
+    class LateOnce(live.Playback):
+        def __iter__(self):
+            return (frame for i, frame in enumerate(self._recording) if i != 4)
+
+    monkeypatch.setattr(kys_slam, "PairHistory", Watch)
+    for schedule, playback, numbers in (("sequential", live.Playback, [3, 4, 5, 6, 7, 8, 9, 10, 11]),
+                                        ("realtime", LateOnce, [3, 4, 5, 6, 8, 9, 10, 11])):
+        monkeypatch.setattr(cli_run, "Playback", playback)
+        checked.clear()
+        assert cli.main([str(a) for a in ("run", file, *run_of(folders)[2:], "--overwrite", "--start", 3,
+                                          "--schedule", schedule)]) == 0
+        assert indices_of(folders / "run") == checked == numbers
+
+
+def test_start_behind_the_end(folders, shots, corridor, capsys):
+    write_video(folders / "both.avi", [np.hstack(c[:2]) for c in corridor])
+    write_bag(folders / "d.bag", "ros1", shots, "mono8")
+    for file in ("both.avi", "d.bag"):
+        said = refused(capsys, "run", folders / file, *run_of(folders)[2:], "--start", 12)
+        assert "holds no stereo pair at 12 (start)" in said
+
+
 def test_results_name_their_recording(folders):
     """As those of the C++ programs, which do not overwrite results of another recording."""
     assert cli.main([str(a) for a in run_of(folders, "--start", 2, "--frames", 3)]) == 0
