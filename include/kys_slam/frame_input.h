@@ -3,6 +3,7 @@
 #include <kys_slam/frame_source.h>
 #include <kys_slam/sequence.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -39,6 +40,10 @@ struct FrameInput {
 /// part.
 FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOptions& options,
                             const OpenSequence& open_folder = open_sequence);
+
+/// A sequence that is open as the input of a run.
+/// \param start  number of its first frame in the whole sequence
+FrameInput frame_input_of(std::unique_ptr<Sequence> sequence, std::int64_t start);
 
 /// \throws InputError when the octaves of a feature file or the label space of its priors differ
 /// from those in `settings`.

@@ -38,10 +38,10 @@ class _PairWatch:
     def __init__(self) -> None:
         self.history = kys_slam.PairHistory()
 
-    def check(self, frame, index: int) -> None:
+    def check(self, frame) -> None:
         before = self.history.warning
         if self.history.count_frame() and frame.left is not None:
-            self.history.check(frame.left, frame.right, index)
+            self.history.check(frame.left, frame.right, frame.index)
         self._tell(before)
 
     def finish(self) -> list:
@@ -82,7 +82,7 @@ class Feed:
             self.progress.update(self.done)
 
     def _feed(self, frame) -> None:
-        self.watch.check(frame, self.args.start + self.done)
+        self.watch.check(frame)
         mask = self.masks(frame.name) if self.masks else None
         if self.masks and self.masks.warning:
             self._tell(self.masks.warning)
@@ -93,7 +93,7 @@ class Feed:
             report = self.slam.feed_frame(frame, segments, mask)
         else:
             report = self.slam.feed(frame.left, frame.right, frame.timestamp, segments, mask,
-                                    name=frame.name)
+                                    name=frame.name, index=frame.index)
         if report.warning:
             self._tell(report.warning, f"frame {report.index}: ")
 

@@ -1,6 +1,7 @@
 """The command `kys-slam run`: tracks a recording and saves what came of it."""
 
 import contextlib
+import os
 import signal
 import sys
 import time
@@ -69,7 +70,8 @@ def _run_recording(args) -> int:
                                     start_up_s=start_up_s, wall_s=time.monotonic() - wall,
                                     cpu_s=time.process_time() - cpu, end_reason=end_reason,
                                     left_out=_left_out(recording, frames, masks),
-                                    warnings=feed.finish())
+                                    warnings=feed.finish(),
+                                    recording=getattr(recording, "recording", ""))
         if args.save_map:
             with failures.guard():
                 _save_map(args, slam, output)
@@ -118,6 +120,9 @@ def _check_options(args) -> None:
     if args.schedule != "realtime" and (args.late, args.queue, args.speed) != ("wait", 2, 1):
         raise InputError("--late, --queue and --speed need --schedule realtime: elsewhere frames are "
                          "read as fast as they are tracked")
+    for option, target in [("--save-map", args.save_map)] + [("--record", t) for t in args.record]:
+        if target and _is_input(target, args):
+            raise InputError(f"{option} {target}: is the input")
     targets = [Path(target).resolve() for target in args.record]
     for i, target in enumerate(args.record):
         must_be_new(target, "--record", args)
@@ -125,6 +130,16 @@ def _check_options(args) -> None:
             raise InputError(f"{target}: is there twice; one --record per file")
     if args.save_map:
         kys_slam.check_writable(args.save_map)
+
+
+def _is_input(target: str, args) -> bool:
+    """Whether the file is one that is read, also one of a ROS 2 bag's folder."""
+    read = list(args.input)
+    for folder in args.input:
+        if os.path.exists(os.path.join(folder, "metadata.yaml")):
+            read += [os.path.join(folder, name) for name in os.listdir(folder)]
+    return os.path.exists(target) and any(os.path.exists(file) and os.path.samefile(file, target)
+                                          for file in read)
 
 
 @contextlib.contextmanager

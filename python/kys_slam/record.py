@@ -79,14 +79,20 @@ class Recorder:
         if not self._open:
             return
         self._open = False
-        self._slam._remove_pipe(self._pipe)
-        self._pipe.finish()
+        slam = self._slam
         try:
-            if not self._pipe.broken:
-                slam = self._slam
+            slam._remove_pipe(self._pipe)
+            self._pipe.finish()
+            error = self._pipe.error
+            if error or not self._pipe.broken:
                 self._send(End(slam.trajectory(), slam.snapshot(), slam.objects(),
                                _loops(slam.reports())))
             self.drawing_s = self._wait_for("done")["drawing_s"]
+            if error:
+                raise InputError(f"{self.target}: frames are missing: {error}")
+        except BaseException:
+            self._child.kill()  # it may wait for more: the pipe has its input open as well
+            raise
         finally:
             self._end_child()
 

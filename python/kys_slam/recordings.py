@@ -26,7 +26,7 @@ BAG_SUFFIXES = {".bag", ".mcap", ".db3"}
 class PairFrame(NamedTuple):
     """A rectified stereo pair."""
 
-    index: int
+    index: int  #: position in the recording, from 0
     name: str
     timestamp: float  #: s
     left: np.ndarray  #: (H, W) uint8
@@ -37,15 +37,16 @@ class Recording:
     """Frames of a recording, in order: iterate over it once."""
 
     def __init__(self, name: str, layout: str, rig: StereoRig, pairs: Iterator,
-                 size: Optional[int], counts: Dict[str, int]) -> None:
+                 size: Optional[int], counts: Dict[str, int], start: int) -> None:
+        """pairs: those from number `start` on."""
         self.name, self.layout = name, layout
         self.ground_truth = None
         self.has_images = True
         self.counts = counts  #: images that were left out, by why
-        self._pairs, self._size = pairs, size
+        self._pairs, self._size, self._start = pairs, size, start
         self._first = next(pairs, None)
         if self._first is None:
-            raise InputError(f"{name}: holds no stereo pair")
+            raise InputError(f"{name}: holds no stereo pair" + (f" at {start} (start)" if start else ""))
         height, width = self._first[2].shape[:2]
         rig.set_image_size(width, height)
         camera = rig.rectified()
@@ -56,7 +57,7 @@ class Recording:
         return min(self._size or 0, sys.maxsize)  # of a damaged bag, anything
 
     def __iter__(self) -> Iterator[PairFrame]:
-        index = 0
+        index = self._start
         first, self._first = self._first, None
         if first is not None:
             yield self._rectified(index, first)
@@ -171,7 +172,7 @@ def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, st
 
     size = max(0, min(lengths) - start)
     return Recording(Path(left).resolve().stem, "video pair", rig, pairs(),
-                     size if frames is None else min(size, frames), counts)
+                     size if frames is None else min(size, frames), counts, start)
 
 
 # Bags
@@ -332,6 +333,10 @@ class _InOrder:
         self._queue.append((stamp, item))
 
 
+#: images of one camera that wait for the other one at most; a few seconds of both
+_MOST_WAITING = 100
+
+
 def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
                  counts: Dict[str, int]) -> Iterator[Tuple[int, object, object]]:
     """Pairs of the items of two cameras by time.
@@ -340,7 +345,8 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
     tolerance: s, largest difference of the stamps of a pair.
     Yields (left stamp, left item, right item). What has no partner, or one that is nearer to another
     item, is counted, and so is an item whose stamp is out of order: late, or far ahead of those that
-    follow it.
+    follow it. At most _MOST_WAITING items of a camera wait for the other one; the oldest of more have no
+    partner.
     """
     limit = int(round(tolerance * 1e9))
     queues: Tuple[Deque, Deque] = (deque(), deque())
@@ -374,11 +380,22 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
                 last = stamp
                 yield stamp, item, other
 
+    def drop_waiting(side: int) -> None:
+        """Of a camera that is far ahead of the other one. The other one has one item at most, which stays
+        (_InOrder), and so does its partner."""
+        queue, other = queues[side], queues[1 - side]
+        while len(queue) > _MOST_WAITING:
+            apart = [abs(other[0][0] - queue[i][0]) for i in (0, 1)] if other else [limit + 1]
+            has_partner = apart[0] <= limit and apart[0] <= apart[1]
+            del queue[1 if has_partner else 0]
+            counts["unmatched right" if side else "unmatched left"] += 1
+
     counts.update({"unmatched left": 0, "unmatched right": 0, "out of order": 0})
     for side, stamp, item in stream:
         ordered[side].put(stamp, item)
         # One image of lead, so that a nearer partner may still come.
         yield from match(2)
+        drop_waiting(side)
     for camera in ordered:
         camera.end()
     yield from match(1)
@@ -438,4 +455,4 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
                            for t in (left, right)]
     size = max(0, min(messages) - start)
     return Recording(Path(path).resolve().stem, "bag", rig, pairs(),
-                     size if frames is None else min(size, frames), counts)
+                     size if frames is None else min(size, frames), counts, start)

@@ -100,7 +100,8 @@ class System(_core.System):
     def feed(self, left: np.ndarray, right: np.ndarray, timestamp: float,
              segments: Union[PriorFrame, bytes, None] = None,
              masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None, *,
-             name: str = "", bgr: bool = False) -> _core.FrameReport:
+             name: str = "", bgr: bool = False, index: Optional[int] = None
+             ) -> _core.FrameReport:
         """Tracks the next frame.
 
         left, right: (H, W) uint8, (H, W) uint16 (the high byte counts) or (H, W, 3) uint8; any
@@ -110,14 +111,18 @@ class System(_core.System):
         masks: (left, right), (H, W) uint8 each or None: 0 use, anything else not.
         name: of the frame, by which its prior file is found.
         bgr: colour images are in OpenCV's order.
+        index: number of the frame in its recording, for reports and results; None: position among the
+            frames fed, from 0.
         """
-        return self._feed(left, right, timestamp, name, _as_bytes(segments), _as_pair(masks), bgr)
+        return self._feed(left, right, timestamp, name, _as_bytes(segments), _as_pair(masks), bgr,
+                          index)
 
     def feed_frame(self, frame: _core.StereoFrame,
                    segments: Union[PriorFrame, bytes, None] = None,
                    masks: Union[Tuple[Optional[np.ndarray], Optional[np.ndarray]], None] = None
                    ) -> _core.FrameReport:
-        """The same with a frame of a Sequence."""
+        """The same with a frame of a Sequence, which has a number of its own: its position in the whole
+        sequence."""
         return self._feed_frame(frame, _as_bytes(segments), _as_pair(masks))
 
     def set_observer(self, observer: Optional[Callable[[Observation], None]]) -> None:
@@ -151,17 +156,19 @@ class System(_core.System):
                   ground_truth: Optional[Tuple[np.ndarray, np.ndarray]] = None, *,
                   start_up_s: float = 0, wall_s: float = 0, cpu_s: float = 0,
                   end_reason: str = "", left_out: Optional[Dict[str, int]] = None,
-                  warnings: Sequence[str] = ()) -> dict:
+                  warnings: Sequence[str] = (), recording: str = "") -> dict:
         """After finish(): the folder a command line run leaves (trajectory.tum, summary.json, ...).
 
         ground_truth: times (N,) s and poses (N, 4, 4) of the left camera.
         end_reason: why the run is not complete; "": it is.
         left_out: what the input holds and was not used, counts by what it is.
         warnings: what the user was shown, e.g. PairHistory.warning.
+        recording: Sequence.recording, by which the C++ programs do not overwrite results of another
+            recording of the same name.
         Returns a dict: frames, tracked, loops, table (text).
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
-                               end_reason, left_out or {}, list(warnings))
+                               end_reason, left_out or {}, list(warnings), recording)
 
 
 def _as_bytes(segments: Union[PriorFrame, bytes, None]) -> Optional[bytes]:

@@ -86,8 +86,8 @@ void bind_matching(nb::module_& m) {
             new (self) kys::LabelSpace(kys::load_label_space(name));
           },
           "name_or_prefix"_a,
-          "A built-in one (coco_panoptic_133, ade20k_150, vkitti2) or the common beginning of "
-          "PREFIX.classes.csv and PREFIX.table.csv.")
+          "A built-in one (ade20k_150, cityscapes_19, coco_panoptic_133, vkitti2) or the common "
+          "beginning of PREFIX.classes.csv and PREFIX.table.csv.")
       .def_prop_ro("name", &kys::LabelSpace::name, "e.g. coco_panoptic_133")
       .def("__len__", &kys::LabelSpace::size)
       .def_prop_ro(

@@ -178,15 +178,6 @@ nb::dict decode(const nb::bytes& data, const std::string& name) {
   return result;
 }
 
-Input wrap(std::unique_ptr<Sequence> sequence) {
-  FrameInput input;
-  input.name = sequence->name();
-  input.layout = sequence->layout();
-  input.ground_truth = sequence->ground_truth();
-  input.frames = std::move(sequence);
-  return Input(std::move(input));
-}
-
 }  // namespace
 
 void bind_sequence(nb::module_& m) {
@@ -214,8 +205,12 @@ void bind_sequence(nb::module_& m) {
           "name", [](const Input& s) { return s.input.name; }, "of its folder or file")
       .def_prop_ro(
           "layout", [](const Input& s) { return s.input.layout; },
-          "\"KITTI odometry\", \"KITTI Tracking\", \"Virtual KITTI 2\", \"EuRoC\", \"image pair\", "
-          "\"features\"")
+          "\"KITTI odometry\", \"KITTI Tracking\", \"Virtual KITTI 2\", \"EuRoC\", \"TUM-VI\", "
+          "\"image pair\", \"features\"")
+      .def_prop_ro(
+          "recording", [](const Input& s) { return s.input.recording; },
+          "tells recordings of one name apart: \"frame I: DIGEST\" of the first frame; \"\": not "
+          "known")
       .def_prop_ro(
           "camera", [](const Input& s) { return s.input.frames->camera(); }, "the rectified pair")
       .def_prop_ro(
@@ -303,7 +298,7 @@ void bind_sequence(nb::module_& m) {
         options.part = part(start, frames, pairing_tolerance);
         options.rate = rate;
         options.times = times;
-        return wrap(open_image_pair(left, right, rig, options));
+        return Input(frame_input_of(open_image_pair(left, right, rig, options), start));
       },
       "left"_a, "right"_a, "rig"_a, "start"_a = 0, "frames"_a = nb::none(),
       "pairing_tolerance"_a = 0.003, "rate"_a = nb::none(), "times"_a = "",

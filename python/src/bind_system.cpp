@@ -127,7 +127,8 @@ class Slam {
 
   FrameReport feed(const AnyArray& left, const AnyArray& right, double timestamp,
                    const std::string& name, const std::optional<nb::bytes>& segments,
-                   const std::tuple<MaybeArray, MaybeArray>& masks, bool bgr) {
+                   const std::tuple<MaybeArray, MaybeArray>& masks, bool bgr,
+                   std::optional<std::int64_t> index) {
     const ImageView l = view_of(left, "left image", bgr), r = view_of(right, "right image", bgr);
     const auto frame = std::make_shared<StereoFrame>();
     frame->name = name;
@@ -138,7 +139,7 @@ class Slam {
     frame->left = to_gray(l);
     frame->right = to_gray(r);
     const std::lock_guard lock(mutex_);
-    frame->index = fed_;
+    frame->index = index.value_or(fed_);
     return feed_locked(frame, std::move(given), bytes, masks);
   }
 
@@ -219,10 +220,11 @@ class Slam {
     priors_->given = std::move(given);
     left_ = std::shared_ptr<const GrayImage>(frame, &frame->left);
     segments_ = segments;
+    const std::int64_t before = fed_;
     FrameReport report = system_->feed(*frame, {mask_of(std::get<0>(masks), "left mask"),
                                                 mask_of(std::get<1>(masks), "right mask")});
     left_.reset();
-    ++fed_;
+    if (fed_ == before) ++fed_;  // with an observer it is counted already
     return report;
   }
 
@@ -235,6 +237,7 @@ class Slam {
       return;
     }
     system_->set_observer([this](const FrameObservation& seen) {  // called with the lock
+      ++fed_;  // first: the system has the frame, also when the callback raises
       for (const auto& pipe : pipes_) pipe->put(seen, left_, segments_);
       if (!has_callback_) return;
       const nb::gil_scoped_acquire acquired;
@@ -404,7 +407,8 @@ void bind_settings(nb::module_& m) {
 
 void bind_report(nb::module_& m) {
   nb::class_<FrameReport>(m, "FrameReport", "What came of one frame.")
-      .def_ro("index", &FrameReport::index, "position among the frames fed, from 0")
+      .def_ro("index", &FrameReport::index,
+              "number of the frame as it was fed: of a Sequence, its position there")
       .def_ro("name", &FrameReport::name, "as given with the frame")
       .def_ro("timestamp", &FrameReport::timestamp, "s")
       .def_prop_ro(
@@ -448,6 +452,7 @@ void bind_pipe(nb::module_& m) {
       .def(nb::init<int, bool, int>(), "descriptor"_a, "wait"_a, "jpeg_quality"_a)
       .def("finish", &PythonPipe::finish, released)
       .def_prop_ro("broken", &PythonPipe::broken)
+      .def_prop_ro("error", &PythonPipe::error)
       .def_prop_ro("skipped", &PythonPipe::skipped);
 }
 
@@ -592,9 +597,10 @@ void bind_system(nb::module_& m) {
               const std::optional<std::tuple<Times, Poses>>& truth, double start_up_s,
               double wall_s, double cpu_s, const std::string& end_reason,
               const std::map<std::string, std::int64_t>& left_out,
-              const std::vector<std::string>& warnings) {
+              const std::vector<std::string>& warnings, const std::string& recording) {
              RunInfo info;
              info.sequence = sequence;
+             info.recording = recording;
              info.start_up_s = start_up_s;
              info.wall_s = wall_s;
              info.cpu_s = cpu_s;

@@ -11,6 +11,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <exception>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
@@ -123,6 +124,7 @@ std::string ObservationPipe::head_of(const Item& item, std::size_t jpeg_size) {
 ObservationPipe::ObservationPipe(int descriptor, bool wait, int jpeg_quality)
     : descriptor_(::dup(descriptor)), wait_(wait), jpeg_quality_(jpeg_quality) {
   if (descriptor_ < 0) throw InputError("no file descriptor is left for a recording");
+  spare_.reserve(kCapacity + 2);  // all there are: the thread allocates nothing for them
   thread_ = std::thread([this] { run(); });
 }
 
@@ -176,6 +178,11 @@ bool ObservationPipe::broken() const {
   return broken_;
 }
 
+std::string ObservationPipe::error() const {
+  const std::lock_guard lock(mutex_);
+  return error_;
+}
+
 std::int64_t ObservationPipe::skipped() const {
   const std::lock_guard lock(mutex_);
   return skipped_;
@@ -196,8 +203,9 @@ void ObservationPipe::run() {
     item.left.reset();
     lock.lock();
     writing_ = false;
-    spare_.push_back(std::move(item));
-    if (!written) {
+    if (written) {
+      spare_.push_back(std::move(item));
+    } else {
       broken_ = true;
       queue_.clear();
     }
@@ -205,10 +213,18 @@ void ObservationPipe::run() {
   }
 }
 
-bool ObservationPipe::write_item(const Item& item) const {
+/// Exceptions come before the first byte: what the reader has is complete.
+bool ObservationPipe::write_item(const Item& item) {
   std::vector<std::uint8_t> jpeg;
-  if (jpeg_quality_ > 0 && !item.left->empty()) jpeg = encode_jpeg(*item.left, jpeg_quality_);
-  const std::string head = head_of(item, jpeg.size());
+  std::string head;
+  try {
+    if (jpeg_quality_ > 0 && !item.left->empty()) jpeg = encode_jpeg(*item.left, jpeg_quality_);
+    head = head_of(item, jpeg.size());
+  } catch (const std::exception& error) {
+    const std::lock_guard lock(mutex_);
+    error_ = error.what();
+    return false;
+  }
   return write_all(head.data(), head.size()) && write_all(item.arrays.data(), item.arrays.size()) &&
          write_all(jpeg.data(), jpeg.size()) &&
          write_all(item.segments.data(), item.segments.size());

@@ -38,10 +38,11 @@ class ObservationPipe {
   void put(const FrameObservation& seen, std::shared_ptr<const GrayImage> left,
            std::span<const std::uint8_t> segments);
 
-  /// Returns when all frames are written or the reader has closed the pipe.
+  /// Returns when all frames are written or none can be written any more.
   void finish();
 
-  [[nodiscard]] bool broken() const;           ///< the reader has closed the pipe
+  [[nodiscard]] bool broken() const;           ///< no frame is written any more
+  [[nodiscard]] std::string error() const;     ///< why; "": the reader has closed the pipe
   [[nodiscard]] std::int64_t skipped() const;  ///< frames
 
   static constexpr std::size_t kCapacity = 16;
@@ -64,7 +65,7 @@ class ObservationPipe {
                    Item& item);
   static std::string head_of(const Item& item, std::size_t jpeg_size);
   void run();
-  bool write_item(const Item& item) const;
+  bool write_item(const Item& item);
   bool write_all(const void* data, std::size_t size) const;
 
   int descriptor_;
@@ -75,6 +76,7 @@ class ObservationPipe {
   std::deque<Item> queue_;
   std::vector<Item> spare_;  // items whose memory is reused
   std::int64_t skipped_ = 0;
+  std::string error_;
   bool writing_ = false;
   bool broken_ = false;
   bool stop_ = false;

@@ -191,6 +191,28 @@ def test_map_is_checked_before_tracking(folders, capsys):
     assert not (folders / "run" / "frames.csv").exists()
 
 
+def test_outputs_that_are_the_input(folders, shots, capsys):
+    for kind in ("ros1", "mcap"):
+        write_bag(folders / ("d.bag" if kind == "ros1" else "d"), kind, shots, "mono8")
+    packed = next((folders / "d").glob("*.mcap"))
+    shutil.copy(packed, folders / "x.mcap")
+    (folders / "link.mcap").symlink_to(folders / "x.mcap")
+    for read, *output in (("d.bag", "--save-map", "d.bag"), ("x.mcap", "--record", "x.mcap"),
+                          ("x.mcap", "--save-map", "link.mcap"), ("link.mcap", "--record", "x.mcap"),
+                          ("d", "--record", packed), ("left.avi", "--save-map", "right.avi")):
+        inputs = [folders / read]
+        if read == "left.avi":
+            inputs.append(folders / "right.avi")
+            for file in inputs:
+                file.write_bytes(b"not looked at")
+        written = folders / output[1]
+        before = written.read_bytes()
+        said = refused(capsys, "run", *inputs, *run_of(folders)[2:], "--overwrite", output[0], written)
+        assert f"{output[0]} {written}: is the input" in said
+        assert written.read_bytes() == before and not (folders / "run").exists()
+    assert cli.main([str(a) for a in run_of(folders, "--save-map", folders / "new.map")]) == 0
+
+
 def test_map_is_saved_when_other_results_are_not(folders, capsys):
     (folders / "run" / "frames.csv" / "x").mkdir(parents=True)
     error = refused(capsys, *run_of(folders), "--save-map", folders / "m.map", "--overwrite")
@@ -426,6 +448,66 @@ def test_options_of_other_inputs(folders, shots, corridor, capsys):
     assert "--rate" in refused(capsys, "run", folders / "both.avi", *camera, "--rate", 0)
     for size in ("99999999999x5", "0x5", "5", "x", "5x5x5"):
         assert "--size" in refused(capsys, "calibrate", folders / "camera.yaml", "--size", size)
+
+
+def indices_of(folder):
+    return [int(line.split(",")[0]) for line in (folder / "frames.csv").read_text().splitlines()[1:]]
+
+
+@pytest.mark.parametrize("kind", ("folders", "video", "bag"))
+def test_frames_have_the_numbers_of_the_recording(folders, shots, corridor, kind, monkeypatch):
+    """From the third frame on, and with one left out: in the results and where pairs are checked."""
+    if kind == "video":
+        write_video(folders / "both.avi", [np.hstack(c[:2]) for c in corridor])
+    if kind == "bag":
+        write_bag(folders / "d.bag", "ros1", shots, "mono8")
+    file = {"folders": folders, "video": folders / "both.avi", "bag": folders / "d.bag"}[kind]
+    checked = []
+
+    class Watch:
+        warning = ""
+
+        def count_frame(self):
+            return True
+
+        def check(self, left, right, index):
+            checked.append(index)
+
+        def finish(self):
+            pass
+
+    class LateOnce(live.Playback):
+        def __iter__(self):
+            return (frame for i, frame in enumerate(self._recording) if i != 4)
+
+    monkeypatch.setattr(kys_slam, "PairHistory", Watch)
+    for schedule, playback, numbers in (("sequential", live.Playback, [3, 4, 5, 6, 7, 8, 9, 10, 11]),
+                                        ("realtime", LateOnce, [3, 4, 5, 6, 8, 9, 10, 11])):
+        monkeypatch.setattr(cli_run, "Playback", playback)
+        checked.clear()
+        assert cli.main([str(a) for a in ("run", file, *run_of(folders)[2:], "--overwrite", "--start", 3,
+                                          "--schedule", schedule)]) == 0
+        assert indices_of(folders / "run") == checked == numbers
+
+
+def test_start_behind_the_end(folders, shots, corridor, capsys):
+    write_video(folders / "both.avi", [np.hstack(c[:2]) for c in corridor])
+    write_bag(folders / "d.bag", "ros1", shots, "mono8")
+    for file in ("both.avi", "d.bag"):
+        said = refused(capsys, "run", folders / file, *run_of(folders)[2:], "--start", 12)
+        assert "holds no stereo pair at 12 (start)" in said
+
+
+def test_results_name_their_recording(folders):
+    """As those of the C++ programs, which do not overwrite results of another recording."""
+    assert cli.main([str(a) for a in run_of(folders, "--start", 2, "--frames", 3)]) == 0
+    named = summary_of(folders / "run")["recording"]
+    assert re.fullmatch(r"frame 2: [0-9a-f]{16}", named)
+    rig = kys_slam.read_stereo_rig([folders / "camera.yaml"])
+    others = [kys_slam.open_image_pair(folders / "left", folders / "right", rig, start=start).recording
+              for start in (2, 3)]
+    assert others[0] == named and others[1].startswith("frame 3: ")
+    assert others[1].split()[-1] != named.split()[-1]
 
 
 def test_options_that_need_others(folders, capsys):

@@ -11,6 +11,7 @@ import kys_slam
 from conftest import BIN
 from kys_slam import kysp
 from kys_slam.drawing import encode_png
+from test_recordings import OWN
 
 
 def example(camera=None):
@@ -248,14 +249,13 @@ def test_priors_of_the_other_camera_pair_are_refused(tmp_path, corridor, corrido
     assert "made of image_2, but image_0 is tracked" in done.stderr
 
 
-def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera, capsys):
+def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera):
     """A picture of instances with classes.txt does what the same class map does as prior files."""
+    from kys_slam import cli
     from kys_slam.masks import MaskFolder
     c = corridor_camera
     write_pair(tmp_path, corridor, "left_images", "right_images")
-    (tmp_path / "camera.yaml").write_text(
-        f"size: [{c.width}, {c.height}]\nleft: {{fx: {c.fx}, fy: {c.fy}, cx: {c.cx}, cy: {c.cy}}}\n"
-        f"baseline: {c.baseline}\n")
+    (tmp_path / "camera.yaml").write_text(OWN)
     values = np.zeros((c.height, c.width), np.uint8)
     values[30:100, 20:120], values[40:120, 200:300], values[0:20, 0:60] = 7, 60, 150
     for side in ("left", "right"):
@@ -278,6 +278,28 @@ def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_ca
         pair = masks(f"{i:06d}")
         report = slam.feed(l, r, time, masks.priors(pair), masks.without_classes(pair))
     assert report.masked > 0 and report.prior_coverage > 0
+    space = kys_slam.LabelSpace("coco_panoptic_133")
+    classes = np.full(values.shape, -1)
+    classes[values == 7], classes[values == 60] = (space.ids[names.index(n)] for n in ("car", "person"))
+    instances = np.where(classes < 0, 0, values)
+    (tmp_path / "priors").mkdir()
+    for i in range(len(corridor)):
+        kys_slam.write_prior(tmp_path / "priors" / f"{i:06d}.kysp", kys_slam.priors_from_labels(
+            space, classes, classes, instances, instances, moving=(7,)))
+    for side in ("left", "right"):  # masks alone: where no class is listed
+        (tmp_path / "rest" / side).mkdir(parents=True)
+        for i in range(len(corridor)):
+            (tmp_path / "rest" / side / f"{i:06d}.png").write_bytes(
+                encode_png(np.where(values == 150, values, 0).astype(np.uint8), GREY))
+    base = ["run", str(tmp_path / "left_images"), str(tmp_path / "right_images"), "--calibration",
+            str(tmp_path / "camera.yaml"), "--rate", "10", "--quiet", "--mode", "mask", "--set",
+            "orb.features=600"]
+    for out, given in (("a", ["--masks", "masks"]), ("b", ["--masks", "rest", "--priors", "priors"]),
+                       ("c", ["--masks", "rest", "--mode", "stock"])):
+        given = [word if word[:2] == "--" or word == "stock" else str(tmp_path / word) for word in given]
+        assert cli.main([*base, *given, "--output", str(tmp_path / out)]) == 0
+    paths = [(tmp_path / out / "trajectory.tum").read_bytes() for out in "abc"]
+    assert paths[0] == paths[1] != paths[2]
     for text, error in (("1-300 car\n", "range"), ("1 carr\n", "no class"),
                         ("1-9 car\n5 person\n", "twice")):
         (tmp_path / "masks" / "classes.txt").write_text(text)

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +192,49 @@ def test_a_full_disk_costs_the_recording_alone(corridor, corridor_camera):
     finally:
         (folder / "run.mcap").unlink()
         folder.rmdir()
+
+
+def test_interrupted_close_ends_the_process(tmp_path, corridor, corridor_camera, monkeypatch):
+    """Ctrl-C between the last frame and the end of the recording."""
+    pytest.importorskip("mcap_protobuf")
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    recorder = open_recorder(tmp_path / "run.mcap", slam)
+    slam.feed(*corridor[0][:3])
+    slam.finish()
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def late(*_):
+        recorder._child.kill()
+        raise TimeoutError
+
+    monkeypatch.setattr(recorder, "_send", interrupt)
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(20)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            recorder.close()
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    assert recorder._child.poll() is not None
+
+
+def test_image_that_cannot_be_encoded_costs_the_recording_alone(tmp_path, corridor, corridor_camera,
+                                                                monkeypatch):
+    pytest.importorskip("mcap_protobuf")
+    slam = kys_slam.System(corridor_camera, {"orb.features": 600})
+    monkeypatch.setattr("kys_slam.record._JPEG_QUALITY", 101)  # there is none
+    recorder = open_recorder(tmp_path / "run.mcap", slam)
+    for left, right, time, _ in corridor[:3]:
+        slam.feed(left, right, time)
+    slam.finish()
+    with pytest.raises(kys_slam.InputError, match="run.mcap: frames are missing: JPEG"):
+        recorder.close()
+    assert len(slam.trajectory().timestamps) == 3
+    messages = read_mcap(tmp_path / "run.mcap")  # what came before and the end are there
+    assert "/frame" not in messages and len(messages["/pose/final"]) == 3
 
 
 def test_segments_given_with_a_frame_are_recorded(tmp_path, corridor, corridor_camera):

@@ -189,6 +189,44 @@ def test_pairing_after_a_lost_image():
         assert counts["unmatched left"] + counts["unmatched right"] == 1
 
 
+class Held:
+    """An item that counts how many there are."""
+    now = most = 0
+
+    def __init__(self, number):
+        self.number = number
+        Held.now += 1
+        Held.most = max(Held.most, Held.now)
+
+    def __del__(self):
+        Held.now -= 1
+
+
+@pytest.mark.parametrize("sides", ((0, 1), (1, 0)))
+@pytest.mark.parametrize("begin, end, ahead_s, paired", (
+    (0, 50, 0, range(50)),  # the second camera ends early
+    (0, 1, 0, range(1)),
+    (1999, 2000, 0, range(1999, 2000)),  # starts late
+    (0, 0, 0, ()),  # has no images
+    (0, 2000, 1e9, ()), (0, 2000, -1e9, ()),  # another clock
+    (0, 2000, 0, range(2000)))
+)
+def test_a_camera_without_the_other_takes_no_memory(sides, begin, end, ahead_s, paired):
+    """2000 images of one camera, `begin` to `end` of the other one."""
+    ms = 1_000_000
+    Held.now = Held.most = 0
+    stream = ((sides[side], (50 * i + side) * ms + side * int(ahead_s) * 10**9, Held(i))
+              for i in range(2000) for side in (0, 1) if side == 0 or begin <= i < end)
+    counts = {}
+    pairs = [(a.number, b.number)
+             for _, a, b in recordings.pair_by_time(stream, 0.01, counts)]
+    assert pairs == [(i, i) for i in paired]
+    assert Held.most < 120
+    of_side = [counts["unmatched left"], counts["unmatched right"]]
+    assert of_side[sides[0]] == 2000 - len(paired)
+    assert of_side[sides[1]] == end - begin - len(paired)
+
+
 def test_a_topic_without_a_slash():
     from types import SimpleNamespace
     k = [50.0, 0, 30, 0, 50, 20, 0, 0, 1]
@@ -262,6 +300,7 @@ def test_feature_files_with_priors_choose_the_mode(tmp_path):
                         for folder in ("run", "c++"))
         assert ours["mode"] == theirs["mode"] == mode
         assert ours.get("missing_priors") == theirs.get("missing_priors")
+        assert ours["recording"] == theirs["recording"]
     with pytest.raises(AssertionError):
         run(tmp_path, features, "--mode", "kys")
 
@@ -431,7 +470,7 @@ def test_what_becomes_of_late_frames():
     for policy, kept in (("drop-oldest", [2, 3, 4]), ("drop-newest", [0, 1, 2])):
         frames = FrameQueue(policy, 3)
         taken = [frames.put(i) for i in range(5)]
-        assert taken == [True] * 5 if policy == "drop-oldest" else [True] * 3 + [False] * 2
+        assert taken == ([True] * 5 if policy == "drop-oldest" else [True] * 3 + [False] * 2)
         frames.close()
         assert list(frames) == kept
         assert (frames.received, frames.dropped) == (5, 2)

@@ -208,7 +208,9 @@ def test_observer_that_raises_is_told(corridor, corridor_camera):
     with pytest.raises(KeyError):
         slam.feed(*corridor[0][:3])
     slam.set_observer(None)
-    slam.feed(*corridor[1][:3])
+    assert slam.feed(*corridor[1][:3]).index == 1  # the first one is tracked all the same
+    assert slam.feed(*corridor[2][:3], index=70).index == 70
+    assert [r.index for r in slam.reports()] == [0, 1, 70]
 
 
 def test_stubs_say_types():

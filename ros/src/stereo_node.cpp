@@ -44,7 +44,7 @@ kys_slam::GrayImage gray(const Image& m) {
   PixelFormat format = PixelFormat::kGray8;
   int channels = 1, bytes = 1;
   if (m.encoding == "mono16" || m.encoding == "16UC1") {
-    format = PixelFormat::kGray16, bytes = 2;
+    bytes = 2;
   } else if (m.encoding == "bgr8" || m.encoding == "rgb8") {
     format = m.encoding == "bgr8" ? PixelFormat::kBgr8 : PixelFormat::kRgb8, channels = 3;
   } else if (m.encoding != "mono8" && m.encoding != "8UC1") {
@@ -53,8 +53,13 @@ kys_slam::GrayImage gray(const Image& m) {
   if (m.step < m.width * channels * bytes || m.data.size() < std::size_t{m.step} * m.height) {
     throw kys_slam::InputError("an image message with too few bytes");
   }
-  return kys_slam::to_gray({m.data.data(), static_cast<int>(m.width), static_cast<int>(m.height),
-                            format, static_cast<std::ptrdiff_t>(m.step)});
+  kys_slam::ImageView view{m.data.data(), static_cast<int>(m.width), static_cast<int>(m.height),
+                           format, static_cast<std::ptrdiff_t>(m.step)};
+  if (bytes == 2) {  // the high byte alone, in whichever order they are
+    view.data = m.data.data() + (m.is_bigendian ? 0 : 1);
+    view.pixel_step = 2;
+  }
+  return kys_slam::to_gray(view);
 }
 
 class StereoNode : public rclcpp::Node {

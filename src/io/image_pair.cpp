@@ -4,7 +4,6 @@
 #include <kys_slam/image_pair.h>
 #include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/paths.h>
-#include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <limits>
@@ -64,20 +63,6 @@ std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& 
     return std::nullopt;
   for (std::int64_t& stamp : stamps) stamp *= *unit;
   return stamps;
-}
-
-void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
-  const TextTable table(file);
-  if (table.rows().size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
-                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
-  }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    frames[i].timestamp = table.number(table.rows()[i], 0);
-    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
-      table.fail(table.rows()[i], "time stamps do not increase");
-    }
-  }
 }
 
 void set_times(const fs::path& left, const ImagePairOptions& options,

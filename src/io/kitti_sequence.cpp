@@ -1,28 +1,12 @@
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/paths.h>
-#include <kys_slam/util/text_table.h>
 
 #include "io/sequence_parts.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
 namespace {
-
-void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
-  const TextTable table(file);
-  if (table.rows().size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
-                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
-  }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const TextRow& row = table.rows()[i];
-    frames[i].timestamp = table.number(row, 0);
-    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
-      table.fail(row, "time stamps do not increase");
-    }
-  }
-}
 
 /// Official poses are of camera 0; camera 2 stands 6 cm beside it.
 std::vector<TimedPose> read_ground_truth(const fs::path& file,

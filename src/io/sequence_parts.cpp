@@ -131,6 +131,21 @@ std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std
   return pairs;
 }
 
+void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
+  const TextTable table(file);
+  if (table.rows().size() != frames.size()) {
+    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
+                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const TextRow& row = table.rows()[i];
+    frames[i].timestamp = table.number(row, 0);
+    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
+      table.fail(row, "time stamps do not increase");
+    }
+  }
+}
+
 void require_consecutive(const std::vector<Sequence::Frame>& frames) {
   for (std::size_t i = 1; i < frames.size(); ++i) {
     const auto before = parse_int(numbers_of(frames[i - 1].left).back());

@@ -39,6 +39,10 @@ std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std
                                                              std::span<const std::int64_t> right,
                                                              double tolerance);
 
+/// Sets the time stamps: the first number of every line, in the order of the frames.
+/// \throws InputError when their numbers differ or time stamps do not increase
+void read_times(const std::filesystem::path& file, std::vector<Sequence::Frame>& frames);
+
 /// For layouts whose frames have no times but a rate. Names without a number are not looked at.
 /// \throws InputError naming the image after a gap in the numbers that names end in
 void require_consecutive(const std::vector<Sequence::Frame>& frames);

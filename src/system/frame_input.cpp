@@ -63,13 +63,16 @@ FrameInput open_frame_input(const std::filesystem::path& path, const SequenceOpt
     }
     return open_feature_file(path, options);
   }
-  std::unique_ptr<Sequence> sequence = open_folder(path, options);
+  return frame_input_of(open_folder(path, options), options.start);
+}
+
+FrameInput frame_input_of(std::unique_ptr<Sequence> sequence, std::int64_t start) {
   FrameInput input;
   input.name = sequence->name();
   input.layout = sequence->layout();
   input.ground_truth = sequence->ground_truth();
   const Sequence::Frame& first = sequence->frame(0);
-  input.recording = recording_of(options.start, first.timestamp, first.left);
+  input.recording = recording_of(start, first.timestamp, first.left);
   input.frames = std::move(sequence);
   return input;
 }
