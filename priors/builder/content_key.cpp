@@ -97,7 +97,7 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
     digest.add(source);
   };
   add_source(inputs_.disparity, find_disparity);
-  add_source(inputs_.disparity_right, find_disparity);
+  add_source(inputs_.disparity_right, find_right_disparity);
   if (!last) {
     for (const std::string& source : inputs_.flow) add_source(source, find_flow);
     for (const std::string& source : inputs_.flow_back) {
