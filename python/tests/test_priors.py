@@ -246,6 +246,12 @@ def test_priors_of_the_other_camera_pair_are_refused(tmp_path, corridor, corrido
                            tmp_path / "built"], capture_output=True, text=True)
     assert done.returncode == 2
     assert "made of image_2, but image_0 is tracked" in done.stderr
+    (panoptic / "images.txt").write_text("image_0\n")
+    done = subprocess.run([builder, tmp_path / "seq", "--panoptic-left", panoptic, "--disparity",
+                           panoptic, "--disparity-right", panoptic, "--output", tmp_path / "built"],
+                          capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "made of image_0, but image_1 is tracked" in done.stderr
 
 
 def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera, capsys):
