@@ -140,6 +140,14 @@ TEST_F(DecisionErrorsTest, BlindAndSegmentsOnlyDifferInWhetherMotionWasJudged) {
   }
 }
 
+TEST(SetMoving, WhatMovesIsJudged) {
+  CameraPriors camera;
+  camera.segments = {{2, pf::kThing | pf::kNotJudged, 65537, 100, 0, 0}};
+  camera.segment_map = ImageOf<std::uint16_t>(4, 3, 1);
+  set_moving(camera, 0, true);
+  EXPECT_EQ(camera.segments[0].flags, pf::kThing | pf::kDynamic);
+}
+
 TEST(KeptFrames, ThirtyPercentAreMissingInRunsOfOneToEight) {
   std::map<std::size_t, int> lengths;
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
