@@ -121,6 +121,10 @@ def test_priors_from_class_maps():
     assert list(left.segments["flags"] & kysp.DYNAMIC != 0) == [False, True]
     assert (right.segments["instance"] >= kysp.RIGHT_INSTANCES).all()
     kys_slam.priors.encode_prior(frame)
+    for moving, judged in (((12,), True), ((), True), (None, False)):
+        frame = kys_slam.priors_from_labels(space, classes, classes, instances, instances, moving)
+        assert kysp.decode(kys_slam.priors.encode_prior(frame)).has_motion is judged
+    assert not kys_slam.priors_from_labels(space, classes, classes).has_motion
 
 
 def test_instances_that_no_file_can_hold_are_refused():
@@ -278,12 +282,15 @@ def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_ca
     assert names[at(50, 50)["label"]] == "car" and at(50, 50)["flags"] & kysp.DYNAMIC
     assert names[at(60, 250)["label"]] == "person" and not at(60, 250)["flags"] & kysp.DYNAMIC
     assert at(10, 10) is None and rest[0][10, 10] == 150 and rest[0][50, 50] == 0
+    assert frame.has_motion
     # A mover that is listed and one that is masked out: mode mask drops both.
     slam = kys_slam.System(c, {"orb.features": 600, "kys.mode": "mask"})
     for i, (l, r, time, _) in enumerate(corridor):
         pair = masks(f"{i:06d}")
         report = slam.feed(l, r, time, masks.priors(pair), masks.without_classes(pair))
     assert report.masked > 0 and report.prior_coverage > 0
+    (tmp_path / "masks" / "classes.txt").write_text("1-50 car\n")
+    assert not MaskFolder(tmp_path / "masks").priors(pair).has_motion
     for text, error in (("1-300 car\n", "range"), ("1 carr\n", "no class"),
                         ("1-9 car\n5 person\n", "twice")):
         (tmp_path / "masks" / "classes.txt").write_text(text)

@@ -1,6 +1,7 @@
 #include "decision_errors.h"
 
 #include <gtest/gtest.h>
+#include <kys/belief.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/atomic_file.h>
@@ -136,6 +137,30 @@ TEST_F(DecisionErrorsTest, BlindAndSegmentsOnlyDifferInWhetherMotionWasJudged) {
         EXPECT_EQ(camera.segments[k].score, 0);
         EXPECT_EQ(camera.segments[k].flags, a.flags & pf::kThing);
       }
+    }
+  }
+}
+
+TEST_F(DecisionErrorsTest, BlindLooksJudgedAndSegmentsOnlyDoesNot) {
+  write_folder(1);
+  Keypoint on_mover, on_building;
+  on_mover.x = on_mover.y = 12;
+  on_building.x = on_building.y = 1;
+  const std::vector<Keypoint> keypoints = {on_mover, on_building};
+  const kys::InitialBelief start({}, kys::load_label_space("coco_panoptic_133"));
+  const kys::BeliefOptions belief;
+  for (const DecisionError error : {DecisionError::kBlind, DecisionError::kSegmentsOnly}) {
+    const bool judged = error == DecisionError::kBlind;
+    disturb(error);
+    const PriorFile file = PriorFile::open(root_ / "out" / name_of(0));
+    for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+      std::vector<kys::Prior> priors(keypoints.size());
+      file.lookup(side, keypoints, priors);
+      for (const kys::Prior& prior : priors) EXPECT_EQ(prior.unjudged, judged ? 0 : 1);
+      for (const kys::Prior& prior : file.segment_priors(side)) {
+        EXPECT_EQ(prior.unjudged, judged ? 0 : 1);
+      }
+      EXPECT_DOUBLE_EQ(start.log_odds(priors[0]), belief.mobile + (judged ? belief.unflagged : 0));
     }
   }
 }
