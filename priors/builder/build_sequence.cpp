@@ -72,7 +72,7 @@ class SequenceBuilder {
         preparation_(sequence, labels, inputs, settings.options, readers_, fields_, settings.jobs),
         output_(settings.output, sequence.names, settings.debug_images) {
     if (settings.options.detection.method == DetectionMethod::kRobust) {
-      belief_.emplace(settings.options.detection);
+      belief_.emplace(settings.options.detection, preparation_.shares_identities());
     }
   }
 

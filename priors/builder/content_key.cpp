@@ -64,6 +64,11 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
   digest.add(std::to_string(before));
   digest.add("kysp builder 10\n" + to_text(options_) + labels_.name());
   digest.add(std::to_string(classes_));
+  // Version 10 took equal numbers of the two cameras for one object.
+  if (options_.detection.method == DetectionMethod::kRobust &&
+      options_.association.method == AssociationMethod::kCentroid) {
+    digest.add("cameras apart");
+  }
   digest.add(std::to_string(calibration_hash(sequence_.camera)));
   digest.add(last ? "last" : sequence_.names[t + 1]);
   digest.add(std::to_string(static_cast<int>(inputs_.disparity_encoding)) +
@@ -92,7 +97,7 @@ std::uint64_t ContentKeys::of_frame(std::size_t t, std::span<const CameraPercept
     digest.add(source);
   };
   add_source(inputs_.disparity, find_disparity);
-  add_source(inputs_.disparity_right, find_disparity);
+  add_source(inputs_.disparity_right, find_right_disparity);
   if (!last) {
     for (const std::string& source : inputs_.flow) add_source(source, find_flow);
     for (const std::string& source : inputs_.flow_back) {

@@ -36,10 +36,6 @@ constexpr double kLeastFree = 0.1;      // of all pixels looked at, hidden ones 
 constexpr double kSupports = 0.5;       // nats, by which free space confirms a changed look
 constexpr double kContradicted = -0.3;  // nats of appearance that void the flow's
 
-std::int32_t object_of(std::int32_t instance) {
-  return instance % prior_format::kRightInstances;
-}
-
 }  // namespace
 
 MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
@@ -81,6 +77,10 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
     e.appearance = std::min(e.appearance, kAlone);
   }
   return e;
+}
+
+std::int32_t MotionBelief::object_of(std::int32_t instance) const {
+  return shares_instances_ ? instance % prior_format::kRightInstances : instance;
 }
 
 double MotionBelief::expected(std::int32_t object, double timestamp) const {

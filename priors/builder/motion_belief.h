@@ -29,13 +29,17 @@ MotionEvidence motion_evidence(const BuilderOptions::Detection& options,
                                const SegmentStatistics& segment,
                                const BackgroundReferences& background);
 
-/// Log-odds of moving of every object over time. Evidence of both cameras is added, and without
-/// evidence the belief returns to its initial value (motion/belief.h). The decision of a frame also
-/// uses the evidence of `detection.lag` later frames (fixed-lag smoothing of a two-state Markov
-/// chain). Frames are added in order and decided in the same order.
+/// Log-odds of moving of every object over time. Evidence of both cameras is added where they share
+/// instances, and without evidence the belief returns to its initial value (motion/belief.h). The
+/// decision of a frame also uses the evidence of `detection.lag` later frames (fixed-lag smoothing
+/// of a two-state Markov chain). Frames are added in order and decided in the same order.
 class MotionBelief {
  public:
-  explicit MotionBelief(const BuilderOptions::Detection& options) : options_(options) {}
+  /// \param shares_instances  an object has the same instance in both cameras, plus
+  ///   prior_format::kRightInstances in the right one; otherwise instances of the two cameras are
+  ///   not related
+  MotionBelief(const BuilderOptions::Detection& options, bool shares_instances)
+      : options_(options), shares_instances_(shares_instances) {}
 
   /// Adds the evidence of a frame.
   /// \param timestamp s
@@ -65,12 +69,14 @@ class MotionBelief {
     double timestamp = 0;                            // s
     std::map<std::int32_t, FrameEvidence> evidence;  // by object
   };
+  [[nodiscard]] std::int32_t object_of(std::int32_t instance) const;
   [[nodiscard]] double expected(std::int32_t object, double timestamp) const;
   void add(Frame frame);
   [[nodiscard]] double later(std::int32_t object) const;
 
   BuilderOptions::Detection options_;
-  std::map<std::int32_t, State> states_;  // by object: an instance without its camera
+  bool shares_instances_;
+  std::map<std::int32_t, State> states_;  // by object_of()
   std::deque<Frame> frames_;              // not decided, earliest first
 };
 

@@ -3,12 +3,24 @@
 #include <kys_slam/error.h>
 
 #include <string>
+#include <system_error>
 
 #include "priors/builder/estimators.h"
 #include "priors/builder/seeded_flow.h"
 #include "priors/input/field_input.h"
 
 namespace kys_slam {
+namespace {
+
+/// One folder for two fields is fine only where the names of the files tell them apart.
+void check_differ(const std::filesystem::path& first, const std::filesystem::path& second,
+                  const char* what) {
+  std::error_code error;
+  if (!std::filesystem::equivalent(first, second, error)) return;
+  throw InputError(second.string() + ": is given " + what);
+}
+
+}  // namespace
 
 void SequenceFields::check_size(const std::filesystem::path& path,
                                 const ImageOf<float>& field) const {
@@ -28,14 +40,19 @@ DisparityPair SequenceFields::disparities(std::size_t t, const ImagePair& now) c
     return {estimate_disparity(now.first, now.second, false),
             estimate_disparity(now.first, now.second, true)};
   }
-  const auto read = [&](const std::string& folder) {
-    const std::filesystem::path path = find_disparity(folder, sequence_.names[t]);
+  const auto read = [&](const std::filesystem::path& path) {
     ImageOf<float> field = read_disparity(path, inputs_.disparity_encoding, sequence_.camera.bf());
     check_size(path, field);
     return field;
   };
-  d[0] = read(inputs_.disparity);
-  if (!inputs_.disparity_right.empty()) d[1] = read(inputs_.disparity_right);
+  const std::filesystem::path left = find_disparity(inputs_.disparity, sequence_.names[t]);
+  d[0] = read(left);
+  if (!inputs_.disparity_right.empty()) {
+    const std::filesystem::path right =
+        find_right_disparity(inputs_.disparity_right, sequence_.names[t]);
+    check_differ(left, right, "as left and as right disparity");
+    d[1] = read(right);
+  }
   return d;
 }
 
@@ -72,12 +89,13 @@ std::optional<FlowField> SequenceFields::flow(std::size_t c, std::size_t t,
     check_size(path, field.u);
     return field;
   };
-  FlowField forward = read(find_flow(inputs_.flow[c], sequence_.names[t]));
+  const std::filesystem::path path = find_flow(inputs_.flow[c], sequence_.names[t]);
+  FlowField forward = read(path);
   if (check.enabled && !inputs_.flow_back[c].empty()) {
-    check_forward_backward(
-        forward,
-        read(find_back_flow(inputs_.flow_back[c], sequence_.names[t], sequence_.names[t + 1])),
-        check.tolerance, check.relative_tolerance);
+    const std::filesystem::path back =
+        find_back_flow(inputs_.flow_back[c], sequence_.names[t], sequence_.names[t + 1]);
+    check_differ(path, back, "as forward and as backward flow");
+    check_forward_backward(forward, read(back), check.tolerance, check.relative_tolerance);
   }
   return forward;
 }

@@ -197,9 +197,10 @@ void PriorFile::parse_camera(std::size_t index, const std::string& name,
     check_segment(s, index, name, expected.label_count);
     camera.segments.push_back(s);
     const std::int32_t instance = shares_instances_ ? s.instance % pf::kRightInstances : s.instance;
-    kys::Prior prior =
-        kys::make_prior(s.label, instance, s.scale, 0.0F, (s.flags & pf::kDynamic) != 0);
-    prior.unjudged = (s.flags & pf::kNotJudged) != 0 ? 1 : 0;
+    const bool dynamic = (s.flags & pf::kDynamic) != 0;
+    kys::Prior prior = kys::make_prior(s.label, instance, s.scale, 0.0F, dynamic);
+    const bool unjudged = (s.flags & pf::kNotJudged) != 0 || (!has_motion_ && !dynamic);
+    prior.unjudged = unjudged ? 1 : 0;
     camera.priors.push_back(prior);
   }
   check_runs(camera, name);

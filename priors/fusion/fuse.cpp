@@ -77,8 +77,8 @@ void export_motion(const SegmentRuns& runs, ImageOf<float> lengths, CameraFusion
   for (int y = 0; y < lengths.height(); ++y) {
     float* row = lengths.row(y);
     for (const SegmentRun& run : runs.row(y)) {
+      if (run.segment == 0 || !fusion.decisions[run.segment - 1u].dynamic) continue;
       const float f = factor[run.segment], fallback = mean[run.segment];
-      if (f == 0.0F) continue;
       for (int x = run.x0; x < run.x1; ++x) {
         row[x] = std::min(100.0F, f * (row[x] == row[x] ? row[x] : fallback));
       }

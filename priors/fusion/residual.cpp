@@ -193,7 +193,7 @@ BackgroundReferences ResidualField::robust_references(const ImageOf<std::uint16_
 
 std::vector<MedianResidual> ResidualField::medians(const std::vector<std::uint8_t>& is_stuff,
                                                    const std::vector<SegmentSums>& sums) {
-  constexpr double kSamples = 4000;  // per segment
+  constexpr double kSamples = 4000;  // per segment, at a step that is not rounded
   struct Samples {
     int step = 1;  // px
     std::vector<float> u, v, length, parallax, disparity;

@@ -61,7 +61,8 @@ class ResidualField {
   /// Median, median and 1.4826 MAD over every fourth stuff pixel of every fourth row.
   BackgroundReferences robust_references(const ImageOf<std::uint16_t>& map,
                                          const std::vector<std::uint8_t>& is_stuff);
-  /// Medians of every thing segment, over a regular grid of its pixels; index as in `sums`.
+  /// Medians of every thing segment; index as in `sums`. Segments below 16000 pixels are taken
+  /// whole, larger ones on a regular grid of about 4000 to 16000 of their pixels.
   std::vector<MedianResidual> medians(const std::vector<std::uint8_t>& is_stuff,
                                       const std::vector<SegmentSums>& sums);
   FusionImages images();

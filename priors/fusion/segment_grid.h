@@ -11,14 +11,15 @@
 namespace kys_slam {
 
 /// Visits pixels of a regular grid in every selected segment, row by row. Large segments have a
-/// coarser grid, so that at most about 2000 pixels of each are visited.
+/// coarser grid: about 2000 pixels of each or more, but fewer than 8000, are visited (the step is
+/// rounded down, so that segments below 8000 pixels are visited whole).
 /// \param segments number of segments plus one
 /// \param is_looked_at whether a segment is selected, by its number from 1 on
 /// \param visit called with segment, x, y
 template <typename IsLookedAt, typename Visit>
 void for_each_on_grid(const SegmentRuns& runs, std::size_t segments, const IsLookedAt& is_looked_at,
                       const Visit& visit) {
-  constexpr double kPixels = 2000;  // per segment
+  constexpr double kPixels = 2000;  // per segment, at a step that is not rounded
   std::vector<std::uint32_t> area(segments, 0);
   for (const SegmentRun& run : runs.runs) area[run.segment] += run.x1 - run.x0;
   for (int y = 0; y < runs.rows(); ++y) {

@@ -9,6 +9,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <initializer_list>
 #include <sstream>
 #include <vector>
 
@@ -191,31 +192,44 @@ ImageOf<float> read_disparity_png(const fs::path& path, FieldEncoding encoding, 
   return out;
 }
 
-/// `vkitti_file` is what Virtual KITTI 2 calls the file.
+/// The first of the `endings` that there is counts. `vkitti_file` is what Virtual KITTI 2 calls the
+/// file.
 fs::path find_field(const fs::path& folder, const std::string& name,
-                    const std::string& vkitti_file) {
-  for (const char* ending : {".png", ".pfm", ".npy", ".flo", "_disp.pfm", "_pred.flo"}) {
+                    std::initializer_list<const char*> endings, const std::string& vkitti_file) {
+  std::string wanted;
+  for (const char* ending : endings) {
     fs::path path = folder / (name + ending);
     if (path_exists(path)) return path;
+    wanted += (wanted.empty() ? "" : ", ") + std::string(ending);
   }
   const bool vkitti = is_vkitti_frame(name);
   if (vkitti && path_exists(folder / vkitti_file)) return folder / vkitti_file;
-  fail(folder / name, "no .png, .pfm, .npy or .flo file of this frame" +
+  fail(folder / name, "no file of this frame (" + wanted + ")" +
                           (vkitti ? ", nor " + vkitti_file : std::string()));
 }
 
 }  // namespace
 
+// UniMatch leaves several fields of a frame in one folder: its endings say which, and come first.
+
 fs::path find_disparity(const fs::path& folder, const std::string& name) {
-  return find_field(folder, name, vkitti_name("depth_", name));
+  return find_field(folder, name, {"_disp.pfm", ".png", ".pfm", ".npy"},
+                    vkitti_name("depth_", name));
+}
+
+fs::path find_right_disparity(const fs::path& folder, const std::string& name) {
+  return find_field(folder, name, {"_disp_right.pfm", ".png", ".pfm", ".npy"},
+                    vkitti_name("depth_", name));
 }
 
 fs::path find_flow(const fs::path& folder, const std::string& name) {
-  return find_field(folder, name, vkitti_name("flow_", name));
+  return find_field(folder, name, {"_pred.flo", ".png", ".npy", ".flo"},
+                    vkitti_name("flow_", name));
 }
 
 fs::path find_back_flow(const fs::path& folder, const std::string& name, const std::string& next) {
-  return find_field(folder, name, vkitti_name("backwardFlow_", next));
+  return find_field(folder, name, {"_pred_bwd.flo", ".png", ".npy", ".flo"},
+                    vkitti_name("backwardFlow_", next));
 }
 
 ImageOf<float> read_disparity(const fs::path& path, FieldEncoding encoding, double bf) {

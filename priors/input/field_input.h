@@ -16,14 +16,19 @@ enum class FieldEncoding {
   kUnspecified,  ///< as kKitti; InputError for PNGs with names of Virtual KITTI 2
 };
 
-/// The disparity or the flow of a frame in a folder: <name>.png, .pfm, .npy or .flo, or
-/// <name>_disp.pfm, <name>_pred.flo (UniMatch); of rgb_<number> also depth_<number>.png or
-/// flow_<number>.png (Virtual KITTI 2). \throws InputError when there is none.
+/// The disparity of a frame in a folder: <name>_disp.pfm or, of the right image,
+/// <name>_disp_right.pfm (UniMatch); <name>.png, .npy or .pfm; of rgb_<number> also
+/// depth_<number>.png (Virtual KITTI 2). \throws InputError when there is none.
 std::filesystem::path find_disparity(const std::filesystem::path& folder, const std::string& name);
+std::filesystem::path find_right_disparity(const std::filesystem::path& folder,
+                                           const std::string& name);
+/// The flow to the next frame: <name>_pred.flo (UniMatch); <name>.png, .npy or .flo; of
+/// rgb_<number> also flow_<number>.png (Virtual KITTI 2). \throws InputError when there is none.
 std::filesystem::path find_flow(const std::filesystem::path& folder, const std::string& name);
 
-/// The file with the flow from frame `next` back to frame `name`. Virtual KITTI 2 names it by
-/// `next` (backwardFlow_<number>.png), other data by `name`. \throws InputError when there is none.
+/// The file with the flow from frame `next` back to frame `name`: <name>_pred_bwd.flo (UniMatch);
+/// <name>.png, .npy or .flo. Virtual KITTI 2 names it by `next` (backwardFlow_<number>.png).
+/// \throws InputError when there is none.
 std::filesystem::path find_back_flow(const std::filesystem::path& folder, const std::string& name,
                                      const std::string& next);
 

@@ -6,11 +6,12 @@ both cameras' masks when there is a right one as NAME_right.png, for the left ca
 
 With a list of classes, DIR/classes.txt, the pictures are priors: a line per value or range of values,
 
-    1-50   car moving      # instances 1 to 50; "moving": these move
+    1-50   car moving      # instances 1 to 50; "moving": these move, others stand
     51-99  person
     200    road            # stuff
 
-Classes are those of the label space; values that are not listed mean do not use, as above.
+Classes are those of the label space; values that are not listed mean do not use, as above. Without
+"moving" in any line, whether anything moves is not known.
 """
 
 from pathlib import Path
@@ -30,7 +31,7 @@ class MaskFolder:
                  label_space: str = "coco_panoptic_133") -> None:
         self.folder = Path(folder)
         self.classes: Dict[int, int] = {}  #: values that are priors: class id; empty: all are masks
-        self.moving: Tuple[int, ...] = ()  #: values of what moves
+        self.moving: Tuple[int, ...] = ()  #: values of what moves; empty: not known
         self.missing = 0  #: frames without a mask so far
         self.warning = ""  #: the first of these
         if not self.folder.is_dir():
@@ -74,7 +75,7 @@ class MaskFolder:
         table[list(self.classes)] = list(self.classes.values())
         return priors_from_labels(self._space, *(table[m] for m in masks),
                                   *(np.where(table[m] < 0, 0, m) for m in masks),
-                                  moving=self.moving)
+                                  moving=self.moving or None)
 
     def without_classes(self, masks: Tuple[np.ndarray, np.ndarray]) -> Tuple:
         """Masks of the values that the list of classes does not have."""

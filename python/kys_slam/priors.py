@@ -45,7 +45,7 @@ class PriorFrame:
     cameras: List[PriorCamera] = field(default_factory=list)
     calibration_hash: int = 0  # StereoCamera.calibration_hash(); 0 fits any camera
     content_key: int = 0
-    has_motion: bool = False
+    has_motion: bool = False  # motion was judged: what is not flagged as moving stands still
     #: one object has one instance; in the right camera it is that plus RIGHT_INSTANCES
     shares_instances: bool = False
 
@@ -142,15 +142,17 @@ def _one_camera(space: "_core.LabelSpace", classes: np.ndarray, instances: Optio
 def priors_from_labels(space: "_core.LabelSpace", left: np.ndarray, right: np.ndarray,
                        left_instances: Optional[np.ndarray] = None,
                        right_instances: Optional[np.ndarray] = None,
-                       moving: Tuple[int, ...] = ()) -> PriorFrame:
+                       moving: Optional[Tuple[int, ...]] = None) -> PriorFrame:
     """Priors from class maps of both images.
 
     left, right: (H, W) of class ids as the data set numbers them (COCO, ADE20K, Cityscapes, ...);
         an id that is none of the label space's is void.
     left_instances, right_instances: (H, W), 0 none, else a number that an object keeps over time,
         below 2^30 less the number of classes.
-    moving: numbers of the instances that move: flagged (mode `mask` drops them), motion 100.
+    moving: numbers of the instances that move: flagged (mode `mask` drops them), motion 100; all
+        others stand still. None: whether anything moves is not known.
     """
-    cameras = [_one_camera(space, left, left_instances, moving, 0),
-               _one_camera(space, right, right_instances, moving, RIGHT_INSTANCES)]
-    return PriorFrame(space.name, cameras, has_motion=bool(moving))
+    dynamic = moving or ()
+    cameras = [_one_camera(space, left, left_instances, dynamic, 0),
+               _one_camera(space, right, right_instances, dynamic, RIGHT_INSTANCES)]
+    return PriorFrame(space.name, cameras, has_motion=moving is not None)

@@ -122,6 +122,10 @@ def test_priors_from_class_maps():
     assert list(left.segments["flags"] & kysp.DYNAMIC != 0) == [False, True]
     assert (right.segments["instance"] >= kysp.RIGHT_INSTANCES).all()
     kys_slam.priors.encode_prior(frame)
+    for moving, judged in (((12,), True), ((), True), (None, False)):
+        frame = kys_slam.priors_from_labels(space, classes, classes, instances, instances, moving)
+        assert kysp.decode(kys_slam.priors.encode_prior(frame)).has_motion is judged
+    assert not kys_slam.priors_from_labels(space, classes, classes).has_motion
 
 
 def test_instances_that_no_file_can_hold_are_refused():
@@ -247,6 +251,12 @@ def test_priors_of_the_other_camera_pair_are_refused(tmp_path, corridor, corrido
                            tmp_path / "built"], capture_output=True, text=True)
     assert done.returncode == 2
     assert "made of image_2, but image_0 is tracked" in done.stderr
+    (panoptic / "images.txt").write_text("image_0\n")
+    done = subprocess.run([builder, tmp_path / "seq", "--panoptic-left", panoptic, "--disparity",
+                           panoptic, "--disparity-right", panoptic, "--output", tmp_path / "built"],
+                          capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "made of image_0, but image_1 is tracked" in done.stderr
 
 
 def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_camera):
@@ -272,6 +282,7 @@ def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_ca
     assert names[at(50, 50)["label"]] == "car" and at(50, 50)["flags"] & kysp.DYNAMIC
     assert names[at(60, 250)["label"]] == "person" and not at(60, 250)["flags"] & kysp.DYNAMIC
     assert at(10, 10) is None and rest[0][10, 10] == 150 and rest[0][50, 50] == 0
+    assert frame.has_motion
     # A mover that is listed and one that is masked out: mode mask drops both.
     slam = kys_slam.System(c, {"orb.features": 600, "kys.mode": "mask"})
     for i, (l, r, time, _) in enumerate(corridor):
@@ -300,6 +311,8 @@ def test_masks_with_a_list_of_classes_are_priors(tmp_path, corridor, corridor_ca
         assert cli.main([*base, *given, "--output", str(tmp_path / out)]) == 0
     paths = [(tmp_path / out / "trajectory.tum").read_bytes() for out in "abc"]
     assert paths[0] == paths[1] != paths[2]
+    (tmp_path / "masks" / "classes.txt").write_text("1-50 car\n")
+    assert not MaskFolder(tmp_path / "masks").priors(pair).has_motion
     for text, error in (("1-300 car\n", "range"), ("1 carr\n", "no class"),
                         ("1-9 car\n5 person\n", "twice")):
         (tmp_path / "masks" / "classes.txt").write_text(text)

@@ -15,6 +15,7 @@ TOOLS, SPACES = (Path(p) for p in sys.argv[1:3])
 sys.path.insert(0, str(TOOLS))
 
 import fasttext_files  # noqa: E402
+import import_tables  # noqa: E402
 import label_files  # noqa: E402
 
 CLASSES = [
@@ -185,10 +186,22 @@ class MakeTable(unittest.TestCase):
             self.assertIn("old.csv:3", done.stderr)
 
     def test_shipped_spaces_are_readable(self):
-        for name, count in (("coco_panoptic_133", 133), ("ade20k_150", 150), ("vkitti2", 14)):
+        for name, count in (("coco_panoptic_133", 133), ("ade20k_150", 150), ("cityscapes_19", 19),
+                            ("vkitti2", 14)):
             found, classes = label_files.read_classes(SPACES / f"{name}.classes.csv")
             self.assertEqual((found, len(classes)), (name, count))
             label_files.read_table(SPACES / f"{name}.table.csv", name, count)
+
+    def test_cityscapes_is_made_of_coco(self):
+        name, coco = label_files.read_classes(SPACES / "coco_panoptic_133.classes.csv")
+        table = label_files.read_table(SPACES / "coco_panoptic_133.table.csv", name, len(coco))
+        rules = import_tables.read_surrogates(TOOLS / "surrogates.csv")["cityscapes_19"]
+        classes, distances = import_tables.cityscapes(coco, table, rules)
+        import_tables.write_space(self.folder, "cityscapes_19", classes, distances,
+                                  import_tables.CITYSCAPES_19_COMMENTS)
+        for kind in ("classes", "table"):
+            file = f"cityscapes_19.{kind}.csv"
+            self.assertEqual((self.folder / file).read_bytes(), (SPACES / file).read_bytes())
 
 
 if __name__ == "__main__":

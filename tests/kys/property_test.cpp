@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <thread>
@@ -152,7 +153,8 @@ double from_the_paper(const ModeOptions& o, const Pair& p, const LabelSpace& spa
       if (o.gates && p.context == Context::kTemporal && mu > 100 * o.gate_belief) return rejected;
       return o.continuous ? phi * (1 + lambda * std::log(1 + mu)) : d;
   }
-  if (o.gates && mu > (p.context == Context::kStereo ? o.gate_stereo : o.gate_temporal)) {
+  const bool gated = o.gates && p.context != Context::kInstance;
+  if (gated && mu > (p.context == Context::kStereo ? o.gate_stereo : o.gate_temporal)) {
     return rejected;
   }
   return o.continuous ? phi * (1 + lambda * std::log(1 + mu)) : d;
@@ -289,10 +291,12 @@ TEST(Property, BestTwoIsTheSearchOneByOne) {
     descriptors.push_back(i % 3 == 2 ? descriptors.back() : random.descriptor());  // many equals
     priors.push_back(random.prior());
   }
+  // Distances are taken 128 at a time.
+  constexpr std::array<std::uint32_t, 3> kLong = {128, 129, 300};
   for (const ModeOptions& options : variants()) {
     const DistanceModel model(options, three_classes());
-    for (std::uint32_t round = 0; round < 120; ++round) {
-      std::vector<std::uint32_t> candidates(round % 40);
+    for (std::uint32_t round = 0; round < 150; ++round) {
+      std::vector<std::uint32_t> candidates(round < 120 ? round % 40 : kLong[round % 3]);
       for (std::size_t i = 0; i < candidates.size(); ++i) {
         candidates[i] = static_cast<std::uint32_t>((round * 7 + i * (1 + round % 5)) % 300);
       }

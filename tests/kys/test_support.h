@@ -67,7 +67,7 @@ class RandomPairs {
     return make_prior(label, instance, scale, motion, random_() % 5 == 0);
   }
 
-  Context context() { return random_() % 2 == 0 ? Context::kStereo : Context::kTemporal; }
+  Context context() { return static_cast<Context>(random_() % kContextCount); }
 
   float uniform(float low, float high) {
     return low + (high - low) * static_cast<float>(random_() % 1000000) / 1e6f;

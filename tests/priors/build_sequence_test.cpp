@@ -189,6 +189,53 @@ TEST_F(BuildSequenceTest, ErrorsOfTheFlowReachTheMotionModuleWhenTheCheckIsOff) 
   EXPECT_GT(background("unchecked"), background("clean") + 1.5);
 }
 
+TEST_F(BuildSequenceTest, UniMatchLeavesAllFieldsOfAFrameInOneFolder) {
+  spoil_forward_flow();
+  build("apart", 1);
+  build("unchecked", 1, false);
+  ASSERT_GT(background("unchecked"), background("apart") + 1) << "the backward flow matters";
+  const fs::path folder = root_ / "unimatch";
+  fs::create_directories(folder);
+  for (const std::string& name : sequence_.names) {
+    fs::copy(root_ / "flow" / (name + ".flo"), folder / (name + "_pred.flo"));
+    fs::copy(root_ / "back" / (name + ".flo"), folder / (name + "_pred_bwd.flo"));
+    fs::copy(root_ / "disp" / (name + ".pfm"), folder / (name + "_disp.pfm"));
+  }
+  inputs_.disparity = folder.string();
+  inputs_.flow[0] = inputs_.flow_back[0] = folder.string();
+  build("together", 1);
+  EXPECT_EQ(bytes("apart/background.csv"), bytes("together/background.csv"));
+  EXPECT_EQ(bytes("apart/segments.csv"), bytes("together/segments.csv"));
+
+  const std::string name = sequence_.names[1];
+  EXPECT_THROW(find_right_disparity(folder, name), InputError) << "the left one is none";
+  std::ofstream(folder / (name + "_disp_right.pfm")) << "right";
+  EXPECT_EQ(find_right_disparity(folder, name), folder / (name + "_disp_right.pfm"));
+  EXPECT_EQ(find_disparity(folder, name), folder / (name + "_disp.pfm"));
+  fs::remove(folder / (name + "_pred.flo"));
+  EXPECT_THROW(find_flow(folder, name), InputError) << "disparity and backward flow are none";
+}
+
+TEST_F(BuildSequenceTest, OneFileIsNotTwoFields) {
+  const auto complaint = [&] {
+    try {
+      build("out", 1);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  inputs_.flow_back[0] = (root_ / "flow" / ".").string();
+  EXPECT_NE(complaint().find("000000.flo: is given as forward and as backward flow"),
+            std::string::npos)
+      << complaint();
+  inputs_.flow_back[0].clear();
+  inputs_.disparity_right = inputs_.disparity;
+  EXPECT_NE(complaint().find("000000.pfm: is given as left and as right disparity"),
+            std::string::npos)
+      << complaint();
+}
+
 TEST_F(BuildSequenceTest, BytesDoNotDependOnTheNumberOfThreads) {
   build("one", 1);
   build("three", 3);

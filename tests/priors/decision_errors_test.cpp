@@ -1,6 +1,7 @@
 #include "decision_errors.h"
 
 #include <gtest/gtest.h>
+#include <kys/belief.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/atomic_file.h>
@@ -138,6 +139,38 @@ TEST_F(DecisionErrorsTest, BlindAndSegmentsOnlyDifferInWhetherMotionWasJudged) {
       }
     }
   }
+}
+
+TEST_F(DecisionErrorsTest, BlindLooksJudgedAndSegmentsOnlyDoesNot) {
+  write_folder(1);
+  Keypoint on_mover, on_building;
+  on_mover.x = on_mover.y = 12;
+  on_building.x = on_building.y = 1;
+  const std::vector<Keypoint> keypoints = {on_mover, on_building};
+  const kys::InitialBelief start({}, kys::load_label_space("coco_panoptic_133"));
+  const kys::BeliefOptions belief;
+  for (const DecisionError error : {DecisionError::kBlind, DecisionError::kSegmentsOnly}) {
+    const bool judged = error == DecisionError::kBlind;
+    disturb(error);
+    const PriorFile file = PriorFile::open(root_ / "out" / name_of(0));
+    for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+      std::vector<kys::Prior> priors(keypoints.size());
+      file.lookup(side, keypoints, priors);
+      for (const kys::Prior& prior : priors) EXPECT_EQ(prior.unjudged, judged ? 0 : 1);
+      for (const kys::Prior& prior : file.segment_priors(side)) {
+        EXPECT_EQ(prior.unjudged, judged ? 0 : 1);
+      }
+      EXPECT_DOUBLE_EQ(start.log_odds(priors[0]), belief.mobile + (judged ? belief.unflagged : 0));
+    }
+  }
+}
+
+TEST(SetMoving, WhatMovesIsJudged) {
+  CameraPriors camera;
+  camera.segments = {{2, pf::kThing | pf::kNotJudged, 65537, 100, 0, 0}};
+  camera.segment_map = ImageOf<std::uint16_t>(4, 3, 1);
+  set_moving(camera, 0, true);
+  EXPECT_EQ(camera.segments[0].flags, pf::kThing | pf::kDynamic);
 }
 
 TEST(KeptFrames, ThirtyPercentAreMissingInRunsOfOneToEight) {

@@ -532,6 +532,23 @@ TEST(Fusion, FlagsMoversAndLeavesParkedCarsAlone) {
   }
 }
 
+TEST(Fusion, AScoreOfZeroIsExportedAsZero) {
+  const StereoCamera camera = kitti_camera();
+  const CameraPerception p =
+      street(camera, motion(0, 0.005, 0, 0, 0, -0.9), {{300, 190, 380, 240, 15, {0.5, 0, 0}}});
+  BuilderOptions no_factor, no_maximum;
+  no_factor.score.factor = 0;
+  no_maximum.score.maximum = 0;
+  for (const BuilderOptions& options : {no_factor, no_maximum}) {
+    const CameraFusion fusion = fuse_camera(options, camera, p);
+    ASSERT_TRUE(fusion.priors.segments[2].flags & prior_format::kDynamic);
+    ASSERT_FALSE(fusion.priors.segments[2].flags & prior_format::kRadialOnly);
+    for (int y = 190; y < 240; ++y) {
+      for (int x = 300; x < 380; ++x) ASSERT_EQ(fusion.priors.motion.at(x, y), 0.0F);
+    }
+  }
+}
+
 TEST(Fusion, WithoutFlowNothingMovesAndScaleStays) {
   const StereoCamera camera = kitti_camera(310, 94);
   CameraPerception p =

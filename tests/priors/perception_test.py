@@ -1,5 +1,6 @@
 """The perception adapters, with small randomly initialised networks where torch is installed."""
 
+import io
 import json
 import os
 import struct
@@ -15,15 +16,18 @@ from unittest import mock
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "priors"))
 sys.path.insert(0, str(ROOT / "tools" / "perception"))
 sys.path.insert(0, str(ROOT / "python" / "kys_slam"))
 import common  # noqa: E402
+import decision_page  # noqa: E402
 import disparity  # noqa: E402
 import evaluate_kitti_06  # noqa: E402
 import flow  # noqa: E402
 import import_outputs  # noqa: E402
 import kysp  # noqa: E402
 import panoptic  # noqa: E402
+import score_detection  # noqa: E402
 
 try:
     import torch
@@ -38,6 +42,10 @@ try:
     from PIL import Image
 except ImportError:
     Image = None
+try:
+    import cv2
+except ImportError:
+    cv2 = None
 
 
 def make_images(folder, count=2, size=(140, 132)):
@@ -200,12 +208,14 @@ class ImportedOutputs(unittest.TestCase):
             self.run_import("unimatch-flow", made, "--output", out / "flow", "--backward", out / "back",
                             "--images", Path(folder, "image_2"))
             self.run_import("unimatch-disparity", made, "--output", out / "disparity", "--right",
-                            out / "disparity_right")
+                            out / "disparity_right", "--images", Path(folder, "image_2"))
             for name, source in (("flow/000007.flo", "pred.flo"), ("back/000007.flo", "pred_bwd.flo"),
                                  ("disparity/000007.pfm", "disp.pfm"),
                                  ("disparity_right/000007.pfm", "disp_right.pfm")):
                 self.assertEqual((out / name).read_bytes(), (made / f"000007_{source}").read_bytes())
-            self.assertEqual((out / "flow" / "images.txt").read_text(), "image_2\n")
+            for name, images in (("flow", "image_2"), ("back", "image_2"), ("disparity", "image_2"),
+                                 ("disparity_right", "image_3")):
+                self.assertEqual((out / name / "images.txt").read_text(), images + "\n")
             with self.assertRaisesRegex(common.InputError, "holds no"):
                 self.run_import("unimatch-flow", out / "disparity", "--output", out / "x")
 
@@ -228,6 +238,92 @@ class ImportedOutputs(unittest.TestCase):
             document.write_text("[1]")
             with self.assertRaisesRegex(common.InputError, "not the document"):
                 self.run_import("kmax", made, "--json", document, "--output", out)
+
+
+@unittest.skipUnless(Image, "Pillow is not installed")
+class DisparityNotes(unittest.TestCase):
+    def test_disparities_note_the_images_they_are_of(self):
+        with tempfile.TemporaryDirectory() as folder:
+            left, right = (make_images(Path(folder, f"image_{i}")) for i in (2, 3))
+            with mock.patch.object(common, "digest_of_network", return_value="network"), \
+                    mock.patch.object(flow, "estimate", return_value=np.zeros((132, 140, 2))):
+                disparity.process(left, right, Path(folder, "d"), Path(folder, "r"), None, None)
+            self.assertEqual(Path(folder, "d", "images.txt").read_text(), "image_2\n")
+            self.assertEqual(Path(folder, "r", "images.txt").read_text(), "image_3\n")
+
+
+class Decisions(unittest.TestCase):
+    """Pages and scores of the decisions of three frames; the last one has nothing in it."""
+
+    SHAPE = (40, 60)
+    SEGMENTS = [*decision_page.COLUMNS, "magnitude_test", "radial_test", "residual_px", "radial_px",
+                "coverage", "omega"]
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = Path(temporary.name)
+        self.priors = self.folder / "priors"
+        self.priors.mkdir()
+
+    def write_priors(self, shares):
+        rows = []
+        for t in range(3):
+            cameras = []
+            for side in range(2):
+                identity = 70000 + side * kysp.RIGHT_INSTANCES
+                where = np.zeros(self.SHAPE, np.uint16)
+                segments = np.zeros(1 if t < 2 else 0, kysp.SEGMENT)
+                if t < 2:
+                    where[10:30, 20:40] = 1
+                    segments[0] = (2, kysp.THING, identity, 0, 0, 400)
+                    values = dict.fromkeys(self.SEGMENTS, "0")
+                    values.update(frame=f"{t:06d}", camera=("left", "right")[side], input_id="5",
+                                  identity=identity, label="2", area_px="400", state="static")
+                    rows.append(",".join(str(values[c]) for c in self.SEGMENTS))
+                cameras.append(kysp.Camera(segments, where))
+            frame = kysp.Frame("coco_panoptic_133", cameras, shares_instances=shares)
+            (self.priors / f"{t:06d}.kysp").write_bytes(kysp.encode(frame))
+        (self.priors / "segments.csv").write_text("\n".join([",".join(self.SEGMENTS), *rows]) + "\n")
+
+    def page(self):
+        output = self.folder / "page.html"
+        with mock.patch.object(sys, "argv", ["decision_page.py", str(self.priors), str(self.folder),
+                                             "--output", str(output)]):
+            decision_page.main()
+        return output.read_text()
+
+    @unittest.skipUnless(cv2, "OpenCV is not installed")
+    def test_page(self):
+        for side in range(2):
+            folder = self.folder / f"image_{side}"
+            folder.mkdir()
+            for t in range(3):
+                cv2.imwrite(str(folder / f"{t:06d}.jpg"), np.full((*self.SHAPE, 3), 90, np.uint8))
+        for shares, objects in ((True, 1), (False, 2)):
+            self.write_priors(shares)
+            page = self.page()
+            self.assertEqual(page.count("<h2>Object"), objects)
+            self.assertEqual(page.count("data:image/jpeg"), 4, "both frames with a thing, both cameras")
+            self.assertIn("frame 000001 left", page)
+        (self.folder / "image_1" / "000001.jpg").unlink()
+        with self.assertRaisesRegex(common.InputError, "image_1: has no image 000001"):
+            self.page()
+
+    def test_score_leaves_out_the_last_frame_of_the_files(self):
+        self.write_priors(True)
+        truth = self.folder / "truth.csv"
+        truth.write_text("frame,camera,segment_id,moving\n0,left,5,1\n1,left,5,1\n")
+        arguments = ["score_detection.py", self.priors, truth, "--camera", "left"]
+        with mock.patch.object(sys, "argv", [*map(str, arguments)]), \
+                mock.patch("sys.stdout", new_callable=io.StringIO) as said:
+            score_detection.main()
+        self.assertIn("recall    0.000 (2 moving)", said.getvalue())
+        (self.priors / "000002.kysp").unlink()
+        with mock.patch.object(sys, "argv", [*map(str, arguments)]), \
+                mock.patch("sys.stdout", new_callable=io.StringIO) as said:
+            score_detection.main()
+        self.assertIn("recall    0.000 (1 moving)", said.getvalue())
 
 
 @unittest.skipUnless(torch and Image, "torch, torchvision or Pillow is not installed")

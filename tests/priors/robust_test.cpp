@@ -110,7 +110,7 @@ void next(MotionBelief& belief, double timestamp, const std::vector<CameraFusion
 }
 
 TEST(MotionBelief, BothCamerasDecideTogetherAndWhatIsNotMeasuredKeepsItsBelief) {
-  MotionBelief belief({});
+  MotionBelief belief({}, true);
   const std::vector<std::int32_t> left = {65536}, right = {65536 + prior_format::kRightInstances};
   const std::vector<const std::vector<std::int32_t>*> instances = {&left, &right};
   CameraFusion a = fusion_of(segment(20)), b = fusion_of(SegmentStatistics{});
@@ -127,8 +127,27 @@ TEST(MotionBelief, BothCamerasDecideTogetherAndWhatIsNotMeasuredKeepsItsBelief) 
   EXPECT_LT(c.decisions[0].log_odds, before) << "but belief fades";
 }
 
+TEST(MotionBelief, CamerasThatShareNoInstancesDecideApart) {
+  MotionBelief belief({}, false);
+  const std::vector<std::int32_t> left = {65536}, right = {65536 + prior_format::kRightInstances};
+  const std::vector<const std::vector<std::int32_t>*> instances = {&left, &right};
+  CameraFusion a = fusion_of(segment(20)), b = fusion_of(SegmentStatistics{});
+  next(belief, 0.0, {&a, &b}, instances);
+  EXPECT_TRUE(a.decisions[0].dynamic);
+  EXPECT_FALSE(b.decisions[0].dynamic) << "the left camera's object of this number is another one";
+  EXPECT_FALSE(b.decisions[0].judged);
+
+  belief.restore_frame(0.1, {{right[0], 5.0}});
+  belief.decide({}, {});
+  CameraFusion c = fusion_of(SegmentStatistics{}), d = fusion_of(SegmentStatistics{});
+  const double before = a.decisions[0].log_odds;
+  next(belief, 0.2, {&c, &d}, instances);
+  EXPECT_LT(c.decisions[0].log_odds, before) << "it was not seen to move again";
+  EXPECT_TRUE(d.decisions[0].dynamic) << "it moved in the frame that was restored";
+}
+
 TEST(MotionBelief, NothingMeasuredIsNotJudgedAndNotMoving) {
-  MotionBelief belief({});
+  MotionBelief belief({}, true);
   const std::vector<std::int32_t> left = {65536};
   CameraFusion a = fusion_of(SegmentStatistics{});
   next(belief, 0, {&a}, {&left});
@@ -139,7 +158,7 @@ TEST(MotionBelief, NothingMeasuredIsNotJudgedAndNotMoving) {
 TEST(MotionBelief, ContinuesFromWhatWasRestored) {
   const std::vector<std::int32_t> left = {65540};
   const std::vector<const std::vector<std::int32_t>*> instances = {&left};
-  MotionBelief whole({}), resumed({});
+  MotionBelief whole({}, true), resumed({}, true);
   CameraFusion first = fusion_of(segment(3)), second = fusion_of(segment(0.5)), again = second;
   next(whole, 0, {&first}, instances);
   next(whole, 0.1, {&second}, instances);
@@ -153,7 +172,7 @@ TEST(MotionBelief, LaterFramesCountAsTheChainOfTwoStatesSays) {
   const BuilderOptions::Detection options;
   const std::vector<std::int32_t> left = {65540};
   const std::vector<const std::vector<std::int32_t>*> instances = {&left};
-  MotionBelief belief(options);
+  MotionBelief belief(options, true);
   CameraFusion first = fusion_of(segment(0.9));
   const std::vector<CameraFusion*> cameras = {&first};
   belief.add_frame(0, cameras, instances);

@@ -3,8 +3,8 @@
     decision_page.py PRIORS SEQUENCE --output page.html [--truth ground_truth.csv] [--wrong]
 
 PRIORS is a folder made by build_priors (.kysp files and segments.csv) for the images of SEQUENCE. The
-page is one HTML file with the pictures inside. Per object (one identity in both cameras): its belief
-over time, pictures of moments spread over it, and what each source said. Red outlines move, green ones
+page is one HTML file with the pictures inside. Per object (one identity in both cameras, where the
+files share identities): its belief over time, pictures of moments spread over it, and what each source said. Red outlines move, green ones
 stand, yellow ones are not judged. --truth is a table with frame, camera, moving, segment_id or input_id,
 and part where parts of a segment differ (simulate_sequence's ground_truth.csv): wrong decisions are
 marked, and --wrong shows those alone. The last frame has no flow: it is left out.
@@ -89,6 +89,7 @@ class Pictures:
 
     def __init__(self, priors, folders):
         self.priors, self.folders = Path(priors), folders
+        self.files = [None, None]  # by camera: image by name
         self.name, self.frame = None, None
 
     def load(self, name):
@@ -101,6 +102,14 @@ class Pictures:
             self.name = name
         return self.frame
 
+    def image_of(self, side, name):
+        """The image file of a frame."""
+        if self.files[side] is None:
+            self.files[side] = {path.stem: path for path in common.list_images(self.folders[side])}
+        if name not in self.files[side]:
+            common.fail(f"{self.folders[side]}: has no image {name}")
+        return self.files[side][name]
+
     def crop(self, row):
         """A JPEG of the segment's surroundings, or None where the segment is not in the file."""
         import cv2
@@ -112,7 +121,7 @@ class Pictures:
             return None
         mask = camera.segment_map == at[0] + 1
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        path = self.folders[side] / (row["frame"] + ".png")
+        path = self.image_of(side, row["frame"])
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None or image.shape[:2] != mask.shape:
             common.fail(f"{path}: is not an image of the priors' size")
@@ -178,15 +187,18 @@ def figure(row, picture, names, truth):
 def make_page(options):
     rows = [row for row in common.read_table(Path(options.priors) / "segments.csv", COLUMNS)
             if row["area_px"] >= options.min_area]
-    last = max((frame_number(row["frame"]) for row in rows), default=0)
-    rows = [row for row in rows if frame_number(row["frame"]) < last]
+    last = max(Path(options.priors).glob("*.kysp"), key=common.frame_order, default=Path()).stem
+    rows = [row for row in rows if row["frame"] != last]
     if not rows:
         common.fail(f"{options.priors}: has no judged segments of {options.min_area} px before the last "
                     "frame (segments.csv)")
     truth = read_truth(options.truth) if options.truth else {}
+    pictures = Pictures(options.priors, options.images)
+    first = pictures.load(rows[0]["frame"])
     objects = {}
     for row in rows:
-        objects.setdefault(row["identity"] % kysp.RIGHT_INSTANCES, []).append(row)
+        shared = row["identity"] % kysp.RIGHT_INSTANCES if first.shares_instances else row["identity"]
+        objects.setdefault(shared, []).append(row)
     if options.wrong:
         objects = {k: v for k, v in objects.items() if any(is_wrong(row, truth) for row in v)}
 
@@ -195,8 +207,7 @@ def make_page(options):
         return (-min(moving, len(item[1]) - moving), -moving, -len(item[1]), item[0])
 
     kept = sorted(objects.items(), key=weight)[:options.objects]
-    pictures = Pictures(options.priors, options.images)
-    names = names_of(pictures.load(rows[0]["frame"]).label_space)
+    names = names_of(first.label_space)
     counts = {state: sum(row["state"] == state for row in rows) for state in COLOURS}
     wrong = sum(is_wrong(row, truth) for row in rows)
     parts = [f"<!doctype html><meta charset=utf-8><title>Decisions</title><style>{STYLE}</style>",

@@ -26,8 +26,8 @@ def to_disparity(flow, sign, largest_vertical=2.0):
 def process(left, right, output, output_right, model, device, iterations=20, overwrite=False):
     """Disparity of all pairs; what is there of the same images, network and settings is kept."""
     folders = [Path(output)] + ([Path(output_right)] if output_right else [])
-    for folder in folders:
-        common.note_images(folder, left[0].parent)
+    for folder, image in zip(folders, (left[0], right[0])):
+        common.note_images(folder, image.parent)
     network = common.digest_of_network(model)
     for file, partner in common.progress(common.partners(left, right), "disparity"):
         targets = [folder / f"{file.stem}.pfm" for folder in folders]

@@ -7,8 +7,8 @@
 UniMatch, run with --save_flo_flow (--pred_bidir_flow) or --save_pfm_disp (--pred_bidir_disp), leaves
 NAME_pred.flo, NAME_pred_bwd.flo, NAME_disp.pfm, NAME_disp_right.pfm. kMaX-DeepLab (and whatever else
 is evaluated by detectron2's COCO panoptic evaluator) leaves NAME.png and predictions.json. NAME has to
-be that of the sequence's image. --images: the folder of images they were made of, noted so that
-build_priors refuses them for another camera pair.
+be that of the sequence's image. --images: the folder of images they were made of (disparity: of left
+images), noted so that build_priors refuses them for another camera pair.
 """
 
 import argparse
@@ -34,6 +34,12 @@ def take(folder, ending, output, images):
     if images:
         common.note_images(output, images)
     return len(files)
+
+
+def right_images(left):
+    """The folder of the right images beside a folder of left ones; None where its name does not say."""
+    partner = dict(common.PAIRS.values()).get(Path(left).resolve().name) if left else None
+    return partner and Path(left).resolve().with_name(partner)
 
 
 def take_panoptic(folder, document, output, images):
@@ -83,7 +89,8 @@ def main():
                                  ("_disp.pfm", "_disp_right.pfm", options.right))
         count = take(options.folder, ending, options.output, options.images)
         if second:
-            take(options.folder, other, second, options.images)
+            right = options.kind == "unimatch-disparity"
+            take(options.folder, other, second, right_images(options.images) if right else options.images)
     print(f"{count} files")
 
 

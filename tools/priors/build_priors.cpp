@@ -95,8 +95,13 @@ void check_fields(const BuildInputs& inputs) {
   }
   const char* const sides[] = {"left", "right"};
   for (std::size_t c = 0; c < 2; ++c) {
-    if (inputs.flow_back[c].empty() || !inputs.flow[c].empty()) continue;
-    throw InputError(std::string("--flow-back-") + sides[c] + " needs --flow-" + sides[c]);
+    if (inputs.flow_back[c].empty()) continue;
+    const std::string flow = std::string("--flow-") + sides[c];
+    const std::string back = std::string("--flow-back-") + sides[c];
+    if (inputs.flow[c].empty()) throw InputError(back + " needs " + flow);
+    if (inputs.flow[c] == "dis") {
+      throw InputError(flow + " dis estimates both flows: " + back + " has no use");
+    }
   }
 }
 
@@ -182,7 +187,10 @@ int run(int argc, char** argv) {
       if (!input.empty()) check_made_of(input, sequence.images[c]);
     }
   }
-  if (!a.inputs.disparity.empty()) check_made_of(a.inputs.disparity, sequence.images[0]);
+  const std::string disparity[] = {a.inputs.disparity, a.inputs.disparity_right};
+  for (std::size_t c = 0; c < 2; ++c) {
+    if (!disparity[c].empty()) check_made_of(disparity[c], sequence.images[c]);
+  }
   if (!a.quiet) a.settings.progress = report;
   print(build_sequence_priors(sequence, labels, a.inputs, a.settings));
   return 0;

@@ -171,7 +171,7 @@ void set_moving(CameraPriors& camera, std::size_t segment, bool moving) {
   s.flags = static_cast<std::uint16_t>(s.flags & ~(pf::kDynamic | pf::kRadialOnly));
   s.score = 0;
   if (!moving) return;
-  s.flags |= pf::kDynamic;
+  s.flags = static_cast<std::uint16_t>((s.flags & ~pf::kNotJudged) | pf::kDynamic);
   s.score = kSure;
   const ImageOf<std::uint16_t>& map = camera.segment_map;
   if (camera.motion.empty()) camera.motion = ImageOf<float>(map.width(), map.height());

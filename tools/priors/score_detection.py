@@ -6,7 +6,8 @@ PRIORS is a folder made by build_priors. The truth has columns frame,camera,movi
 segment_id or input_id: simulate_sequence's ground_truth.csv as it is. --motion is the table of
 segment_motion (frame,camera,input_id,shift_m,depth_m): with it the segments that move more than
 --min-shift within --max-depth are reported as well. --list prints every wrong decision.
-The last frame has no flow and is left out. Precision counts every flagged segment of --min-area.
+The last frame (of the .kysp files) has no flow and is left out. Precision counts every flagged segment of
+--min-area.
 """
 
 import argparse
@@ -38,11 +39,16 @@ def read(path, columns):
         return [((r["frame"], r["camera"], r.get("input_id") or r["segment_id"]), r) for r in rows]
 
 
-def score(rows, truth, motion, options):
-    """Counts of decisions; `rows` are those of segments.csv."""
+def last_frame(folder):
+    """Number of the last frame that has priors; None where there is none."""
+    with inputs.reading(folder):
+        return max((frame_number(path.stem) for path in Path(folder).glob("*.kysp")), default=None)
+
+
+def score(rows, truth, motion, last, options):
+    """Counts of decisions; `rows` are those of segments.csv, without those of frame `last`."""
     result = {"true": 0, "false": 0, "missed": 0, "unknown": 0, "clear": 0, "clear_found": 0,
               "magnitude_test": [0, 0], "radial_test": [0, 0], "wrong": []}
-    last = max((key[0] for key, _ in rows), default=0)
     for key, row in rows:
         if row["area_px"] < options.min_area or key[0] == last:
             continue
@@ -124,7 +130,7 @@ def main():
     rows = read(Path(options.priors) / "segments.csv", SEGMENTS)
     truth = dict(read(options.truth, {"moving": str}))
     motion = dict(read(options.motion, MOTION)) if options.motion else {}
-    report(score(rows, truth, motion, options), options)
+    report(score(rows, truth, motion, last_frame(options.priors), options), options)
     mu = exported_motion(options.priors, options.mu_step) if options.mu_step else np.zeros(0)
     if mu.size:
         print(f"exported mu over {mu.size} px of flagged segments: {np.mean(mu > 8):.3f} above 8, "

@@ -5,8 +5,8 @@
 
 FOLDER holds the class lists coco_panoptic_133.json and ade20k_150.json and the tables
 coco133_hamming_ftvec.json and ade_partial_70_hamming_ftvec.json (Hamming distances of sign bits of
-300-d FastText vectors). Classes without a vector there get surrogate distances from
-surrogates.csv, and are flagged as surrogates in the class file:
+300-d FastText vectors). cityscapes_19 is made of COCO's list and table. Classes without a vector
+there get surrogate distances from surrogates.csv, and are flagged as surrogates in the class file:
 
     102  the two classes are declared near each other, or near one same class
     119  same group
@@ -51,6 +51,42 @@ VKITTI2_STAND_INS = {
     "guard rail": "railing",
     "traffic sign": "stop sign",
 }
+
+# Cityscapes, the evaluated classes by their ids; the words their vectors are made of.
+CITYSCAPES_19 = [
+    (7, "road", False),
+    (8, "sidewalk", False),
+    (11, "building", False),
+    (12, "wall", False),
+    (13, "fence", False),
+    (17, "pole", False),
+    (19, "traffic light", False),
+    (20, "traffic sign", False),
+    (21, "vegetation", False),
+    (22, "terrain", False),
+    (23, "sky", False),
+    (24, "person", True),
+    (25, "rider", True),
+    (26, "car", True),
+    (27, "truck", True),
+    (28, "bus", True),
+    (31, "train", True),
+    (32, "motorcycle", True),
+    (33, "bicycle", True),
+]
+CITYSCAPES_19_STAND_INS = {
+    "sidewalk": "pavement",
+    "traffic sign": "stop sign",
+    "vegetation": "tree",
+    "terrain": "grass",
+    "rider": "person",
+}
+CITYSCAPES_19_COMMENTS = [
+    "Cityscapes, the 19 evaluated classes by their ids 7..33.",
+    "Marked surrogate: sidewalk, traffic sign, vegetation, terrain and rider borrow the vectors of",
+    "COCO's pavement, stop sign, tree, grass and person; pole, and rider to person, are 102 (near),",
+    "119 (same group) or 135 (otherwise) by tools/semantics/surrogates.csv.",
+]
 
 
 def load(folder, name):
@@ -137,6 +173,23 @@ def vkitti2(folder, rules):
     return classes, [[distance(a, b) for b in classes] for a in classes]
 
 
+def cityscapes(coco_classes, coco_table, rules):
+    """The classes and the table, from those of COCO panoptic."""
+    row_of = {c.text: row for row, c in enumerate(coco_classes)}
+    classes = [LabelClass(number, thing, "fasttext" if name in row_of else "surrogate", name, name)
+               for number, name, thing in CITYSCAPES_19]
+
+    def distance(a, b):
+        if a is b:
+            return 0
+        rows = [row_of.get(CITYSCAPES_19_STAND_INS.get(c.text, c.text)) for c in (a, b)]
+        if None in rows or rows[0] == rows[1]:
+            return surrogate_distance(a.name, b.name, rules)
+        return coco_table[rows[0]][rows[1]]
+
+    return classes, [[distance(a, b) for b in classes] for a in classes]
+
+
 def write_space(output, name, classes, table, comments):
     surrogates = [c.name for c in classes if c.vector == "surrogate"]
     how = "Regenerate both files from a FastText file: tools/semantics/make_table.py"
@@ -165,6 +218,8 @@ def main():
         "Every class has real vectors. Off-diagonal range 50..174; the paper's own table, which is",
         "not public, has 0..172. S_max = 155 is exceeded by 1.6 % of the pairs.",
     ])
+    classes, table = cityscapes(classes, table, rules["cityscapes_19"])
+    write_space(output, "cityscapes_19", classes, table, CITYSCAPES_19_COMMENTS)
     with inputs.reading(folder):
         classes, table = ade20k(folder, rules["ade20k_150"])
     write_space(output, "ade20k_150", classes, table, [

@@ -7,8 +7,8 @@ Every class has a text of one or more words; their vectors are summed, the signs
 above 0) are the bits, and the distance of two classes is the number of bits in which they differ.
 Writes NAME.classes.csv and NAME.table.csv into the output folder and prints range and percentiles.
 
-A class none of whose words has a vector is an error, unless --keep TABLE names the table to take
-its distances from: then it is flagged as a surrogate.
+A class with a word that has no vector is an error, unless --keep TABLE names the table to take its
+distances from: then it is flagged as a surrogate.
 """
 
 import argparse

@@ -63,7 +63,8 @@ class PriorFile {
   [[nodiscard]] std::uint64_t calibration_hash() const { return calibration_hash_; }
   /// Digest of settings and inputs that the file was made from; 0 when not known.
   [[nodiscard]] std::uint64_t content_key() const { return content_key_; }
-  /// Whether the file was made with optical flow (motion was judged).
+  /// Whether the file was made with optical flow (motion was judged). Where it was not, priors of
+  /// segments that are not dynamic are unjudged.
   [[nodiscard]] bool has_motion() const { return has_motion_; }
   /// Whether an object has the same instance in both cameras. lookup() then returns the number of
   /// the left camera for both.

@@ -33,7 +33,8 @@ inline constexpr std::size_t kAtCalibration = 32;
 inline constexpr std::size_t kAtContentKey = 40;
 inline constexpr std::size_t kAtLabelSpace = 48;
 
-/// Frame flag: made with optical flow, so that "not dynamic" means "measured as static".
+/// Frame flag: made with optical flow, so that "not dynamic" means "measured as static". Without
+/// the flag it means "not judged".
 inline constexpr std::uint16_t kFrameHasMotion = 1;
 /// Frame flag: an object has the same instance in both cameras, plus kRightInstances in the right
 /// one. Without the flag, instances of the two cameras are not related.

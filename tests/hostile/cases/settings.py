@@ -138,6 +138,8 @@ def settings_options_that_would_do_nothing(f, programs):
     refused(programs.run(*build, "--disparity-right", f.path), "--disparity-right", "--disparity;")
     refused(programs.run(*build, "--flow-right", f.path), "--flow-right", "--panoptic-right")
     refused(programs.run(*build, "--flow-back-left", f.path), "--flow-back-left", "--flow-left")
+    refused(programs.run(*build, "--flow-left", "dis", "--flow-back-left", f.path),
+            "--flow-back-left has no use")
     refused(programs.run(*build, "--disparity", "sgbm", "--disparity-right", f.path),
             "--disparity-right has no use")
     if programs.has("simulate_sequence"):
