@@ -301,7 +301,7 @@ void read_virtual_extrinsic(Bytes bytes) {
 // --- moving objects ------------------------------------------------------------------------------
 
 constexpr std::string_view kFrames =
-    "index,name,timestamp,status\n0,a,0.0,tracked\n1,b,0.1,tracked\n2,c,0.2,tracked\n";
+    "index,name,timestamp,status,submap\n0,a,0.0,tracked,0\n1,b,0.1,tracked,0\n2,c,0.2,lost,-1\n";
 constexpr std::string_view kEstimates =
     "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
     "1,b,0.1,7,car,0.9,12,1,0,8,0,0,1,0.1\n";

@@ -72,7 +72,7 @@ def limits_memory_of_short_lines(f, programs):
 def limits_memory_of_pairs_of_objects(f, programs):
     f.write("run/objects.csv", "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,"
             "vz,sigma_v\n" + "".join(f"0,0,0,{i},car,1,30,0,0,9,0,0,0,1\n" for i in range(2000)))
-    f.write("run/frames.csv", "index,name,timestamp\n0,0,0\n")
+    f.write("run/frames.csv", "index,name,timestamp,status,submap\n0,0,0,tracked,0\n")
     f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n")
     f.write("run/ground_truth.tum", "0 0 0 0 0 0 0 1\n")
     f.write("truth.txt", "".join(f"0 {i} Car 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 9 0\n"

@@ -117,8 +117,8 @@ def objects_of_a_class_that_is_not_utf8(f, programs):
     head = ("frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n"
             "0,0,0,5,car,1,30,0,0,9,0,0,1,1\n")
     f.write("run/objects.csv", head)
-    f.write("run/frames.csv", "index,name,timestamp\n" +
-            "".join(f"{i},{i},{0.1 * i}\n" for i in range(20)))
+    f.write("run/frames.csv", "index,name,timestamp,status,submap\n" +
+            "".join(f"{i},{i},{0.1 * i},tracked,0\n" for i in range(20)))
     f.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 20)
     f.write("truth.txt", b"".join(b"%d 5 C\xff\x1b[2J 0 0 0 1 2 3 4 1.5 1.8 4.2 0 0 %.1f 0\n" %
                                   (i, 9 + i / 10) for i in range(20)))
