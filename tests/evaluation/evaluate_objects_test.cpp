@@ -378,6 +378,21 @@ TEST_F(ObjectFiles, KittiTrackingLabels) {
   EXPECT_LT((T_c_o.R().col(2) - Eigen::Vector3d(0, -1, 0)).norm(), 1e-9);  // up
   EXPECT_FALSE(truth[1].moving) << "stands in the world, moves in the camera's frame";
   EXPECT_EQ(truth[1].pixels, -1);
+
+  // With the calibration of the data set beside them: camera 2 is 6 cm left of camera 0.
+  namespace fs = std::filesystem;
+  fs::create_directories(folder_ / "calib");
+  fs::create_directories(folder_ / "label_02");
+  fs::rename(folder_ / "0001.txt", folder_ / "label_02" / "0001.txt");
+  const auto read = [&] { return read_true_objects(folder_ / "label_02" / "0001.txt", frames); };
+  write_text(folder_ / "calib" / "0001.txt", "P2: 721.5 0 609.5 43.29 0 721.5 172.8 0.2 0 0 1 0\n");
+  const Eigen::Vector3d seen = (camera_at(0).inverse() * read()[0].T_g_o).t();
+  EXPECT_LT((seen - Eigen::Vector3d(1.56, 1.7 - 0.75, 20)).norm(), 1e-9);
+  for (const char* wrong : {"P2: 721.5 0 609.5\n", "P3: 1 0 0 0 0 1 0 0 0 0 1 0\n",
+                            "P2: 0 0 609.5 43.29 0 721.5 172.8 0.2 0 0 1 0\n"}) {
+    write_text(folder_ / "calib" / "0001.txt", wrong);
+    expect_input_error([&] { read(); }, {"calib/0001.txt"});
+  }
 }
 
 TEST_F(ObjectFiles, VirtualKittiPoses) {

@@ -134,9 +134,10 @@ void add_options(CLI::App& app, Arguments& a) {
                                                               {"start", RelativeTo::kStart}};
   ObjectEvaluationOptions& o = a.options;
   app.add_option("run", a.run, "Output folder of a run")->required();
-  app.add_option("--truth", a.truth,
-                 "objects.csv of simulate_sequence, label file of KITTI Tracking, or pose.txt of "
-                 "Virtual KITTI 2")
+  app.add_option(
+         "--truth", a.truth,
+         "objects.csv of simulate_sequence, label file of KITTI Tracking (label_02/NAME.txt, "
+         "with calib/NAME.txt in the same place), or pose.txt of Virtual KITTI 2")
       ->required();
   app.add_option("--relative-to", o.relative_to,
                  "camera (default): relative to the camera, without its pose error; start: in the "

@@ -280,9 +280,28 @@ std::vector<TrueObject> read_virtual_kitti(const TextTable& table,
   return objects;
 }
 
+/// KITTI's labels are in the rectified frame of camera 0; runs are of camera 2. Its calibration, as
+/// in the data set, is calib/NAME.txt beside the folder of NAME.txt; without it zero.
+double camera_2_shift(const fs::path& labels) {
+  const fs::path path =
+      fs::absolute(labels).parent_path().parent_path() / "calib" / labels.filename();
+  std::error_code error;
+  if (!fs::exists(path, error)) return 0;
+  const TextTable table(path);
+  for (const TextRow& row : table.rows()) {
+    if (row.fields[0] != "P2:" && row.fields[0] != "P2") continue;
+    expect_columns(table, row, 13);
+    const double f = table.number(row, 1), shift = table.number(row, 4) / f;
+    if (!(std::abs(shift) < 10)) table.fail(row, "camera 2 is more than 10 m from camera 0");
+    return shift;
+  }
+  throw InputError(path.string() + ": has no line P2");
+}
+
 std::vector<TrueObject> read_kitti_labels(const TextTable& table,
                                           const std::map<int, FramePoses>& frames) {
   std::vector<TrueObject> objects;
+  const Eigen::Vector3d shift(camera_2_shift(table.path()), 0, 0);
   for (const TextRow& row : table.rows()) {
     expect_columns(table, row, kKittiColumns);
     if (row.fields[2] == "DontCare") continue;
@@ -293,7 +312,7 @@ std::vector<TrueObject> read_kitti_labels(const TextTable& table,
     const double height = table.number(row, 10), width = table.number(row, 11),
                  length = table.number(row, 12);
     o.half = half_of(table, row, length, width, height);
-    o.T_g_o = kitti_box_pose(vector_at(table, row, 13), height, table.number(row, 16));
+    o.T_g_o = kitti_box_pose(vector_at(table, row, 13) + shift, height, table.number(row, 16));
     objects.push_back(o);
   }
   to_ground_truth(objects, frames);

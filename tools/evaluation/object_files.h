@@ -23,9 +23,10 @@ ObjectRun read_object_run(const std::filesystem::path& folder);
 /// True objects, in the order of the file. The first line identifies the format:
 /// - objects.csv of simulate_sequence, in the frame of the ground truth;
 /// - pose.txt of Virtual KITTI 2 (left camera; with bbox.txt in the same folder, if it exists);
-/// - label files of KITTI Tracking. The latter two are expressed in the camera frame; `frames` has
-///   the camera poses. Their position is that of the centre of the bottom of the box. Without
-///   bbox.txt, objects faster than 0.5 m/s count as moving.
+/// - label files of KITTI Tracking; they are in the frame of camera 0 and are moved to that of
+///   camera 2 when calib/NAME.txt lies beside their folder. The latter two are expressed in the
+///   camera frame; `frames` has the camera poses. Their position is that of the centre of the
+///   bottom of the box. Without bbox.txt, objects faster than 0.5 m/s count as moving.
 /// \throws InputError naming the file and what is wrong with it.
 std::vector<TrueObject> read_true_objects(const std::filesystem::path& file,
                                           const std::map<int, FramePoses>& frames);
