@@ -21,7 +21,9 @@ struct StereoFrame {
   double timestamp = 0;    ///< s
   GrayImage left;          ///< rectified, (height, width); empty when features are given
   GrayImage right;
-  std::optional<FeatureSet> left_features;  ///< set together with right_features
+  /// Set together with right_features. At most 65535 per image, octaves below `orb.levels`, at most
+  /// 16 px outside the image, orientations in 0..2 pi; other features are refused.
+  std::optional<FeatureSet> left_features;
   std::optional<FeatureSet> right_features;
   bool has_priors = false;              ///< the frame carries priors
   std::vector<kys::Prior> left_priors;  ///< if has_priors: one per feature
