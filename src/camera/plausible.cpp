@@ -1,12 +1,14 @@
 #include "camera/plausible.h"
 
+#include <kys_slam/error.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
 namespace kys_slam {
 
-std::string implausible_camera(const StereoCamera& camera) {
+void require_plausible(const StereoCamera& camera, const std::string& name) {
   const double side = std::max(camera.width, camera.height);
   char text[128];
   for (const double focal : {camera.fx, camera.fy}) {
@@ -14,13 +16,12 @@ std::string implausible_camera(const StereoCamera& camera) {
     if (focal > 0.01 * side && focal < 1000 * side) continue;
     std::snprintf(text, sizeof text, "focal length of %g px for images of %dx%d px", focal,
                   camera.width, camera.height);
-    return text;
+    throw InputError(name + ": " + text);
   }
   if (!(std::abs(camera.cx) < 10 * side && std::abs(camera.cy) < 10 * side)) {
-    return "the principal point is far outside the image";
+    throw InputError(name + ": the principal point is far outside the image");
   }
-  if (!(camera.baseline < 1000)) return "a baseline of more than 1 km";
-  return "";
+  if (!(camera.baseline < 1000)) throw InputError(name + ": a baseline of more than 1 km");
 }
 
 }  // namespace kys_slam

@@ -6,8 +6,8 @@
 
 namespace kys_slam {
 
-/// What is not plausible, or "": a focal length (px) far from the image size, a principal point far
-/// outside the image, a baseline above 1 km.
-std::string implausible_camera(const StereoCamera& camera);
+/// \throws InputError "NAME: what is not plausible": a focal length (px) far from the image size, a
+/// principal point far outside the image, a baseline above 1 km.
+void require_plausible(const StereoCamera& camera, const std::string& name);
 
 }  // namespace kys_slam

@@ -211,9 +211,7 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
   if (!camera_.is_valid() || std::abs(P[1].at<double>(1, 3)) > 1e-9) {
     throw InputError(name + ": the cameras cannot be rectified (is cam1 to the right of cam0?)");
   }
-  if (const std::string why = implausible_camera(camera_); !why.empty()) {
-    throw InputError(name + ": " + why);
-  }
+  require_plausible(camera_, name);
   T_b_c_ =
       left.T_b_s * Rigid3(Eigen::Matrix3d(to_eigen(R[0]).transpose()), Eigen::Vector3d::Zero());
 }
@@ -243,9 +241,7 @@ void StereoRectifier::rectify_equidistant(const RawCamera& left, const RawCamera
     throw InputError(name + ": the cameras cannot be rectified (is the right camera to the right " +
                      "of the left one?)");
   }
-  if (const std::string why = implausible_camera(camera_); !why.empty()) {
-    throw InputError(name + ": " + why);
-  }
+  require_plausible(camera_, name);
   for (std::size_t i = 0; i < 2; ++i) {
     cv::Mat x(size, CV_32FC1), y(size, CV_32FC1);
     for (int v = 0; v < size.height; ++v) {

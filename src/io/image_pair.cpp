@@ -119,9 +119,7 @@ std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::
   rig.set_image_size(info.width, info.height);
   if (const auto camera = rig.rectified()) {
     content.camera = *camera;
-    if (const std::string why = implausible_camera(*camera); !why.empty()) {
-      throw InputError(rig.name + ": " + why);
-    }
+    require_plausible(*camera, rig.name);
   } else {
     const auto rectifier = std::make_shared<StereoRectifier>(rig.left, rig.right, rig.name);
     content.camera = rectifier->camera();

@@ -112,9 +112,7 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   if (!content.camera.is_valid()) {
     throw InputError((folder / "intrinsic.txt").string() + ": invalid calibration");
   }
-  if (const std::string why = implausible_camera(content.camera); !why.empty()) {
-    throw InputError((folder / "intrinsic.txt").string() + ": " + why);
-  }
+  require_plausible(content.camera, (folder / "intrinsic.txt").string());
   make_relative_to_first(content.ground_truth);
   return make_sequence(std::move(content), options, folder);
 }

@@ -83,9 +83,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
                std::unique_ptr<PriorProvider> priors) {
   settings.check();
   if (!camera.is_valid()) throw InputError("the camera's calibration makes no sense");
-  if (const std::string why = implausible_camera(camera); !why.empty()) {
-    throw InputError("the camera's calibration makes no sense: " + why);
-  }
+  require_plausible(camera, "the camera's calibration makes no sense");
   constexpr std::size_t kBytesPerPixel = 10;  // two pyramids, and one blurred
   check_memory(fmt::format("tracking in images of {}x{}", camera.width, camera.height),
                kBytesPerPixel * static_cast<std::size_t>(camera.width) *

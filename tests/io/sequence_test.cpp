@@ -355,6 +355,23 @@ TEST(ImagePair, ALostImageDoesNotShiftThePairsAfterIt) {
   }
 }
 
+TEST(ImagePair, AnAbsurdCalibrationNamesItsFile) {
+  const TemporaryFolder folder;
+  for (const char* side : {"left", "right"}) {
+    fs::create_directories(folder / side);
+    write_png(folder / side / "0.png", GrayImage(60, 40));
+  }
+  write_text(folder / "rig.yaml",
+             "left: {width: 60, height: 40, fx: 0.5, fy: 0.5, cx: 30, cy: 20}\n"
+             "right: {width: 60, height: 40, fx: 0.5, fy: 0.5, cx: 30, cy: 20}\n"
+             "T_left_right: [1, 0, 0, 0.2,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1]\n");
+  const StereoRig rig = read_stereo_rig(std::vector<fs::path>{folder / "rig.yaml"});
+  ImagePairOptions options;
+  options.rate = 10;
+  expect_input_error([&] { open_image_pair(folder / "left", folder / "right", rig, options); },
+                     {"rig.yaml", "focal length of 0.5 px"});
+}
+
 TEST(ImagePair, UnitOfTheTimeStampsInNames) {
   const TemporaryFolder folder;
   const StereoRig rig = write_pair_rig(folder);

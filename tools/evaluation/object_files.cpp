@@ -115,8 +115,8 @@ std::map<int, FramePoses> read_frames(const fs::path& folder) {
     throw InputError((folder / "frames.csv").string() + ": " + std::to_string(table.rows().size()) +
                      " lines, but trajectory.kitti has " + std::to_string(poses.size()));
   }
-  std::map<int, FramePoses> frames;
-  std::map<std::int64_t, std::vector<int>> of_submap;  // frames
+  std::map<std::int64_t, std::map<int, FramePoses>> submaps;
+  std::set<int> seen;
   double last_time = 0;
   for (std::size_t k = 0; k < poses.size(); ++k) {
     const TextRow row = csv_row(table.rows()[k + 1]);
@@ -125,21 +125,14 @@ std::map<int, FramePoses> read_frames(const fs::path& folder) {
     if (k > 0 && pose.timestamp <= last_time) table.fail(row, "time stamps do not increase");
     last_time = pose.timestamp;
     const int index = small_integer(table, row, 0);
-    if (!frames.emplace(index, pose).second) table.fail(row, "a frame for the second time");
-    of_submap[table.integer(row, 4)].push_back(index);
+    if (!seen.insert(index).second) table.fail(row, "a frame for the second time");
+    const std::int64_t submap = table.integer(row, 4);  // -1: lost
+    if (submap >= 0) submaps[submap].emplace(index, pose);
   }
-  of_submap[-1];  // lost
-  std::size_t most = 0;
-  for (const auto& [submap, members] : of_submap) {
-    if (submap >= 0) most = std::max(most, members.size());
-  }
-  bool found = false;  // of equal ones the first is the main one
-  for (const auto& [submap, members] : of_submap) {
-    const bool main = submap >= 0 && members.size() == most && !std::exchange(found, true);
-    if (main) continue;
-    for (const int index : members) frames.erase(index);
-  }
-  return frames;
+  // Of equal ones the first.
+  const auto main =
+      std::ranges::max_element(submaps, {}, [](const auto& entry) { return entry.second.size(); });
+  return main == submaps.end() ? std::map<int, FramePoses>() : main->second;
 }
 
 /// Frames without ground truth are taken out.

@@ -4,8 +4,8 @@
 
 PRIORS is a folder made by build_priors (.kysp files and segments.csv) for the images of SEQUENCE. The
 page is one HTML file with the pictures inside. Per object (one identity in both cameras, where the
-files share identities): its belief over time, pictures of moments spread over it, and what each source said. Red outlines move, green ones
-stand, yellow ones are not judged. --truth is a table with frame, camera, moving, segment_id or input_id,
+files share identities): its belief over time, pictures of moments spread over it, and what each source
+said. Red outlines move, green ones stand, yellow ones are not judged. --truth is a table with frame, camera, moving, segment_id or input_id,
 and part where parts of a segment differ (simulate_sequence's ground_truth.csv): wrong decisions are
 marked, and --wrong shows those alone. The last frame has no flow: it is left out.
 """
