@@ -17,6 +17,11 @@ configure() {
   cmake -G Ninja -S . -B "$1" -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DKYS_WARNINGS_AS_ERRORS=ON -DKYS_BUILD_PYTHON=OFF "${@:2}"
 }
+# The same bytes from GCC as from Clang, where the stage `test` has left its build: same_bytes FOLDER
+same_bytes() {
+  [ -x build/release/bin/run_stereo_kitti ] || return 0
+  python3 tests/regression/compare_builds.py build/release "$1" || [ $? = 77 ]
+}
 # Most tests of scripts need an optimised build.
 run_tests() { ctest --test-dir "$1" -j "$(nproc)" --output-on-failure --timeout 900 "${@:2}"; }
 # -O1: the optimiser costs more than it saves. Loops that have to be vectorised are not with checks in
@@ -42,6 +47,7 @@ case "$stage" in
     configure build/clang -DCMAKE_BUILD_TYPE=Release
     cmake --build build/clang
     run_tests build/clang -R '^[a-z_]*_test/'
+    same_bytes build/clang
     ;;
   asan)
     configure build/clang-asan "${sanitized[@]}" -DKYS_SANITIZE=address,undefined
@@ -49,6 +55,7 @@ case "$stage" in
     if [ "${#programs[@]}" -gt 0 ]; then tests="^($(IFS='|' && echo "${programs[*]}"))/"; fi
     cmake --build build/clang-asan ${programs[0]:+--target "${programs[@]}"}
     run_tests build/clang-asan -R "$tests"
+    [ "${#programs[@]}" -gt 0 ] || same_bytes build/clang-asan
     ;;
   tsan)
     configure build/clang-tsan "${sanitized[@]}" -DKYS_SANITIZE=thread

@@ -37,9 +37,11 @@ def load(name):
 
 
 class BuildFolder:
-    """Where programs are, and where generated input and results go."""
+    """Where programs are, and where generated input and results go. `worlds`: another such folder
+    that renders the worlds; by default this one."""
 
-    def __init__(self, build):
+    def __init__(self, build, worlds=None):
+        self.worlds = worlds or self
         self.bin = os.path.join(build, "bin")
         self.data = os.path.join(build, "regression", "data")
         self.runs = os.path.join(build, "regression", "runs")
@@ -82,6 +84,7 @@ def _existing(path):
 
 
 def _world(spec, seed, place, announce):
+    place = place.worlds
     output = os.path.join(place.data, f"{spec['world']}-{spec['size']}-{spec['frames']}-{seed}")
     arguments = [spec["world"], "--seed", str(seed), "--size", spec["size"], "--quiet"]
     if spec["frames"] > 0:
@@ -94,7 +97,7 @@ def _world(spec, seed, place, announce):
 
 
 def _priors(world, place, announce):
-    output = world + "-priors"
+    output = os.path.join(place.data, os.path.basename(world) + "-priors")
     arguments = [world, *perception_arguments(world), "--quiet"]
     _make(output, place.program("build_priors"), arguments, [world + ".key"], announce)
     return output

@@ -11,6 +11,7 @@ import unittest
 import unittest.mock
 
 import harness
+from compare_builds import differences
 from drive import drive_text
 from harness import compare, is_exact, largest_difference
 from record import band_of_ate
@@ -137,6 +138,44 @@ class Input(StubPrograms):
             self.make()
         self.assertEqual(self.trajectory.read_text(), drive_text())
         self.assertEqual([p.name for p in self.trajectory.parent.glob("drive.txt*")], ["drive.txt"])
+
+
+class TwoBuilds(unittest.TestCase):
+    FRAMES = "index,inliers,ms_total,resident_mb\n0,120,7.5,24.2\n"
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folders = [pathlib.Path(temporary.name) / name for name in ("a", "b")]
+        for folder in self.folders:
+            (folder / "left").mkdir(parents=True)
+            (folder / "left" / "000000.kysp").write_bytes(b"priors")
+            (folder / "frames.csv").write_text(self.FRAMES)
+            (folder / "summary.json").write_text(str(folder))
+
+    def test_what_is_measured_does_not_count(self):
+        (self.folders[1] / "frames.csv").write_text(self.FRAMES.replace("7.5,24.2", "9.1,30.0"))
+        self.assertEqual(differences(*self.folders), [])
+
+    def test_one_byte_counts(self):
+        (self.folders[1] / "left" / "000000.kysp").write_bytes(b"prioRs")
+        self.assertEqual(differences(*self.folders), [os.path.join("left", "000000.kysp")])
+
+    def test_a_count_of_a_frame_counts(self):
+        (self.folders[1] / "frames.csv").write_text(self.FRAMES.replace("120", "121"))
+        self.assertEqual(differences(*self.folders), ["frames.csv"])
+
+    def test_a_missing_file_counts(self):
+        (self.folders[0] / "map.ply").write_text("ply")
+        self.assertEqual(differences(*self.folders), ["map.ply"])
+
+    def test_single_files(self):
+        files = [folder / "drive.features" for folder in self.folders]
+        for file in files:
+            file.write_bytes(b"0123")
+        self.assertEqual(differences(*files), [])
+        files[1].write_bytes(b"0124")
+        self.assertEqual(differences(*files), ["drive.features"])
 
 
 if __name__ == "__main__":

@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Compares the results of two builds, byte for byte: features, prior files, trajectories, maps.
+
+    compare_builds.py BUILD OTHER [CASE...]
+
+For builds with two compilers, or with two versions of a library. BUILD renders the worlds; everything
+after the images is computed by both. summary.json and the measured columns of frames.csv are left out.
+Exit status: 0 the same, 1 a difference, 77 skipped.
+"""
+import argparse
+import csv
+import filecmp
+import os
+import sys
+
+from harness import SKIPPED, Absent, BuildFolder, Failure, load, make_input, report, run
+
+CASES = ("block", "drive_pipelined", "street_verified")
+MEASURED = ("ms_", "resident_mb")  # columns of frames.csv, by how they begin
+
+
+def frame_rows(folder):
+    """frames.csv without what is measured."""
+    with open(os.path.join(folder, "frames.csv"), encoding="utf-8", newline="") as file:
+        return [{k: v for k, v in row.items() if not k.startswith(MEASURED)}
+                for row in csv.DictReader(file)]
+
+
+def names_of(folder):
+    """Files of a folder and of those in it, by path in it."""
+    return sorted(os.path.relpath(os.path.join(where, name), folder)
+                  for where, _, names in os.walk(folder) for name in names)
+
+
+def differences(ours, theirs):
+    """Files that differ between two files or folders, or that only one of them has."""
+    if os.path.isfile(ours):
+        return [] if filecmp.cmp(ours, theirs, shallow=False) else [os.path.basename(ours)]
+    names, others = names_of(ours), names_of(theirs)
+    found = sorted(set(names) ^ set(others))
+    for name in sorted(set(names) & set(others) - {"summary.json", "frames.csv"}):
+        if not filecmp.cmp(os.path.join(ours, name), os.path.join(theirs, name), shallow=False):
+            found.append(name)
+    if "frames.csv" in names and "frames.csv" in others and frame_rows(ours) != frame_rows(theirs):
+        found.append("frames.csv")
+    return found
+
+
+def compare_case(name, build, other):
+    """Names of the files that differ, of the generated input and of the results."""
+    case = load(name)
+    inputs = [make_input(case, case["seed"], place) for place in (build, other)]
+    runs = [run(case, f"{name}-compared", arguments, [], place)
+            for arguments, place in zip(inputs, (build, other))]
+    pairs = [*zip(*inputs), runs]
+    return [name for ours, theirs in pairs if ours != theirs for name in differences(ours, theirs)]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("build")
+    parser.add_argument("other")
+    parser.add_argument("cases", nargs="*", default=CASES, metavar="CASE")
+    arguments = parser.parse_args()
+    build = BuildFolder(arguments.build)
+    other = BuildFolder(arguments.other, worlds=build)
+    status = 0
+    try:
+        for name in arguments.cases:
+            found = compare_case(name, build, other)
+            print(f"{name:<16} {'differs: ' + ', '.join(found) if found else 'the same bytes'}", flush=True)
+            status |= bool(found)
+    except Absent as reason:
+        print(f"skipped: {reason}")
+        return SKIPPED
+    except Failure as error:
+        report(error)
+        return 1
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
