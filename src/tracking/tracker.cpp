@@ -41,7 +41,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
   std::shared_ptr<const FrameFeatures> features = input.features;
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
-    const std::optional<ExpectedPose> motion = expected_pose(input.timestamp);
+    const std::optional<ExpectedPose> motion = expected_pose(taken_at(input));
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors =
         instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
@@ -52,6 +52,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
   }
   Frame frame{input.index,
               input.timestamp,
+              taken_at(input),
               std::move(features),
               {},
               {},
@@ -60,6 +61,12 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
               input.segments};
   frame.landmarks.resize(frame.features->size());
   return frame;
+}
+
+/// A repeated picture shows what the camera saw before: the next one shows what it has done since.
+double Tracker::taken_at(const TrackerInput& input) const {
+  const bool repeated = repeats_ > 0 && repeats_ <= kMostRepeats;
+  return repeated ? last_->taken : input.timestamp;
 }
 
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,
@@ -73,11 +80,10 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   TrackResult result;
   Stopwatch watch;
   if (last_) refresh_last_frame();
-  Frame frame = make_frame(input);
-  const std::optional<Velocity> moving = velocity_;
   const bool repeated = last_ && input.repeated && last_->index + 1 == input.index;
   repeats_ = repeated ? repeats_ + 1 : 0;
-  if (repeated && velocity_) velocity_->T_c_last = Rigid3();
+  if (repeats_ > kMostRepeats && velocity_) velocity_->T_c_last = Rigid3();
+  Frame frame = make_frame(input);
   if (!last_) {
     if (replica_.keyframes().empty()) {
       start_map(frame, result);
@@ -95,8 +101,6 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   } else {
     forget_instance_frames();
   }
-  // The next picture shows what the camera did during repeated ones.
-  if (repeated && repeats_ <= kMostRepeats) velocity_ = moving;
   return result;
 }
 
@@ -200,8 +204,8 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
   // The pose before a relocalisation may be wrong, or of another sub-map.
   if (last_ && last_->index + 1 == frame.index && result.status == TrackingStatus::kTracked &&
       !result.relocalised) {
-    velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), frame.timestamp - last_->timestamp,
-                 frame.timestamp};
+    const double interval = frame.taken - last_->taken;
+    if (interval > 0) velocity_ = {frame.T_c_w * last_->T_c_w.inverse(), interval, frame.taken};
   } else if (result.status != TrackingStatus::kStarted || options_.acceleration <= 0) {
     velocity_.reset();
   }

@@ -134,6 +134,7 @@ class Tracker {
   struct Frame {
     std::int64_t index = 0;
     double timestamp = 0;
+    double taken = 0;  // s, when the camera was where the picture shows it: Tracker::taken_at
     std::shared_ptr<const FrameFeatures> features;
     std::vector<LandmarkId> landmarks;  // per feature
     Rigid3 T_c_w;
@@ -147,6 +148,7 @@ class Tracker {
   };
 
   Frame make_frame(const TrackerInput& input);
+  [[nodiscard]] double taken_at(const TrackerInput& input) const;
   void start_map(Frame& frame, TrackResult& result);
   bool finish_tracked(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
@@ -194,7 +196,7 @@ class Tracker {
   [[nodiscard]] bool is_believed_static(const kys::Prior& prior) const {
     return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
-  [[nodiscard]] std::optional<ExpectedPose> expected_pose(double timestamp) const;
+  [[nodiscard]] std::optional<ExpectedPose> expected_pose(double taken) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
   [[nodiscard]] bool is_jump(const Frame& frame, double steps = 0) const;
   bool is_possible(const Frame& frame, TrackResult& result) const;
@@ -217,8 +219,8 @@ class Tracker {
   std::optional<Frame> last_;  // last frame with a pose
   struct Velocity {
     Rigid3 T_c_last;
-    double interval = 0;   // s
-    double timestamp = 0;  // s, of the later frame
+    double interval = 0;  // s
+    double taken = 0;     // s, of the later frame
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
   int repeats_ = 0;                   // successive frames with the same image as the one before

@@ -43,6 +43,9 @@ constexpr double kStarved = 0.5;
 // s; the motion model is used for this long while frames are lost.
 constexpr double kLongestGuess = 0.5;
 
+// A step that takes this many times as long as another: a picture is missing.
+constexpr double kMissing = 1.5;
+
 // s; oldest velocity that is used at the start of a sub-map.
 constexpr double kOldestVelocity = 2;
 
@@ -69,7 +72,7 @@ double distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
 }  // namespace
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
-  if (!expected_pose(frame.timestamp) || !predict_by_motion(frame, result)) {
+  if (!expected_pose(frame.taken) || !predict_by_motion(frame, result)) {
     return predict_by_reference(frame, result) && is_possible(frame, result);
   }
   result.jumped = impossible_;
@@ -130,27 +133,31 @@ void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const Trac
   result.overruled = found.overruled;
 }
 
-/// Pose by constant velocity since the last frame with a pose; none when that frame is too old.
-std::optional<ExpectedPose> Tracker::expected_pose(double timestamp) const {
+/// Pose of a picture taken at a time (s) by constant velocity since the last frame with a pose;
+/// none when that frame is too old.
+std::optional<ExpectedPose> Tracker::expected_pose(double taken) const {
   if (!velocity_ || !last_) return std::nullopt;
-  const double interval = timestamp - last_->timestamp;
+  const double interval = taken - last_->taken;
   if (interval > std::max(kLongestGuess, 1.5 * velocity_->interval)) return std::nullopt;
-  const double times = interval / velocity_->interval;
-  const double age = last_->timestamp - velocity_->timestamp;
+  const double age = last_->taken - velocity_->taken;
   if (age > kOldestVelocity) return std::nullopt;
-  const double reach = interval * (interval + age);
-  // The jitter of time stamps is larger than real changes of the velocity: the step is longer only
-  // when frames are missing.
-  if (times < 1.5) return ExpectedPose{velocity_->T_c_last * last_->T_c_w, reach};
-  if (options_.acceleration <= 0) return std::nullopt;
+  const auto reach = [age](double time) { return time * (time + age); };
+  if (interval <= 0) return ExpectedPose{last_->T_c_w, reach(velocity_->interval)};
+  const double times = interval / velocity_->interval;
+  // The jitter of time stamps is larger than real changes of the velocity: the step has another
+  // length only when pictures are missing, now or before.
   const Rigid3& step = velocity_->T_c_last;
-  const Rigid3 longer(so3_exp(times * so3_log(step.rotation)), times * step.translation);
-  return ExpectedPose{longer * last_->T_c_w, reach};
+  if (times < kMissing && times > 1 / kMissing) {
+    return ExpectedPose{step * last_->T_c_w, reach(interval)};
+  }
+  if (options_.acceleration <= 0) return std::nullopt;
+  const Rigid3 other(so3_exp(times * so3_log(step.rotation)), times * step.translation);
+  return ExpectedPose{other * last_->T_c_w, reach(interval)};
 }
 
 /// Searches the landmarks of the last frame where constant velocity predicts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
-  const ExpectedPose expected = *expected_pose(frame.timestamp);
+  const ExpectedPose expected = *expected_pose(frame.taken);
   const auto since = static_cast<float>(frame.index - last_->index);
   const float radius = options_.motion_radius * std::min(since, 3.0f);
   frame.T_c_w = expected.T_c_w;
@@ -321,8 +328,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
       votes.push_back(vote(frame.features->prior(i), landmark.prior));
     features.push_back(i);
   }
-  const std::optional<ExpectedPose> expected =
-      expects ? expected_pose(frame.timestamp) : std::nullopt;
+  const std::optional<ExpectedPose> expected = expects ? expected_pose(frame.taken) : std::nullopt;
   const Start start = result.overruled ? Start::kConsensus : Start::kGuess;
   const auto estimate = [&](const Rigid3& T_c_w, const PoseOptions& pose) {
     return estimate_pose(camera_, T_c_w, observations, votes, expected, options_.consensus, start,
@@ -355,7 +361,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
 
 /// Whether the frame's pose is possible after the last motion.
 bool Tracker::is_expected(const Frame& frame) const {
-  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  const std::optional<ExpectedPose> expected = expected_pose(frame.taken);
   if (!expected || options_.acceleration <= 0) return false;
   const double away = distance(frame.T_c_w, expected->T_c_w);
   return away <= options_.consensus.max_acceleration * expected->reach;
@@ -374,7 +380,7 @@ bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
 /// Whether the frame's pose is impossible after the last motion, with a tolerance of `steps` times
 /// the expected step.
 bool Tracker::is_jump(const Frame& frame, double steps) const {
-  const std::optional<ExpectedPose> expected = expected_pose(frame.timestamp);
+  const std::optional<ExpectedPose> expected = expected_pose(frame.taken);
   if (!expected) return false;
   const double away = distance(frame.T_c_w, expected->T_c_w);
   return away > kImpossible * expected->reach + steps * distance(expected->T_c_w, last_->T_c_w);

@@ -358,6 +358,36 @@ TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
   EXPECT_EQ(result.reason, "motion model");
 }
 
+/// After a repeated picture the camera has gone two steps, and the next step is a single one again.
+TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenPictures) {
+  constexpr double kStep = 3;
+  for (int i = 0; i < 3; ++i) track_world(i, kStep * i);
+  const auto repeated = see(world_, 2, weaving_pose(2 * kStep)).features;
+  const TrackResult same = tracker_.track({3, 0.3, repeated, nullptr, true}, 0);
+  ASSERT_EQ(same.status, TrackingStatus::kTracked) << same.reason;
+  EXPECT_LT((same.T_c_w.inverse().t() - truth(2 * kStep).t()).norm(), 2e-3);
+  for (int i = 4; i < 6; ++i) {
+    const TrackResult result = track_world(i, kStep * i);
+    ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+    EXPECT_EQ(result.reason, "motion model") << i;
+    EXPECT_FALSE(result.jumped) << i;
+    EXPECT_LT((result.T_c_w.inverse().t() - truth(kStep * i).t()).norm(), 0.01) << i;
+  }
+}
+
+/// The same where the recording has no file for a frame.
+TEST_F(TrackerTest, TheStepAfterAMissingPictureIsASingleOne) {
+  constexpr double kStep = 3;
+  int index = 0;
+  for (const int i : {0, 1, 2, 4, 5}) {
+    const auto seen = see(world_, i, weaving_pose(kStep * i)).features;
+    const TrackResult result = tracker_.track({index++, 0.1 * i, seen}, 0);
+    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
+    EXPECT_FALSE(result.jumped) << i;
+    EXPECT_EQ(result.reason, i > 1 ? "motion model" : i > 0 ? "reference keyframe" : "start");
+  }
+}
+
 /// In a map of one keyframe a keyframe is due later than in one of many, also when none of these is
 /// of this run.
 TEST_F(TrackerTest, ALoadedMapHasItsKeyframes) {
