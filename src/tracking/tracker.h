@@ -196,7 +196,10 @@ class Tracker {
   [[nodiscard]] bool is_believed_static(const kys::Prior& prior) const {
     return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
-  [[nodiscard]] std::optional<ExpectedPose> expected_pose(double taken) const;
+  // s; the motion model predicts for this long while frames are lost.
+  static constexpr double kLongestGuess = 0.5;
+  [[nodiscard]] std::optional<ExpectedPose> expected_pose(double taken,
+                                                          double longest = kLongestGuess) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
   [[nodiscard]] bool is_jump(const Frame& frame, double steps = 0) const;
   bool is_possible(const Frame& frame, TrackResult& result) const;

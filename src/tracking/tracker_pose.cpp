@@ -40,8 +40,12 @@ constexpr double kStays = 0.5;
 // than this share of the uncertainty of the expected position.
 constexpr double kStarved = 0.5;
 
-// s; the motion model is used for this long while frames are lost.
-constexpr double kLongestGuess = 0.5;
+// A pose near the expected one may have few inliers when they are at least this share of the
+// matches. It is several times the share of wrong matches that fit a pose by chance.
+constexpr double kHeldShare = 0.15;
+
+// s; impossible motions are detected for this long while frames are lost.
+constexpr double kLongestCheck = 1;
 
 // A step that takes this many times as long as another: a picture is missing.
 constexpr double kMissing = 1.5;
@@ -134,31 +138,36 @@ void Tracker::replace(Frame& frame, TrackResult& result, Frame other, const Trac
 }
 
 /// Pose of a picture taken at a time (s) by constant velocity since the last frame with a pose;
-/// none when that frame is too old.
-std::optional<ExpectedPose> Tracker::expected_pose(double taken) const {
+/// none when that frame is more than `longest` s earlier.
+std::optional<ExpectedPose> Tracker::expected_pose(double taken, double longest) const {
   if (!velocity_ || !last_) return std::nullopt;
   const double interval = taken - last_->taken;
-  if (interval > std::max(kLongestGuess, 1.5 * velocity_->interval)) return std::nullopt;
+  if (interval > std::max(longest, 1.5 * velocity_->interval)) return std::nullopt;
   const double age = last_->taken - velocity_->taken;
   if (age > kOldestVelocity) return std::nullopt;
-  const auto reach = [age](double time) { return time * (time + age); };
-  if (interval <= 0) return ExpectedPose{last_->T_c_w, reach(velocity_->interval)};
-  const double times = interval / velocity_->interval;
+  const double before = velocity_->interval;
+  if (interval <= 0) return ExpectedPose{last_->T_c_w, before * (before + age)};
   // The jitter of time stamps is larger than real changes of the velocity: the step has another
   // length only when pictures are missing, now or before.
   const Rigid3& step = velocity_->T_c_last;
+  const double times = interval / before;
   if (times < kMissing && times > 1 / kMissing) {
-    return ExpectedPose{step * last_->T_c_w, reach(interval)};
+    return ExpectedPose{step * last_->T_c_w, interval * (interval + age)};
   }
   if (options_.acceleration <= 0) return std::nullopt;
+  // The velocity is that of the middle of the step before.
+  const double reach = interval * ((interval + before) / 2 + age);
   const Rigid3 other(so3_exp(times * so3_log(step.rotation)), times * step.translation);
-  return ExpectedPose{other * last_->T_c_w, reach(interval)};
+  return ExpectedPose{other * last_->T_c_w, reach};
 }
 
 /// Searches the landmarks of the last frame where constant velocity predicts them.
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
   const ExpectedPose expected = *expected_pose(frame.taken);
-  const auto since = static_cast<float>(frame.index - last_->index);
+  // Pictures may be missing between two frames.
+  const double steps = std::round((frame.taken - last_->taken) / velocity_->interval);
+  const auto since =
+      static_cast<float>(std::max(static_cast<double>(frame.index - last_->index), steps));
   const float radius = options_.motion_radius * std::min(since, 3.0f);
   frame.T_c_w = expected.T_c_w;
   int matches = match_last_frame(frame, radius, result);
@@ -378,12 +387,12 @@ bool Tracker::is_possible(const Frame& frame, TrackResult& result) const {
 }
 
 /// Whether the frame's pose is impossible after the last motion, with a tolerance of `steps` times
-/// the expected step.
+/// the last step.
 bool Tracker::is_jump(const Frame& frame, double steps) const {
-  const std::optional<ExpectedPose> expected = expected_pose(frame.taken);
+  const std::optional<ExpectedPose> expected = expected_pose(frame.taken, kLongestCheck);
   if (!expected) return false;
   const double away = distance(frame.T_c_w, expected->T_c_w);
-  return away > kImpossible * expected->reach + steps * distance(expected->T_c_w, last_->T_c_w);
+  return away > kImpossible * expected->reach + steps * velocity_->T_c_last.inverse_t().norm();
 }
 
 /// Instance of a match on a thing that can move, and the log-odds that it is static. The prior of
@@ -420,7 +429,7 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   for (std::size_t i = 0; i < matched.size(); ++i) {
     if (frame.landmarks[i].valid()) counts_.add_found(frame.landmarks[i]);
   }
-  const bool sure = is_expected(frame) && result.inliers >= kDoubtfulShare * result.matches;
+  const bool sure = is_expected(frame) && result.inliers >= kHeldShare * result.matches;
   const int wanted = sure ? options_.min_held_inliers : options_.min_local_inliers;
   if (result.inliers >= wanted) return true;
   result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";

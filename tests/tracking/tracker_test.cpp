@@ -45,6 +45,27 @@ class TrackerTest : public ::testing::Test {
     return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(far),
                                                  std::move(u_right), std::vector<kys::Prior>{});
   }
+  /// A part of what is seen: `right` features where they are, and five times as many 3.5 px from
+  /// there, each in another direction.
+  std::shared_ptr<const FrameFeatures> mostly_wrong(std::int64_t index, double metres,
+                                                    std::size_t right) {
+    const auto seen = see(world_, index, weaving_pose(metres));
+    FeatureSet part;
+    std::vector<float> u_right;
+    for (std::size_t i = 0; i < seen.features->size() && part.keypoints.size() < 6 * right; ++i) {
+      if (!seen.features->has_stereo(i)) continue;
+      Keypoint k = seen.features->keypoint(i);
+      const std::size_t count = part.keypoints.size();
+      const float away = count % 6 == 0 ? 0 : 3.5f;
+      k.x += away * std::cos(static_cast<float>(count));
+      k.y += away * std::sin(static_cast<float>(count));
+      part.keypoints.push_back(k);
+      part.descriptors.push_back(seen.features->descriptor(i));
+      u_right.push_back(seen.features->u_right(i) + k.x - seen.features->keypoint(i).x);
+    }
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(part),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  }
   /// What is seen of the world, and a truck 8 m ahead that keeps its place in the image.
   std::shared_ptr<const FrameFeatures> behind_truck(std::int64_t index, double metres) {
     const auto seen = see(world_, index, weaving_pose(metres));
@@ -256,11 +277,13 @@ TEST_F(TrackerTest, WhatFillsTheImageAndMovesIsNotFollowed) {
   EXPECT_LT((again.T_c_w.inverse().t() - truth(0.1).t()).norm(), 0.02);
 }
 
-/// The same without a motion model: nothing is known of the camera, so the pose counts.
-TEST_F(TrackerTest, AJumpAfterHalfASecondWithoutAPoseIsOne) {
+/// The same without a pose for a while: 15 m/s^2 lead 3.15 m away in 0.6 s, 4.2 m in 0.7 s.
+TEST_F(TrackerTest, HowFarACameraCanBeGrowsWithTheTimeWithoutAPose) {
   for (int i = 0; i < 4; ++i) {
     ASSERT_NE(track(i, behind_truck(i, 0.02 * i)).status, TrackingStatus::kLost);
   }
+  const TrackResult impossible = track(9, truck_alone(4));
+  EXPECT_EQ(impossible.status, TrackingStatus::kLost) << impossible.T_c_w.t().transpose();
   const TrackResult result = track(10, truck_alone(3));
   EXPECT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
   EXPECT_NEAR(result.T_c_w.t().x(), 3, 0.1);
@@ -314,6 +337,19 @@ TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
   EXPECT_EQ(result.reason, "motion model; held by constant velocity");
   EXPECT_LT((result.T_c_w.inverse().t() - truth(1.2).t()).norm(), 0.03);
   EXPECT_FALSE(track_world(4, 1.6).held) << "not where enough else holds it";
+}
+
+/// Pictures are missing and most matches are wrong, but far more fit the expected pose than wrong
+/// ones do by chance.
+TEST_F(TrackerTest, FewInliersSufficeAtTheExpectedPose) {
+  track_world(0, 0);
+  track_world(1, 1);
+  track_world(2, 2);
+  const TrackResult result = tracker_.track({3, 0.5, mostly_wrong(5, 5, 20)}, 0);
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_LT(result.inliers, 0.4 * result.matches) << "the test needs wrong matches";
+  EXPECT_LT(result.inliers, TrackerOptions().min_local_inliers);
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(5).t()).norm(), 0.03);
 }
 
 /// The pose before a loss may be wrong, or of another sub-map.
