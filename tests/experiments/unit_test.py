@@ -22,6 +22,7 @@ try:
     import experiment_tables
     import figures
     import first_page
+    import lose_pictures
     import paired
     import plan
     import report
@@ -408,6 +409,32 @@ class Plans(unittest.TestCase):
             os.utime(prior, ns=(time, time - 10**9))  # as of an older archive
             self.assertNotEqual(ids(), first)
 
+    def test_runs_without_some_pictures_have_priors_of_the_others(self):
+        planner = plan.Planner.__new__(plan.Planner)
+        planner.options = argparse.Namespace(scale="full", cores=2)
+        planner.given, planner.jobs = {}, {}
+        planner.cases = plan.load_yaml("cases.yaml")
+        planner.programs = unittest.mock.Mock(key=lambda program: program)
+        experiment = {"seeds": [1], "frames": 60}
+
+        def job_of(mode, case):
+            source = planner.input_of("world/street", 1, experiment)
+            ident = planner.run_of(source, "world/street", {"mode": mode, "name": mode}, [], case, "pipelined", 0, 1,
+                                   experiment)
+            return planner.jobs[ident]
+
+        run = job_of("kys", "missing 15 %")
+        lost = planner.jobs[run["needs"][0]]
+        self.assertEqual(run["spec"]["input"], f"inputs/{lost['id']}")
+        self.assertEqual(run["spec"]["priors"], lost["id"])
+        self.assertEqual(planner.jobs[lost["spec"]["priors"]]["spec"]["case"], {}, "of exact perception")
+        stock = job_of("stock", "missing 15 %")
+        self.assertIsNone(stock["spec"]["priors"])
+        self.assertIsNone(planner.jobs[stock["needs"][0]]["spec"]["priors"])
+        whole = job_of("kys", "exact")
+        self.assertEqual(whole["spec"]["input"], lost["spec"]["input"], "pictures of the same world")
+        self.assertEqual(whole["spec"]["priors"], lost["spec"]["priors"])
+
     def test_prior_files_whose_exposure_is_measured_depend_on_what_measures_it(self):
         def job(case, version):
             planner = self.Planner()
@@ -583,6 +610,65 @@ class Steps(unittest.TestCase):
             count, total, seconds = step.time_left(step.Work(folder))
             self.assertEqual((count, total), (60, 100))
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
+
+
+class LostPictures(unittest.TestCase):
+    COUNT = 400
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+        self.sequence = self.folder / "sequence"
+        for camera in lose_pictures.CAMERAS:
+            for i in range(self.COUNT):
+                touch(self.sequence / camera / f"{i:06d}.png")
+                (self.sequence / camera / f"{i:06d}.png").write_text(f"{camera} {i}")
+        for i in range(self.COUNT - 1):  # the last one has none
+            touch(self.folder / "given" / f"{i:06d}.kysp")
+            (self.folder / "given" / f"{i:06d}.kysp").write_text(f"priors {i}")
+        (self.sequence / "times.txt").write_text("".join(f"{0.1 * i:.3f}\n" for i in range(self.COUNT)))
+        (self.sequence / "poses.txt").write_text("".join(f"pose {i}\n" for i in range(self.COUNT)))
+        (self.sequence / "calib.txt").write_text("P0: 1\n")
+
+    def lose(self, name, missing, repeated, seed=1):
+        return lose_pictures.lose(self.sequence, self.folder / name, self.folder / "given", missing, repeated, seed)
+
+    def test_every_frame_has_its_time_and_what_belongs_to_its_picture(self):
+        frames = self.lose("lost", 0.15, 0.1)
+        place = self.folder / "lost"
+        times = (place / "times.txt").read_text().split()
+        poses = (place / "poses.txt").read_text().splitlines()
+        self.assertEqual([len(times), len(poses), len(os.listdir(place / "image_1"))], [len(frames)] * 3)
+        for k, (time, picture) in enumerate(frames):
+            self.assertEqual(times[k], f"{0.1 * time:.3f}")
+            self.assertEqual(poses[k], f"pose {picture}")
+            for camera in lose_pictures.CAMERAS:
+                self.assertEqual((place / camera / f"{k:06d}.png").read_text(), f"{camera} {picture}")
+            if picture < self.COUNT - 1:
+                self.assertEqual((place / "priors" / f"{k:06d}.kysp").read_text(), f"priors {picture}")
+
+    def test_shares(self):
+        frames = self.lose("lost", 0.15, 0.1)
+        self.assertEqual(frames[:4], [(0, 0), (1, 1), (2, 2), (3, 3)])
+        self.assertAlmostEqual(1 - len(frames) / self.COUNT, 0.15, delta=0.05)
+        repeated = [(time, picture) for time, picture in frames if time != picture]
+        self.assertAlmostEqual(len(repeated) / self.COUNT, 0.1, delta=0.05)
+        for (_, before), (time, picture) in zip(frames, frames[1:]):
+            self.assertIn(picture, (time, before), "a repeated picture is the one before")
+
+    def test_seeds(self):
+        first, again, other = (self.lose(name, 0.2, 0, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
+        self.assertEqual(first, again)
+        self.assertNotEqual(first, other)
+
+    def test_what_is_wrong_with_a_sequence_is_said(self):
+        (self.sequence / "times.txt").write_text("0.0\n0.1\n")
+        with self.assertRaisesRegex(lose_pictures.inputs.InputError, "times.txt: 2 lines for 400 pictures"):
+            self.lose("lost", 0.1, 0)
+        (self.sequence / "image_1" / "000007.png").unlink()
+        with self.assertRaisesRegex(lose_pictures.inputs.InputError, "image_0 and image_1"):
+            self.lose("lost", 0.1, 0)
 
 
 class GivenPriors(unittest.TestCase):

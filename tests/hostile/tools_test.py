@@ -111,6 +111,12 @@ class Tools(unittest.TestCase):
         self.table("run/frames.csv", ["index", "timestamp"], [[0, 0]])
         self.assertIn("no column loop", self.refused("experiments/loop_recall.py", run))
 
+    def test_lose_pictures(self):
+        self.assertIn("image_0", self.refused("experiments/lose_pictures.py", self.folder / "nowhere", "--output", "x"))
+        full = self.folder / "full"
+        (full / "inside").mkdir(parents=True)
+        self.assertIn("is not empty", self.refused("experiments/lose_pictures.py", self.folder, "--output", full))
+
     def test_import_tables(self):
         arguments = ("--semantics", self.folder, "--output", self.folder / "out")
         self.assertIn("coco_panoptic_133.json", self.refused("semantics/import_tables.py", *arguments))

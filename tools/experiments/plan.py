@@ -28,11 +28,12 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 SOURCE = os.path.dirname(os.path.dirname(HERE))
 CONFIGS = os.path.join(SOURCE, "configs")
 # What does the jobs.
-STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall.py", "town_path.py",
-                                              "tier_picture.py")]
+STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall.py",
+                                              "lose_pictures.py", "town_path.py", "tier_picture.py")]
 STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
 NO_PRIORS = ("stock", "scaled")  # modes that look at none
+LOST_PICTURES = {"missing", "repeated"}  # keys of a case about pictures, not perception
 SEED_STEP = 1000  # from one seed of a stand-in to the next
 
 # The miniature: enough to go through every step, far too little to say anything.
@@ -213,6 +214,13 @@ class Planner:
         words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]
         return self.add("priors", words, spec, needs, 1, 4 if not recipe.get("disparity") else 60)
 
+    def with_lost_pictures(self, source, case, priors, seed):
+        """Job id of an input without some of its pictures, and of the prior files of the others."""
+        job, folder, labels = source
+        return self.add("lost", [labels["input"].replace("/", ""), seed, case],
+                        {"input": folder, "priors": priors, "case": dict(self.cases[case]), "seed": seed},
+                        [j for j in (job, priors) if j], 1, 1)
+
     # --- runs ----------------------------------------------------------------------------------
 
     def known(self, settings):
@@ -228,6 +236,7 @@ class Planner:
 
     def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, experiment):
         mode, drive = configuration["mode"], name.startswith("drive/")
+        loses = bool(LOST_PICTURES & self.cases[case].keys())
         if drive:
             perception = "exact" if mode in NO_PRIORS else self.cases[case].get("perception", "exact")
             source = self.drive_of(name, seed, experiment, perception)
@@ -249,8 +258,12 @@ class Planner:
             spec["config_digest"] = digest(os.path.join(CONFIGS, config))
         priors = None
         if mode not in NO_PRIORS and not drive:
-            priors = self.priors_of(source, name, case, configuration.get("priors"), seed)
+            perceived = "exact" if loses else case
+            priors = self.priors_of(source, name, perceived, configuration.get("priors"), seed)
             needs.append(priors)
+        if loses:
+            lost = self.with_lost_pictures(source, case, priors, seed)
+            needs, priors, spec["input"] = [lost], priors and lost, f"inputs/{lost}"
         euroc = "euroc/" in name or "hall" in name
         if job is not None and not drive:
             euroc = self.jobs[job]["spec"]["arguments"][0] == "hall"
@@ -261,7 +274,7 @@ class Planner:
         realtime = schedule == "realtime"  # waits for the camera most of the time
         cost = (0.1 if realtime else 0.03) * (experiment.get("frames") or 250)
         return self.add("run", [name.replace("/", ""), seed, configuration["name"],
-                                case if priors or drive else "", schedule],
+                                case if priors or drive or loses else "", schedule],
                         spec, needs, self.options.cores if alone else 1, cost)
 
     def leave_out(self, experiment, what, why):

@@ -18,6 +18,7 @@ import time
 import numpy as np
 
 from loop_recall import recall_of
+from lose_pictures import lose
 from runs import (DONE, FAILED, TRACKING_FAILED, Failure, InputError, call, perception_arguments,
                   read_json, read_plan, remove, shares, tier_counts, write_text)
 from town_path import write_drive
@@ -236,6 +237,23 @@ def make_priors(work, job):
     return results
 
 
+# --- a camera that loses pictures --------------------------------------------------------------
+
+
+def lose_pictures(work, job):
+    """The input without some of its pictures, and the prior files of the others."""
+    spec, folder = job["spec"], work.path("inputs", job["id"])
+    given = spec["priors"] and work.path("priors", spec["priors"])
+    priors = work.path("priors", job["id"])
+    remove(folder)
+    remove(priors)
+    frames = lose(work.path(spec["input"]), folder, given, spec["case"].get("missing", 0),
+                  spec["case"].get("repeated", 0), spec["seed"])
+    if given:
+        os.symlink(os.path.join(folder, "priors"), priors)
+    return {"frames": len(frames)}
+
+
 # --- runs --------------------------------------------------------------------------------------
 
 
@@ -401,8 +419,8 @@ def survey(work, job):
 
 # --- one job -----------------------------------------------------------------------------------
 
-KINDS = {"input": simulate, "drive": simulate_drive, "priors": make_priors, "run": run, "survey": survey,
-         "perception": perception_times}
+KINDS = {"input": simulate, "drive": simulate_drive, "priors": make_priors, "lost": lose_pictures, "run": run,
+         "survey": survey, "perception": perception_times}
 
 
 def do(work, job):
