@@ -39,9 +39,10 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
 
 Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
   std::shared_ptr<const FrameFeatures> features = input.features;
+  const double taken = taken_at(input);
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
-    const std::optional<ExpectedPose> motion = expected_pose(taken_at(input));
+    const std::optional<ExpectedPose> motion = expected_pose(taken);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors =
         instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
@@ -52,7 +53,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
   }
   Frame frame{input.index,
               input.timestamp,
-              taken_at(input),
+              taken,
               std::move(features),
               {},
               {},
@@ -64,9 +65,13 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
 }
 
 /// A repeated picture shows what the camera saw before: the next one shows what it has done since.
-double Tracker::taken_at(const TrackerInput& input) const {
+double Tracker::taken_at(const TrackerInput& input) {
+  if (clock_frame_ != input.index) {
+    clock_frame_ = input.index;
+    clock_time_ = clock_.time_of(input.timestamp);
+  }
   const bool repeated = repeats_ > 0 && repeats_ <= kMostRepeats;
-  return repeated ? last_->taken : input.timestamp;
+  return repeated ? last_->taken : clock_time_;
 }
 
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,

@@ -23,6 +23,7 @@
 #include "optimization/pose_consensus.h"
 #include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
+#include "tracking/picture_clock.h"
 #include "tracking/tracker_options.h"
 #include "tracking/visibility_counts.h"
 
@@ -148,7 +149,7 @@ class Tracker {
   };
 
   Frame make_frame(const TrackerInput& input);
-  [[nodiscard]] double taken_at(const TrackerInput& input) const;
+  double taken_at(const TrackerInput& input);
   void start_map(Frame& frame, TrackResult& result);
   bool finish_tracked(Frame frame, int waiting, TrackResult& result);
   void refresh_last_frame();
@@ -226,8 +227,11 @@ class Tracker {
     double taken = 0;     // s, of the later frame
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
-  int repeats_ = 0;                   // successive frames with the same image as the one before
-  KeyFrameId reference_;              // keyframe that shares most with the last frame
+  PictureClock clock_;
+  std::int64_t clock_frame_ = -1;  // the frame whose time is clock_time_
+  double clock_time_ = 0;          // s
+  int repeats_ = 0;                // successive frames with the same image as the one before
+  KeyFrameId reference_;           // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
   std::int64_t last_keyframe_frame_ = 0;

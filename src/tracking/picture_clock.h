@@ -1,0 +1,105 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <vector>
+
+namespace kys_slam {
+
+/// When a camera takes its pictures: at a constant rate, whatever the jitter of its time stamps.
+/// Software gives a picture its stamp when it arrives, tens of milliseconds late. The line through
+/// the last stamps over the numbers of their pictures (least squares) gives the rate, and the
+/// number of a new picture: missing ones count.
+class PictureClock {
+ public:
+  /// Time (s) at which the picture with the stamp `stamp` (s, later than the one before) was taken:
+  /// the stamp itself when it is within kTolerance of the line, else the time on the line.
+  double time_of(double stamp) {
+    if (stamps_.empty()) return restart(stamp);
+    if (stamps_.size() < kWindow) {
+      stamps_.push_back({0, stamp});
+      number_all();
+    } else {
+      const Line before = line();
+      const double steps = std::round((stamp - before.at(stamps_.back().number)) / before.period);
+      if (steps > kLongestGap) return restart(stamp);
+      stamps_.push_back({stamps_.back().number + std::max(1.0, steps), stamp});
+      stamps_.pop_front();
+    }
+    const Line now = line();
+    const double expected = now.at(stamps_.back().number);
+    return std::abs(stamp - expected) <= kTolerance * now.period ? stamp : expected;
+  }
+
+ private:
+  static constexpr std::size_t kWindow = 24;  // pictures
+  static constexpr double kLongestGap = 24;   // pictures
+  static constexpr double kTolerance = 0.1;   // periods
+
+  struct Stamp {
+    double number = 0;  // of the picture
+    double time = 0;    // s
+  };
+  struct Line {
+    Stamp mean;
+    double period = 0;  // s
+    [[nodiscard]] double at(double number) const {
+      return mean.time + period * (number - mean.number);
+    }
+  };
+
+  double restart(double stamp) {
+    stamps_.assign(1, {0, stamp});
+    return stamp;
+  }
+
+  /// At the start: numbers by the mean interval without those in which pictures are missing.
+  void number_all() {
+    std::vector<double> intervals;
+    for (std::size_t i = 1; i < stamps_.size(); ++i) {
+      intervals.push_back(stamps_[i].time - stamps_[i - 1].time);
+    }
+    const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() - 1) / 2;
+    std::nth_element(intervals.begin(), middle, intervals.end());
+    const double bound = 1.5 * *middle;
+    double sum = 0;
+    double count = 0;
+    for (const double interval : intervals) {
+      if (interval >= bound) continue;
+      sum += interval;
+      ++count;
+    }
+    const double period = sum / count;
+    double offsets = 0;  // sum of what stamps are later than the first plus their number of periods
+    for (std::size_t i = 1; i < stamps_.size(); ++i) {
+      const double start = stamps_.front().time + offsets / static_cast<double>(i);
+      const double steps = (stamps_[i].time - start) / period - stamps_[i - 1].number;
+      stamps_[i].number = stamps_[i - 1].number + std::max(1.0, std::round(steps));
+      offsets += stamps_[i].time - stamps_.front().time - period * stamps_[i].number;
+    }
+  }
+
+  [[nodiscard]] Line line() const {
+    Line line;
+    const auto count = static_cast<double>(stamps_.size());
+    for (const Stamp& s : stamps_) {
+      line.mean.number += s.number / count;
+      line.mean.time += (s.time - stamps_.front().time) / count;
+    }
+    line.mean.time += stamps_.front().time;
+    double products = 0;
+    double squares = 0;
+    for (const Stamp& s : stamps_) {
+      products += (s.number - line.mean.number) * (s.time - line.mean.time);
+      squares += (s.number - line.mean.number) * (s.number - line.mean.number);
+    }
+    line.period = products / squares;
+    return line;
+  }
+
+  std::deque<Stamp> stamps_;
+};
+
+}  // namespace kys_slam
