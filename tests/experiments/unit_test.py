@@ -631,8 +631,9 @@ class LostPictures(unittest.TestCase):
         (self.sequence / "poses.txt").write_text("".join(f"pose {i}\n" for i in range(self.COUNT)))
         (self.sequence / "calib.txt").write_text("P0: 1\n")
 
-    def lose(self, name, missing, repeated, seed=1):
-        return lose_pictures.lose(self.sequence, self.folder / name, self.folder / "given", missing, repeated, seed)
+    def lose(self, name, missing, repeated, seed=1, late=0):
+        return lose_pictures.lose(self.sequence, self.folder / name, self.folder / "given", seed, missing, repeated,
+                                  late)
 
     def test_every_frame_has_its_time_and_what_belongs_to_its_picture(self):
         frames = self.lose("lost", 0.15, 0.1)
@@ -661,6 +662,14 @@ class LostPictures(unittest.TestCase):
         first, again, other = (self.lose(name, 0.2, 0, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
         self.assertEqual(first, again)
         self.assertNotEqual(first, other)
+
+    def test_stamps_are_late_by_at_most_their_share(self):
+        self.assertEqual(len(self.lose("late", 0, 0, late=0.4)), self.COUNT)
+        times = [float(t) for t in (self.folder / "late" / "times.txt").read_text().split()]
+        delays = [time - 0.1 * i for i, time in enumerate(times)]
+        self.assertGreaterEqual(min(delays), -1e-6)
+        self.assertLessEqual(max(delays), 0.04 + 1e-6)
+        self.assertAlmostEqual(sum(delays) / len(delays), 0.02, delta=0.002)
 
     def test_what_is_wrong_with_a_sequence_is_said(self):
         (self.sequence / "times.txt").write_text("0.0\n0.1\n")

@@ -33,7 +33,7 @@ STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall
 STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
 NO_PRIORS = ("stock", "scaled")  # modes that look at none
-LOST_PICTURES = {"missing", "repeated"}  # keys of a case about pictures, not perception
+LOST_PICTURES = {"missing", "repeated", "late"}  # keys of a case about pictures, not perception
 SEED_STEP = 1000  # from one seed of a stand-in to the next
 
 # The miniature: enough to go through every step, far too little to say anything.

@@ -247,8 +247,7 @@ def lose_pictures(work, job):
     priors = work.path("priors", job["id"])
     remove(folder)
     remove(priors)
-    frames = lose(work.path(spec["input"]), folder, given, spec["case"].get("missing", 0),
-                  spec["case"].get("repeated", 0), spec["seed"])
+    frames = lose(work.path(spec["input"]), folder, given, spec["seed"], **spec["case"])
     if given:
         os.symlink(os.path.join(folder, "priors"), priors)
     return {"frames": len(frames)}
