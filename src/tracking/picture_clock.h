@@ -11,7 +11,7 @@ namespace kys_slam {
 /// When a camera takes its pictures: at a constant rate, whatever the jitter of its time stamps.
 /// Software gives a picture its stamp when it arrives, tens of milliseconds late. The line through
 /// the last stamps over the numbers of their pictures (least squares) gives the rate, and the
-/// number of a new picture: missing ones count.
+/// number of a new picture: missing ones count. Without a constant rate the stamps count.
 class PictureClock {
  public:
   /// Time (s) at which the picture with the stamp `stamp` (s, later than the one before) was taken:
@@ -30,13 +30,17 @@ class PictureClock {
     }
     const Line now = line();
     const double expected = now.at(stamps_.back().number);
-    return std::abs(stamp - expected) <= kTolerance * now.period ? stamp : expected;
+    const bool is_good = std::abs(stamp - expected) <= kTolerance * now.period;
+    return is_good || deviation(now) > kRegular * now.period ? stamp : expected;
   }
 
  private:
   static constexpr std::size_t kWindow = 24;  // pictures
   static constexpr double kLongestGap = 24;   // pictures
   static constexpr double kTolerance = 0.1;   // periods
+  // Periods; a larger deviation from the line is that of a camera without a constant rate. Times
+  // that have nothing to do with the line deviate by 0.29 periods from the nearest number.
+  static constexpr double kRegular = 0.2;
 
   struct Stamp {
     double number = 0;  // of the picture
@@ -97,6 +101,13 @@ class PictureClock {
     }
     line.period = products / squares;
     return line;
+  }
+
+  /// Of the stamps from the line, s, root mean square.
+  [[nodiscard]] double deviation(const Line& line) const {
+    double sum = 0;
+    for (const Stamp& s : stamps_) sum += std::pow(s.time - line.at(s.number), 2);
+    return std::sqrt(sum / static_cast<double>(stamps_.size()));
   }
 
   std::deque<Stamp> stamps_;

@@ -79,6 +79,19 @@ TEST(PictureClock, AnotherRateIsFollowed) {
   EXPECT_EQ(times_of(stamps), stamps);
 }
 
+/// Pictures taken now and then, such as the keyframes of another recording.
+TEST(PictureClock, WithoutARateTheStampsCount) {
+  std::mt19937 random(4);
+  std::vector<double> stamps{0};
+  for (int i = 0; i < 200; ++i) {
+    stamps.push_back(stamps.back() + 0.05 + 1e-3 * static_cast<double>(random() % 3000));
+  }
+  const std::vector<double> times = times_of(stamps);
+  int other = 0;
+  for (std::size_t i = 0; i < times.size(); ++i) other += times[i] != stamps[i] ? 1 : 0;
+  EXPECT_LT(other, 20);
+}
+
 TEST(PictureClock, ALongGapBeginsAnew) {
   std::vector<double> stamps;
   for (int i = 0; i < 40; ++i) stamps.push_back(kPeriod * i);
