@@ -14,20 +14,12 @@ namespace kys_slam {
 /// number of a new picture: missing ones count. Without a constant rate the stamps count.
 class PictureClock {
  public:
-  /// Time (s) at which the picture with the stamp `stamp` (s, later than the one before) was taken:
-  /// the stamp itself when it is within kTolerance of the line, else the time on the line.
+  /// Time (s) at which the picture with the stamp `stamp` (s) was taken: the stamp itself when it
+  /// is within kTolerance of the line, else the time on the line. Stamps increase; the last one may
+  /// be asked for again.
   double time_of(double stamp) {
-    if (stamps_.empty()) return restart(stamp);
-    if (stamps_.size() < kWindow) {
-      stamps_.push_back({0, stamp});
-      number_all();
-    } else {
-      const Line before = line();
-      const double steps = std::round((stamp - before.at(stamps_.back().number)) / before.period);
-      if (steps > kLongestGap) return restart(stamp);
-      stamps_.push_back({stamps_.back().number + std::max(1.0, steps), stamp});
-      stamps_.pop_front();
-    }
+    if (stamps_.empty() || stamp > stamps_.back().time) add(stamp);
+    if (stamps_.size() == 1) return stamp;
     const Line now = line();
     const double expected = now.at(stamps_.back().number);
     const bool is_good = std::abs(stamp - expected) <= kTolerance * now.period;
@@ -54,13 +46,25 @@ class PictureClock {
     }
   };
 
-  double restart(double stamp) {
-    stamps_.assign(1, {0, stamp});
-    return stamp;
+  void add(double stamp) {
+    if (stamps_.size() < kWindow) {
+      stamps_.push_back({0, stamp});
+      number_all();
+      return;
+    }
+    const Line before = line();
+    const double steps = std::round((stamp - before.at(stamps_.back().number)) / before.period);
+    if (steps > kLongestGap) {
+      stamps_.assign(1, {0, stamp});
+      return;
+    }
+    stamps_.push_back({stamps_.back().number + std::max(1.0, steps), stamp});
+    stamps_.pop_front();
   }
 
   /// At the start: numbers by the mean interval without those in which pictures are missing.
   void number_all() {
+    if (stamps_.size() == 1) return;
     std::vector<double> intervals;
     for (std::size_t i = 1; i < stamps_.size(); ++i) {
       intervals.push_back(stamps_[i].time - stamps_[i - 1].time);

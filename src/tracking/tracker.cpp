@@ -66,12 +66,9 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
 
 /// A repeated picture shows what the camera saw before: the next one shows what it has done since.
 double Tracker::taken_at(const TrackerInput& input) {
-  if (clock_frame_ != input.index) {
-    clock_frame_ = input.index;
-    clock_time_ = clock_.time_of(input.timestamp);
-  }
+  const double time = clock_.time_of(input.timestamp);
   const bool repeated = repeats_ > 0 && repeats_ <= kMostRepeats;
-  return repeated ? last_->taken : clock_time_;
+  return repeated ? last_->taken : time;
 }
 
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,

@@ -228,10 +228,8 @@ class Tracker {
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
   PictureClock clock_;
-  std::int64_t clock_frame_ = -1;  // the frame whose time is clock_time_
-  double clock_time_ = 0;          // s
-  int repeats_ = 0;                // successive frames with the same image as the one before
-  KeyFrameId reference_;           // keyframe that shares most with the last frame
+  int repeats_ = 0;       // successive frames with the same image as the one before
+  KeyFrameId reference_;  // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed
   std::int64_t last_keyframe_frame_ = 0;

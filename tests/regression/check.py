@@ -13,8 +13,8 @@ import argparse
 import os
 import sys
 
-from harness import (DONE, SKIPPED, Absent, BuildFolder, Failure, compare, is_exact, load, make_input,
-                     read_results, report, run)
+from harness import (DONE, BuildFolder, Failure, compare, is_exact, load, make_input, read_results, run,
+                     status_of)
 
 FAULT = "stereo.added_disparity=5"
 
@@ -42,6 +42,23 @@ def check_exact(case, results):
         raise Failure("the results have changed; if they were meant to: record.py")
 
 
+def check(name, place, broken):
+    case = load(name)
+    if "expected" not in case:
+        raise Failure(f"{name}: nothing recorded yet; see record.py")
+    source = make_input(case, case.get("seed"), place)
+    if broken:
+        check_broken(case, read_results(run(case, name + "-broken", source, [FAULT], place, allowed=(DONE,))))
+        return 0
+    results = read_results(run(case, name, source, [], place))
+    lines, outside = compare(case["expected"], results)
+    print("\n".join(lines))
+    check_exact(case, results)
+    if outside:
+        raise Failure(f"{name}: {', '.join(outside)} outside the band")
+    return 0
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -49,29 +66,7 @@ def main():
     parser.add_argument("case")
     parser.add_argument("--broken", action="store_true")
     arguments = parser.parse_args()
-    place = BuildFolder(arguments.build)
-    case = load(arguments.case)
-    try:
-        if "expected" not in case:
-            raise Failure(f"{arguments.case}: nothing recorded yet; see record.py")
-        source = make_input(case, case.get("seed"), place)
-        name = arguments.case + ("-broken" if arguments.broken else "")
-        if arguments.broken:
-            check_broken(case, read_results(run(case, name, source, [FAULT], place, allowed=(DONE,))))
-            return 0
-        results = read_results(run(case, name, source, [], place))
-        lines, outside = compare(case["expected"], results)
-        print("\n".join(lines))
-        check_exact(case, results)
-        if outside:
-            raise Failure(f"{arguments.case}: {', '.join(outside)} outside the band")
-        return 0
-    except Absent as reason:
-        print(f"skipped: {reason}")
-        return SKIPPED
-    except Failure as error:
-        report(error)
-        return 1
+    return status_of(check, arguments.case, BuildFolder(arguments.build), arguments.broken)
 
 
 if __name__ == "__main__":

@@ -13,36 +13,43 @@ import filecmp
 import os
 import sys
 
-from harness import SKIPPED, Absent, BuildFolder, Failure, load, make_input, report, run
+from harness import BuildFolder, load, make_input, run, status_of
 
 CASES = ("block", "drive_pipelined", "street_verified")
 MEASURED = ("ms_", "resident_mb")  # columns of frames.csv, by how they begin
 
 
-def frame_rows(folder):
+def frame_rows(path):
     """frames.csv without what is measured."""
-    with open(os.path.join(folder, "frames.csv"), encoding="utf-8", newline="") as file:
+    with open(path, encoding="utf-8", newline="") as file:
         return [{k: v for k, v in row.items() if not k.startswith(MEASURED)}
                 for row in csv.DictReader(file)]
 
 
+def frames_agree(ours, theirs):
+    return frame_rows(ours) == frame_rows(theirs)
+
+
 def names_of(folder):
     """Files of a folder and of those in it, by path in it."""
-    return sorted(os.path.relpath(os.path.join(where, name), folder)
-                  for where, _, names in os.walk(folder) for name in names)
+    return {os.path.relpath(os.path.join(where, name), folder)
+            for where, _, names in os.walk(folder) for name in names}
+
+
+def is_same(ours, theirs):
+    return filecmp.cmp(ours, theirs, shallow=False)
 
 
 def differences(ours, theirs):
     """Files that differ between two files or folders, or that only one of them has."""
     if os.path.isfile(ours):
-        return [] if filecmp.cmp(ours, theirs, shallow=False) else [os.path.basename(ours)]
+        return [] if is_same(ours, theirs) else [os.path.basename(ours)]
     names, others = names_of(ours), names_of(theirs)
-    found = sorted(set(names) ^ set(others))
-    for name in sorted(set(names) & set(others) - {"summary.json", "frames.csv"}):
-        if not filecmp.cmp(os.path.join(ours, name), os.path.join(theirs, name), shallow=False):
+    found = sorted(names ^ others)
+    for name in sorted(names & others - {"summary.json"}):
+        compare = frames_agree if name == "frames.csv" else is_same
+        if not compare(os.path.join(ours, name), os.path.join(theirs, name)):
             found.append(name)
-    if "frames.csv" in names and "frames.csv" in others and frame_rows(ours) != frame_rows(theirs):
-        found.append("frames.csv")
     return found
 
 
@@ -56,6 +63,16 @@ def compare_case(name, build, other):
     return [name for ours, theirs in pairs if ours != theirs for name in differences(ours, theirs)]
 
 
+def compare_all(names, build, other):
+    """0, or 1 when a case differs."""
+    status = 0
+    for name in names:
+        found = compare_case(name, build, other)
+        print(f"{name:<16} {'differs: ' + ', '.join(found) if found else 'the same bytes'}", flush=True)
+        status |= bool(found)
+    return status
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -64,20 +81,7 @@ def main():
     parser.add_argument("cases", nargs="*", default=CASES, metavar="CASE")
     arguments = parser.parse_args()
     build = BuildFolder(arguments.build)
-    other = BuildFolder(arguments.other, worlds=build)
-    status = 0
-    try:
-        for name in arguments.cases:
-            found = compare_case(name, build, other)
-            print(f"{name:<16} {'differs: ' + ', '.join(found) if found else 'the same bytes'}", flush=True)
-            status |= bool(found)
-    except Absent as reason:
-        print(f"skipped: {reason}")
-        return SKIPPED
-    except Failure as error:
-        report(error)
-        return 1
-    return status
+    return status_of(compare_all, arguments.cases, build, BuildFolder(arguments.other, worlds=build))
 
 
 if __name__ == "__main__":

@@ -268,3 +268,16 @@ def spread(values):
 
 def report(error):
     print(f"{os.path.basename(sys.argv[0])}: {error}", file=sys.stderr)
+
+
+def status_of(work, *arguments):
+    """Calls a function that returns an exit status, and says why there is none: input that is not here
+    is skipped, a failure is reported."""
+    try:
+        return work(*arguments)
+    except Absent as reason:
+        print(f"skipped: {reason}")
+        return SKIPPED
+    except Failure as error:
+        report(error)
+        return 1

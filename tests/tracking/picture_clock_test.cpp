@@ -18,6 +18,25 @@ std::vector<double> times_of(const std::vector<double>& stamps) {
   return times;
 }
 
+struct Recording {
+  std::vector<double> taken;   ///< s
+  std::vector<double> stamps;  ///< s
+};
+
+/// Stamps that are wrong by up to `jitter` periods, and one picture in `missing_in` is missing (0:
+/// none).
+Recording record(double jitter, unsigned missing_in, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> error(-jitter * kPeriod, jitter * kPeriod);
+  Recording recording;
+  for (int i = 0; i < 300; ++i) {
+    if (missing_in > 0 && i > 3 && random() % missing_in == 0) continue;
+    recording.taken.push_back(kPeriod * i);
+    recording.stamps.push_back(recording.taken.back() + error(random));
+  }
+  return recording;
+}
+
 /// Intervals that are relative to the one before wrong by a factor of 1.5: so is the step by
 /// constant velocity.
 int wrong_intervals(const std::vector<double>& times, const std::vector<double>& taken,
@@ -45,29 +64,24 @@ TEST(PictureClock, GoodStampsStayAsTheyAre) {
 }
 
 TEST(PictureClock, JitterIsTakenOut) {
-  std::mt19937 random(2);
-  std::uniform_real_distribution<double> jitter(-0.2 * kPeriod, 0.2 * kPeriod);
-  std::vector<double> taken;
-  std::vector<double> stamps;
-  for (int i = 0; i < 300; ++i) {
-    taken.push_back(kPeriod * i);
-    stamps.push_back(taken.back() + jitter(random));
-  }
-  EXPECT_GT(wrong_intervals(stamps, taken, 30), 20) << "the test needs jitter";
-  EXPECT_EQ(wrong_intervals(times_of(stamps), taken, 30), 0);
+  const Recording recording = record(0.2, 0, 2);
+  EXPECT_GT(wrong_intervals(recording.stamps, recording.taken, 30), 20) << "the test needs jitter";
+  EXPECT_EQ(wrong_intervals(times_of(recording.stamps), recording.taken, 30), 0);
 }
 
 TEST(PictureClock, MissingPicturesCountInJitterToo) {
-  std::mt19937 random(3);
-  std::uniform_real_distribution<double> jitter(-0.15 * kPeriod, 0.15 * kPeriod);
-  std::vector<double> taken;
-  std::vector<double> stamps;
-  for (int i = 0; i < 300; ++i) {
-    if (i > 3 && random() % 6 == 0) continue;
-    taken.push_back(kPeriod * i);
-    stamps.push_back(taken.back() + jitter(random));
+  const Recording recording = record(0.15, 6, 3);
+  EXPECT_EQ(wrong_intervals(times_of(recording.stamps), recording.taken, 30), 0);
+}
+
+TEST(PictureClock, TheLastStampCanBeAskedForAgain) {
+  PictureClock once;
+  PictureClock twice;
+  for (const double stamp : record(0.2, 6, 4).stamps) {
+    const double time = once.time_of(stamp);
+    EXPECT_EQ(twice.time_of(stamp), time);
+    EXPECT_EQ(twice.time_of(stamp), time);
   }
-  EXPECT_EQ(wrong_intervals(times_of(stamps), taken, 30), 0);
 }
 
 /// A camera that halves its rate in the dark, and doubles it again.
