@@ -936,8 +936,9 @@ class DriveTables(unittest.TestCase):
 class Drives(unittest.TestCase):
     def test_a_picture_shows_runs_of_its_own_perception_and_those_of_stock(self):
         """`mask` fails with poor priors; `stock` runs with the first ones alone."""
-        def run_drive(drive, modes, *_):
+        def run_drive(drive, *_):
             perception = drive.labels[2]
+            modes = [mode for mode, _, _ in drive.jobs]
             return ([DriveTables.row(mode, "1", 1.0, perception) for mode in modes],
                     {mode: f"{perception}/{mode}" for mode in modes if (mode, perception) != ("mask", "poor")})
 
@@ -947,6 +948,7 @@ class Drives(unittest.TestCase):
                 contextlib.redirect_stderr(io.StringIO()), \
                 unittest.mock.patch.multiple(
                     drives, Drive=lambda truth, *labels: argparse.Namespace(labels=labels[:4]),
+                    jobs_of=lambda drive, modes, _: [(mode, [], "") for mode in modes],
                     run_drive=run_drive, draw=lambda drive, folders, _: drawn.append(list(folders.items()))), \
                 unittest.mock.patch.object(sys, "argv", [
                     "drives.py", folder, "--output", folder, "--sequences", "07", "--traffic", "city",

@@ -3,6 +3,7 @@
 status 2. Skipped without NumPy or SciPy."""
 import csv
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -127,10 +128,12 @@ class Tools(unittest.TestCase):
     # --- drives --------------------------------------------------------------------------------
 
     def programs(self):
-        """Programs of which the one that tracks fails."""
+        """Programs of which the one that tracks fails. The one that simulates lists its calls."""
         folder = self.folder / "bin"
         folder.mkdir()
-        texts = {"simulate_features": 'while [ "$1" != --output ]; do shift; done; echo x > "$2"',
+        texts = {"simulate_features": f'echo "$*" >> {folder}/calls; ' +
+                                      'while [ $# -gt 1 ]; do if [ "$1" = --output ]; then echo x > "$2"; fi; '
+                                      'shift; done',
                  "run_stereo_kitti": "echo 'run_stereo_kitti: no mode nosuchmode' >&2; exit 2",
                  "evaluate_trajectory": "exit 2"}
         for name, text in texts.items():
@@ -156,6 +159,32 @@ class Tools(unittest.TestCase):
             rows = list(csv.DictReader(file))
         self.assertEqual([r["seed"] for r in rows], ["1", "2"])
         self.assertTrue(all("no mode nosuchmode" in r["failed"] for r in rows))
+
+    def test_drives_that_differ_in_perception_are_simulated_at_once(self):
+        programs = self.programs()
+        arguments = ("experiments/drives.py", self.folder / "truth", "--output", self.folder / "o", "--bin",
+                     programs, "--traffic", "none,city", "--perception", "exact,poor", "--seeds", "1",
+                     "--modes", "kys,stock")
+        track = programs / "run_stereo_kitti"
+        track.write_text('#!/bin/sh\nfor i; do if [ "$o" = --output ]; then o=$i; break; fi; o=$i; done\n'
+                         'mkdir -p "$o"; echo \'{"frames": 2, "frames_tracked": 2, "loops_closed": 0, '
+                         '"keyframes": 1, "submaps": 1}\' > "$o/summary.json"\n')
+        self.call(*arguments)
+        calls = (programs / "calls").read_text().splitlines()
+        self.assertEqual([call.count("--output") for call in calls], [2, 2])
+        self.assertTrue(all("--perception exact,poor" in call for call in calls), calls)
+        with open(self.folder / "o" / "drives.csv", newline="", encoding="utf-8") as file:
+            rows = [(r["traffic"], r["perception"], r["mode"]) for r in csv.DictReader(file)]
+        self.assertEqual(rows, [(traffic, *rest) for traffic in ("none", "city") for rest in (
+            ("exact", "kys"), ("exact", "stock"), ("poor", "kys"))])
+        # A second call has the runs. A missing one is made with its own perception alone.
+        self.call(*arguments)
+        self.assertEqual(len((programs / "calls").read_text().splitlines()), 2)
+        shutil.rmtree(self.folder / "o" / "runs" / "07-city-poor-1-kys")
+        self.call(*arguments)
+        calls = (programs / "calls").read_text().splitlines()
+        self.assertEqual(len(calls), 3)
+        self.assertIn("--perception poor", calls[2])
 
     def test_interval_of_the_mean(self):
         """1, 2, ... 8: mean 4.5, standard error sqrt(6 / 8), t of 7 degrees of freedom 2.3646."""

@@ -50,6 +50,19 @@ class Files(unittest.TestCase):
             self.assertIsNone(a.left.label)
             self.assertEqual(len(b.left.label), len(b.left.x))
 
+    def test_several_levels_of_perception_at_once_write_what_single_ones_write(self):
+        traffic = ("--traffic", "light")
+        single = [make(self.folder.name, level + "-alone", *traffic, "--perception", level)
+                  for level in ("exact", "poor")]
+        poor = os.path.join(self.folder.name, "poor")
+        both = [make(self.folder.name, "exact", *traffic, "--perception", "exact,poor", "--output", poor),
+                poor]
+        for alone, together in zip(single, both):
+            with open(alone, "rb") as a, open(together, "rb") as b:
+                self.assertEqual(a.read(), b.read())
+        with open(both[0], "rb") as a, open(both[1], "rb") as b:
+            self.assertNotEqual(a.read(), b.read())
+
     def test_objects_project_to_their_features(self):
         file = FeatureFile(make(self.folder.name, "jam", "--traffic", "jam", "--perception",
                                 "estimated"))

@@ -46,25 +46,18 @@ class Drive:
             raise InputError(f"{self.trajectory}: no such trajectory")
         self.labels = (sequence, traffic, perception, seed)
         self.program = "run_stereo_euroc" if euroc else "run_stereo_kitti"
-        self.arguments = [self.trajectory, "--traffic", traffic, "--seed", str(seed),
-                          "--perception", perception, "--frame-rate", "20", "--quiet"]
+        arguments = [self.trajectory, "--traffic", traffic, "--seed", str(seed),
+                     "--frame-rate", "20", "--quiet"]
         if options.frames:
-            self.arguments += ["--frames", str(options.frames)]
+            arguments += ["--frames", str(options.frames)]
         simulator = find_program(options.bin, "simulate_features")
-        key = json.dumps([digest(simulator), self.arguments, digest(self.trajectory)])
+        key = json.dumps([digest(simulator), perception, arguments, digest(self.trajectory)])
         self.name = "-".join(map(str, self.labels))
         self.file = os.path.join(options.output, "features",
                                  self.name + "-" + hashlib.sha256(key.encode()).hexdigest()[:8])
-        self.command = [simulator, *self.arguments]
-
-    def make(self, announce):
-        """Makes the file unless it is there."""
-        if os.path.exists(self.file):
-            return
-        announce(f"{self.name}: simulating")
-        os.makedirs(os.path.dirname(self.file), exist_ok=True)
-        _, printed = call([*self.command, "--output", self.file])
-        write_text(self.file + ".log", printed)
+        self.perception = perception
+        self.command = [simulator, *arguments]  # all but the perception and the output
+        self.jobs = []  # (mode, command, folder) of its runs
 
     def share(self):
         """Share of the image that movers cover, as the simulator printed it, %."""
@@ -74,6 +67,21 @@ class Drive:
             return float(words[words.index("cover") + 1])
         except (OSError, ValueError):
             return 0.0
+
+
+def make_features(drives, announce):
+    """Makes the files that are not there, of drives that differ in perception only: they have the
+    same features, which are simulated once."""
+    missing = [drive for drive in drives if not os.path.exists(drive.file)]
+    if not missing:
+        return
+    announce(", ".join(drive.name for drive in missing) + ": simulating")
+    outputs = [word for drive in missing for word in ("--output", drive.file)]
+    os.makedirs(os.path.dirname(missing[0].file), exist_ok=True)
+    _, printed = call([*missing[0].command, "--perception",
+                       ",".join(drive.perception for drive in missing), *outputs])
+    for drive in missing:
+        write_text(drive.file + ".log", printed)
 
 
 def errors_of(program, output, alignment):
@@ -113,22 +121,16 @@ def figures_of(drive, command, output, options):
                 "mover_share": drive.share()}
 
 
-def run_drive(drive, modes, options, announce):
-    """Rows of all modes of one drive, and by mode the folders of the runs that did not fail."""
-    jobs = []
-    for mode in modes:
-        name, *settings = mode.split(":")
-        command = [find_program(options.bin, drive.program), drive.file, "--mode", name]
-        for setting in settings:
-            command += ["--set", setting]
-        folder = os.path.join(options.output, "runs", drive.name + "-" + mode.replace(":", "+"))
-        jobs.append((mode, command, folder))
+def run_drive(drive, later, options, announce):
+    """Rows of the runs of a drive, and by mode the folders of those that did not fail. When it needs
+    its features, those of the `later` drives with the same ones are made with them."""
     sequence, traffic, perception, seed = drive.labels
     rows, folders = [], {}
-    for mode, command, folder in jobs:
+    for mode, command, folder in drive.jobs:
         try:
             if not finished(command, folder):
-                drive.make(announce)
+                make_features([drive, *(other for other in later if not all_finished(other))],
+                              announce)
                 announce(f"{drive.name}: {mode}")
             errors = figures_of(drive, command, folder, options)
             folders[mode] = folder
@@ -139,6 +141,33 @@ def run_drive(drive, modes, options, announce):
     if not options.keep:
         remove(drive.file)
     return rows, folders
+
+
+def all_finished(drive):
+    return all(finished(command, folder) for _, command, folder in drive.jobs)
+
+
+def jobs_of(drive, modes, options):
+    """The runs of a drive: mode, command, folder."""
+    jobs = []
+    for mode in modes:
+        name, *settings = mode.split(":")
+        command = [find_program(options.bin, drive.program), drive.file, "--mode", name]
+        for setting in settings:
+            command += ["--set", setting]
+        folder = os.path.join(options.output, "runs", drive.name + "-" + mode.replace(":", "+"))
+        jobs.append((mode, command, folder))
+    return jobs
+
+
+def drives_of(sequence, traffic, seed, options):
+    """Drives with the same features, one for each perception. `stock` is run with the first."""
+    drives = [Drive(options.truth, sequence, traffic, perception, seed, options)
+              for perception in options.perception]
+    for number, drive in enumerate(drives):
+        modes = [m for m in options.modes if number == 0 or reads_priors(m)]
+        drive.jobs = jobs_of(drive, modes, options)
+    return drives
 
 
 def reads_priors(mode):
@@ -215,10 +244,9 @@ def main():
         for traffic in options.traffic:
             for seed in options.seeds:
                 stock = {}  # folders of its runs, which are in the pictures of every perception
-                for number, perception in enumerate(options.perception):
-                    modes = [m for m in options.modes if number == 0 or reads_priors(m)]
-                    drive = Drive(options.truth, sequence, traffic, perception, seed, options)
-                    made, runs = run_drive(drive, modes, options, announce)
+                drives = drives_of(sequence, traffic, seed, options)
+                for number, drive in enumerate(drives):
+                    made, runs = run_drive(drive, drives[number + 1:], options, announce)
                     rows += made
                     stock |= {m: folder for m, folder in runs.items() if not reads_priors(m)}
                     write_runs()

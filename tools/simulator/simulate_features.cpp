@@ -5,7 +5,11 @@
 
 #include <chrono>
 #include <cstdio>
+#include <filesystem>
+#include <list>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "common/command_line.h"
 #include "simulator/common/coco_classes.h"
@@ -36,50 +40,78 @@ class Progress {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
+/// A feature file that is being written, with the perception that its priors come from.
+struct Output {
+  Output(const std::string& path, const kys_slam::FeatureFileInfo& info,
+         const kys_slam::FeatureTruth& truth)
+      : file(path), writer(path, info, truth) {}
+
+  std::string file;
+  kys_slam::FeatureSequenceWriter writer;
+  std::optional<kys_slam::simulator::Perception> perception;
+};
+
+std::list<Output> open_outputs(const kys_slam::simulator::FeatureWorld& world,
+                               const kys_slam::simulator::FeatureOptions& o,
+                               const std::vector<std::string>& levels,
+                               const std::vector<std::string>& files) {
+  using namespace kys_slam;
+  using namespace kys_slam::simulator;
+  FeatureFileInfo info = world.info();
+  if (o.labelled) info.label_space = kFeatureLabelSpace;
+  const FeatureTruth truth = info.version == 1 ? FeatureTruth{} : world.truth();
+  std::list<Output> outputs;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    Output& output = outputs.emplace_back(files[i], info, truth);
+    if (o.labelled) output.perception.emplace(world, perception_level(levels[i]), o.seed);
+  }
+  return outputs;
+}
+
+/// The features are the same in all files; their priors are those of a level of perception each.
 void write_frames(const kys_slam::simulator::FeatureWorld& world,
-                  const kys_slam::simulator::FeatureOptions& o, const std::string& perception,
-                  const std::string& output, Progress& progress) {
+                  const kys_slam::simulator::FeatureOptions& o,
+                  const std::vector<std::string>& levels, const std::vector<std::string>& files,
+                  Progress& progress) {
   using namespace kys_slam;
   using namespace kys_slam::simulator;
   const std::size_t frames = world.path().poses.size();
-  FeatureFileInfo info = world.info();
-  std::optional<Perception> detector;
-  if (o.labelled) {
-    detector.emplace(world, perception_level(perception), o.seed);
-    info.label_space = kFeatureLabelSpace;
-  }
-  FeatureSequenceWriter writer(output, info, info.version == 1 ? FeatureTruth{} : world.truth());
+  std::list<Output> outputs = open_outputs(world, o, levels, files);
   double mover_share = 0;
   for (std::size_t i = 0; i < frames; ++i) {
     FeatureFrame frame = world.frame(i);
-    if (detector) detector->add_priors(i, frame);
     mover_share += frame.mover_share;
-    writer.write(frame);
+    for (Output& output : outputs) {
+      if (output.perception) output.perception->add_priors(i, frame);
+      output.writer.write(frame);
+    }
     progress("frames", static_cast<double>(i + 1) / static_cast<double>(frames));
   }
-  writer.finish();
-  std::printf("%s: %zu frames, %zu landmarks", printable(output).c_str(), frames,
-              world.landmark_count());
-  if (o.traffic != Traffic::kNone || !o.objects.empty()) {
-    std::printf(", moving objects cover %.1f %% of the image",
-                100 * mover_share / static_cast<double>(frames));
+  for (Output& output : outputs) {
+    output.writer.finish();
+    std::printf("%s: %zu frames, %zu landmarks", printable(output.file).c_str(), frames,
+                world.landmark_count());
+    if (o.traffic != Traffic::kNone || !o.objects.empty()) {
+      std::printf(", moving objects cover %.1f %% of the image",
+                  100 * mover_share / static_cast<double>(frames));
+    }
+    std::printf("\n");
+    if (!output.perception) continue;
+    const Perception::Score& s = output.perception->score();
+    std::printf(
+        "segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
+        "not\n",
+        static_cast<long long>(s.moving_flagged), static_cast<long long>(s.moving),
+        static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
   }
-  std::printf("\n");
-  if (!detector) return;
-  const Perception::Score& s = detector->score();
-  std::printf(
-      "segments of things flagged as moving: %lld of %lld that move, %lld of %lld that do "
-      "not\n",
-      static_cast<long long>(s.moving_flagged), static_cast<long long>(s.moving),
-      static_cast<long long>(s.still_flagged), static_cast<long long>(s.still));
 }
 
 struct Arguments {
   kys_slam::simulator::FeatureOptions options;
   std::string trajectory;
-  std::string output;
+  std::vector<std::string> outputs;
   std::string traffic = "none";
-  std::string perception = "none";
+  std::vector<std::string> perception{"none"};
   std::string objects;
   bool quiet = false;
 };
@@ -87,7 +119,10 @@ struct Arguments {
 void declare(CLI::App& app, Arguments& a) {
   kys_slam::simulator::FeatureOptions& o = a.options;
   app.add_option("trajectory", a.trajectory, "KITTI (12 columns) or TUM (8 columns)")->required();
-  app.add_option("--output", a.output, "feature file to write")->required();
+  app.add_option("--output", a.outputs, "feature file to write; once for each level of perception")
+      ->required()
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_option("--camera", o.camera,
                  "kitti, euroc (a TUM file then gives the body frame) or auto (by file format)")
       ->capture_default_str();
@@ -127,8 +162,12 @@ void declare(CLI::App& app, Arguments& a) {
                  "px, width of KITTI images; scales the camera (default: 1241)");
   app.add_option("--perception", a.perception,
                  "priors for every feature, with the errors of a level of perception: none, exact, "
-                 "estimated, poor")
-      ->capture_default_str();
+                 "estimated, poor. Several, separated by commas, take the features once: "
+                 "--perception exact,poor --output A --output B")
+      ->delimiter(',')
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->default_str("none");
   app.add_flag("--quiet", a.quiet, "no progress");
 }
 
@@ -136,6 +175,37 @@ void declare(CLI::App& app, Arguments& a) {
 std::size_t poses_in(const std::string& trajectory, kys_slam::simulator::FeatureOptions options) {
   options.frames = kys_slam::simulator::FeatureOptions().frames;
   return kys_slam::simulator::read_feature_path(trajectory, options).poses.size();
+}
+
+/// \throws InputError when a level is unknown, or has no file of its own.
+void check_levels(const std::vector<std::string>& levels, const std::vector<std::string>& outputs) {
+  if (levels.size() != outputs.size()) {
+    const std::string wanted = std::to_string(levels.size());
+    throw kys_slam::InputError("--perception: levels: " + wanted + ", so --output must be there " +
+                               wanted + " times, not " + std::to_string(outputs.size()));
+  }
+  if (levels == std::vector<std::string>{"none"}) return;
+  for (const std::string& level : levels) {
+    if (level == "none") throw kys_slam::InputError("--perception: none cannot be one of several");
+    kys_slam::simulator::perception_level(level);  // refuses what it does not know
+  }
+}
+
+/// \throws InputError when an output is an input or another output, or cannot be written.
+void check_output(const Arguments& a, std::size_t i) {
+  const std::string& output = a.outputs[i];
+  for (const std::string& input : {a.trajectory, a.objects}) {
+    if (kys_slam::is_same_path(output, input)) {
+      throw kys_slam::InputError("--output " + output + ": is the input");
+    }
+  }
+  for (std::size_t j = 0; j < i; ++j) {
+    if (std::filesystem::weakly_canonical(output) ==
+        std::filesystem::weakly_canonical(a.outputs[j])) {
+      throw kys_slam::InputError("--output " + output + ": is there twice");
+    }
+  }
+  kys_slam::check_writable(output);
 }
 
 int run(int argc, char** argv) {
@@ -161,17 +231,14 @@ int run(int argc, char** argv) {
                              app.count("--frame-rate") > 0)) {
     throw InputError("--objects: not with --traffic, --start, --every or --frame-rate");
   }
-  o.labelled = a.perception != "none";
-  if (o.labelled) perception_level(a.perception);  // refuses what it does not know
-  for (const std::string& input : {a.trajectory, a.objects}) {
-    if (is_same_path(a.output, input)) throw InputError("--output " + a.output + ": is the input");
-  }
-  check_writable(a.output);
+  check_levels(a.perception, a.outputs);
+  o.labelled = a.perception.front() != "none";
+  for (std::size_t i = 0; i < a.outputs.size(); ++i) check_output(a, i);
   const FeaturePath path = read_feature_path(a.trajectory, o);
   if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));
   Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
-  write_frames(world, o, a.perception, a.output, progress);
+  write_frames(world, o, a.perception, a.outputs, progress);
   return 0;
 }
 

@@ -146,7 +146,16 @@ def settings_options_that_would_do_nothing(f, programs):
         refused(programs.run("simulate_sequence", "hall", "--output", f.output, "--drop-share", "0.2"),
                 "--drop-share", "--drop-camera")
     path = f.write("path.txt", "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
-    passed(programs.run("simulate_features", path, "--output", f("f.features"), "--quiet"))
+    simulate = ("simulate_features", path, "--output", f("f.features"), "--quiet")
+    refused(programs.run(*simulate, "--perception", "exact,poor"), "--perception", "--output")
+    refused(programs.run(*simulate, "--output", f("g.features")), "--perception", "--output")
+    refused(programs.run(*simulate, "--perception", "exact,poor", "--output", f("f.features")),
+            "f.features", "twice")
+    refused(programs.run(*simulate, "--perception", "none,poor", "--output", f("g.features")), "none")
+    refused(programs.run(*simulate, "--perception", "exact,bad", "--output", f("g.features")),
+            "--perception", "estimated")
+    expect(not os.path.exists(f("f.features")), "a refused command writes a file")
+    passed(programs.run(*simulate))
     run = ["run_stereo_kitti", f("f.features"), "--output", f.output, "--quiet"]
     refused(programs.run(*run, "--pair", "grey"), "f.features", "camera pairs")
     refused(programs.run(*run, "--strict-priors"), "--strict-priors", "--priors")
