@@ -908,9 +908,11 @@ class DriveTables(unittest.TestCase):
             rows += [self.row("mask", "1", 2 * factor, perception), self.row("mask", "2", 4 * factor, perception),
                      self.row("verified", "1", factor, perception), self.row("verified", "2", 2 * factor, perception)]
         table = drive_tables.mode_table(rows)
-        self.assertEqual(table.header[3:], ["stock", "mask", "verified", "verified over stock", "over mask"])
-        self.assertEqual(table.rows, [["KITTI", "city", "exact", "1.500", "1.500", "0.750", "0.50", "0.50"],
-                                      ["KITTI", "city", "poor", "1.500", "12.00", "6.000", "4.00", "0.50"]])
+        self.assertEqual(table.header[3:], ["stock", "mask", "verified", "verified over stock", "over mask",
+                                            "free scale: over stock", "over mask"])
+        self.assertEqual(table.rows, [
+            ["KITTI", "city", "exact", "1.500", "1.500", "0.750", "0.50", "0.50", "0.50", "0.50"],
+            ["KITTI", "city", "poor", "1.500", "12.00", "6.000", "4.00", "0.50", "4.00", "0.50"]])
         self.assertEqual(drive_tables.mode_table(rows, "ate_sim3").rows[0][3:6], ["0.750", "0.750", "0.375"])
 
     def test_rows_that_are_there_are_not_joined_again(self):

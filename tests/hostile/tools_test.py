@@ -177,6 +177,9 @@ class Tools(unittest.TestCase):
             rows = [(r["traffic"], r["perception"], r["mode"]) for r in csv.DictReader(file)]
         self.assertEqual(rows, [(traffic, *rest) for traffic in ("none", "city") for rest in (
             ("exact", "kys"), ("exact", "stock"), ("poor", "kys"))])
+        table = self.call("experiments/drive_tables.py", self.folder / "o" / "drives.csv")
+        self.assertIn("over stock", table.stdout)
+        self.assertIn("nothing.csv", self.refused("experiments/drive_tables.py", self.folder / "nothing.csv"))
         # A second call has the runs. A missing one is made with its own perception alone.
         self.call(*arguments)
         self.assertEqual(len((programs / "calls").read_text().splitlines()), 2)

@@ -1,4 +1,12 @@
-"""Tables of drives with traffic, from the rows of their runs."""
+#!/usr/bin/env python3
+"""Tables of drives with traffic, from the rows of their runs.
+
+    drive_tables.py DRIVES_CSV [DRIVES_CSV...]
+
+prints the tables of runs that drives.py made: errors over those of `stock` and of `mask`, modes side by
+side, and the same with a free scale. Of a run that is in several files the first one counts.
+"""
+import argparse
 import csv
 import math
 from typing import NamedTuple
@@ -7,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from runs import InputError  # first: it knows where inputs is
-from inputs import reading
+from inputs import reading, run
 from paired import CONFIDENCE, difference, mean
 from tables import Table, show
 
@@ -173,10 +181,11 @@ def ratio_table(rows):
 
 def mode_table(rows, error="ate"):
     """Modes side by side: their mean error, m, by data set, traffic and perception. `verified`, where
-    it ran, over `stock` and over `mask`."""
+    it ran, over `stock` and over `mask`; beside the ATE also with a free scale."""
     modes = list(grouped(rows, lambda r: r.mode))
     stock, mask = Reference(rows, "stock"), Reference(rows, "mask")
     perceptions = list(grouped((r for r in rows if r.mode != "stock"), lambda r: r.perception))
+    errors = ["ate", "ate_sim3"] if error == "ate" else [error]
     lines = []
     for (data, traffic), group in grouped(rows, lambda r: (r.data, r.traffic)).items():
         for perception in perceptions:
@@ -184,8 +193,25 @@ def mode_table(rows, error="ate"):
                                if r.mode == mode and (mode == "stock" or r.perception == perception)]
             verified = of("verified")
             lines.append([data, traffic, perception, *(means(of(m), error)[0] for m in modes),
-                          stock.ratio(verified, error), mask.ratio(verified, error)])
+                          *(r.ratio(verified, e) for e in errors for r in (stock, mask))])
     name = {"ate": "ATE", "ate_sim3": "ATE with a free scale"}[error]
     return Table("drives-modes" + ("" if error == "ate" else "-sim3"),
                  f"Drives with traffic: mean {name}, m, of all modes",
-                 ["data", "traffic", "priors", *modes, "verified over stock", "over mask"], lines)
+                 ["data", "traffic", "priors", *modes, "verified over stock", "over mask",
+                  *(["free scale: over stock", "over mask"] if error == "ate" else [])], lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", metavar="DRIVES_CSV")
+    rows = []
+    for path in parser.parse_args().runs:
+        rows = join_runs(rows, read_runs(path))
+    for table in (ratio_table(rows), mode_table(rows), mode_table(rows, "ate_sim3")):
+        print(table.markdown())
+    return 0
+
+
+if __name__ == "__main__":
+    run(main)
