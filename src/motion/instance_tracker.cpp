@@ -266,11 +266,17 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   for (const kys::Prior& segment : segments) {
     if (find(segment) != nullptr) now.keypoints.try_emplace(segment.instance);
   }
+  states_.clear();
+  if (!frames_.empty() && frames_.front().timestamp == timestamp) {
+    for (const auto& [instance, members] : now.keypoints) {
+      states_.push_back(state_of(instance, members));
+    }
+    return states_;
+  }
   if (!frames_.empty()) {
     follow(now, T_c_w * past.front().inverse(), past.front(), statistics);
     transfer_beliefs(now);
   }
-  states_.clear();
   for (const auto& [instance, members] : now.keypoints) {
     states_.push_back(test_motion(instance, members, now, T_c_w, past));
     update_belief(states_.back(), T_c_w);
@@ -386,14 +392,23 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
   }
 }
 
+/// Without a comparison.
+InstanceState InstanceTracker::state_of(std::int32_t instance,
+                                        const std::vector<std::size_t>& keypoints) const {
+  const Thing& thing = things_.at(instance);
+  InstanceState state;
+  state.instance = instance;
+  state.label = thing.label;
+  state.p_static = thing.p_static;
+  state.keypoints = static_cast<int>(keypoints.size());
+  return state;
+}
+
 InstanceState InstanceTracker::test_motion(std::int32_t instance,
                                            const std::vector<std::size_t>& keypoints,
                                            const Frame& now, const Rigid3& T_c_w,
                                            std::span<const Rigid3> past) const {
-  InstanceState state;
-  state.instance = instance;
-  state.label = things_.at(instance).label;
-  state.keypoints = static_cast<int>(keypoints.size());
+  InstanceState state = state_of(instance, keypoints);
   if (keypoints.empty() || frames_.empty()) return state;
 
   const Followed followed =

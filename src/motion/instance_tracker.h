@@ -81,7 +81,8 @@ class InstanceTracker {
                                                       const Rigid3& T_c_w_expected,
                                                       const Rigid3& T_last_w);
 
-  /// Updates the beliefs from the last frame given to `assign_priors`, after tracking.
+  /// Updates the beliefs from the last frame given to `assign_priors`, after tracking. A frame of
+  /// the same time as the last one shows its picture again: it says nothing, and is not kept.
   /// \param features with the priors `assign_priors` gave
   /// \param segments of the left image; an instance that is known has a state without keypoints too
   /// \param terms landmarks used for its pose; none: the pose is exact
@@ -144,6 +145,8 @@ class InstanceTracker {
   void follow(Frame& now, const Rigid3& T_now_last, const Rigid3& T_last_w,
               kys::Statistics& statistics) const;
   void transfer_beliefs(const Frame& now);
+  [[nodiscard]] InstanceState state_of(std::int32_t instance,
+                                       const std::vector<std::size_t>& keypoints) const;
   [[nodiscard]] InstanceState test_motion(std::int32_t instance,
                                           const std::vector<std::size_t>& keypoints,
                                           const Frame& now, const Rigid3& T_c_w,

@@ -113,7 +113,7 @@ struct Track {
   std::int32_t instance = 0;  // the name under which it was seen last
   std::uint16_t label = 0;
   std::vector<Seen> seen;
-  double timestamp = 0;                              // of the last one
+  double time = 0;                                   // s, of the last one
   Gaussian state;                                    // then
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // m, seen last, in the world
 };
@@ -140,7 +140,7 @@ class Assigner {
     if (!seen.place) return std::nullopt;
     const bool named = track.instance == seen.instance;
     if (!named && track.label != seen.label) return std::nullopt;
-    const double dt = frame.timestamp - track.timestamp;
+    const double dt = frame.taken - track.time;
     const Eigen::Matrix3d& P = track.state.covariance.bottomRightCorner<3, 3>();
     const double gate = options_.gate + options_.gate_growth * dt + dt * std::sqrt(P.trace()) +
                         2 * std::sqrt(seen.place->covariance.trace());
@@ -152,14 +152,14 @@ class Assigner {
   /// m, from where the middle of what is seen of a track should be now.
   [[nodiscard]] static double jump(const Track& track, const ObjectFrame& frame,
                                    const ObservedPlace& seen) {
-    const double dt = frame.timestamp - track.timestamp;
+    const double dt = frame.taken - track.time;
     const Eigen::Vector3d expected = track.centre + dt * track.state.mean.tail<3>();
     return (*frame.T_w_c * seen.centre_c - expected).norm();
   }
 
   void step(std::size_t k) {
     const ObjectFrame& frame = frames_[k];
-    end_old(frame.timestamp);
+    end_old(frame.taken);
     std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;  // cost, track, observation
     for (std::size_t t = 0; t < active_.size(); ++t) {
       for (std::size_t o = 0; o < frame.observations.size(); ++o) {
@@ -208,7 +208,7 @@ class Assigner {
   void wait(std::size_t k, std::size_t o) {
     auto& waiting = waiting_[frames_[k].observations[o].instance];
     if (!waiting.empty() &&
-        frames_[k].timestamp - frames_[waiting.back().frame].timestamp > options_.max_gap) {
+        frames_[k].taken - frames_[waiting.back().frame].taken > options_.max_gap) {
       waiting.clear();
     }
     waiting.push_back({k, o});
@@ -217,7 +217,7 @@ class Assigner {
   void end_old(double now) {
     std::vector<Track> kept;
     for (Track& track : active_) {
-      (now - track.timestamp > options_.max_gap ? ended_ : kept).push_back(std::move(track));
+      (now - track.time > options_.max_gap ? ended_ : kept).push_back(std::move(track));
     }
     active_ = std::move(kept);
   }
@@ -225,8 +225,7 @@ class Assigner {
   void extend(Track& track, std::size_t k, std::size_t o) {
     const ObjectFrame& frame = frames_[k];
     const ObjectObservation& seen = frame.observations[o];
-    track.state =
-        predict(track.state, frame.timestamp - track.timestamp, options_.acceleration_density);
+    track.state = predict(track.state, frame.taken - track.time, options_.acceleration_density);
     waiting_.erase(seen.instance);  // the track stood there: what waited was in its place
     note(track, k, o, frame, seen);
   }
@@ -240,7 +239,7 @@ class Assigner {
       update(track.state, 3, velocity.value, velocity.covariance);
     }
     track.seen.push_back({k, o});
-    track.timestamp = frame.timestamp;
+    track.time = frame.taken;
     track.instance = seen.instance;
     track.label = seen.label;
     track.centre = place.value;
@@ -257,7 +256,7 @@ class Assigner {
     track.identity = identity;
     if (const auto waiting = waiting_.find(seen.instance); waiting != waiting_.end()) {
       const std::size_t last = waiting->second.back().frame;
-      if (frame.timestamp - frames_[last].timestamp <= options_.max_gap) {
+      if (frame.taken - frames_[last].taken <= options_.max_gap) {
         track.seen = std::move(waiting->second);
       }
       waiting_.erase(waiting);
@@ -267,7 +266,7 @@ class Assigner {
     track.state.covariance.topLeftCorner<3, 3>() = place.covariance;
     track.state.covariance.bottomRightCorner<3, 3>().diagonal().setConstant(options_.start_speed *
                                                                             options_.start_speed);
-    track.timestamp = frame.timestamp;
+    track.time = frame.taken;
     note(track, k, o, frame, seen);
     return track;
   }
@@ -307,8 +306,8 @@ Support support_of(std::span<const ObjectFrame> frames, const Track& track) {
   int count = 0;
   for (const Seen& seen : track.seen) {
     if (!is_placed(frames, seen)) continue;
-    if (count++ == 0) support.begin = frames[seen.frame].timestamp;
-    support.end = frames[seen.frame].timestamp;
+    if (count++ == 0) support.begin = frames[seen.frame].taken;
+    support.end = frames[seen.frame].taken;
     support.keypoints += observation(frames, seen).keypoints;
   }
   support.keypoints /= count;
@@ -370,7 +369,7 @@ void join_restarts(std::span<const ObjectFrame> frames, const ObjectTrackOptions
 /// what is unlikely to move at its ends. \param goes_on  it has another part, soon after a restart
 void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options, bool goes_on,
           Track& track) {
-  const auto time = [&](const Seen& seen) { return frames[seen.frame].timestamp; };
+  const auto time = [&](const Seen& seen) { return frames[seen.frame].taken; };
   const auto placed = [&](const Seen& seen) { return is_placed(frames, seen); };
   const auto first = std::find_if(track.seen.begin(), track.seen.end(), placed);
   const auto last = std::find_if(track.seen.rbegin(), track.seen.rend(), placed);
@@ -394,7 +393,7 @@ struct TrackData {
 TrackData data_of(std::span<const ObjectFrame> frames, const Track& track,
                   const ObjectTrackOptions& options) {
   const std::size_t count = track.seen.size();
-  const auto time = [&](std::size_t i) { return frames[track.seen[i].frame].timestamp; };
+  const auto time = [&](std::size_t i) { return frames[track.seen[i].frame].taken; };
   TrackData data;
   for (std::size_t i = 0; i < count; ++i) data.times.push_back(time(i));
   data.velocities.resize(count);
@@ -402,7 +401,7 @@ TrackData data_of(std::span<const ObjectFrame> frames, const Track& track,
     const ObjectFrame& frame = frames[track.seen[i].frame];
     const auto& velocity = observation(frames, track.seen[i]).velocity;
     if (!velocity || !track.seen[i].used) continue;
-    const double middle = frame.timestamp - velocity->span / 2;
+    const double middle = frame.taken - velocity->span / 2;
     std::size_t at = i;
     while (at > 0 && std::abs(time(at - 1) - middle) <= std::abs(time(at) - middle)) --at;
     data.velocities[at].push_back(world_velocity(frame, *velocity, options));

@@ -43,7 +43,7 @@ struct ObjectObservation {
 
 /// One frame of the recording, in order of time.
 struct ObjectFrame {
-  double timestamp = 0;         ///< s
+  double taken = 0;             ///< s, when its picture was taken
   std::optional<Rigid3> T_w_c;  ///< final pose; nothing: the frame is skipped
   std::vector<ObjectObservation> observations;
 };

@@ -44,10 +44,10 @@ ObjectObservation observe(const InstanceState& state, double step, bool doubtful
 
 }  // namespace
 
-void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) {
-  const double step = frames_.empty() ? 0.0 : timestamp - frames_.back().timestamp;
+void ObjectLog::add(double taken, std::span<const InstanceState> instances) {
+  const double step = frames_.empty() ? 0.0 : taken - frames_.back().taken;
   ObjectFrame& frame = frames_.emplace_back();
-  frame.timestamp = timestamp;
+  frame.taken = taken;
   for (const InstanceState& state : instances) {
     const double p_moving = 1 - state.p_static;
     const bool doubtful =
@@ -55,9 +55,9 @@ void ObjectLog::add(double timestamp, std::span<const InstanceState> instances) 
     const bool unlikely = doubtful && p_moving < options_.keep_probability;
     // What stands makes most of the instances: they are kept only where they can be in a track.
     if (!unlikely) {
-      last_likely_[state.instance] = timestamp;
+      last_likely_[state.instance] = taken;
     } else if (const auto last = last_likely_.find(state.instance);
-               last == last_likely_.end() || timestamp - last->second > options_.tracks.max_gap) {
+               last == last_likely_.end() || taken - last->second > options_.tracks.max_gap) {
       continue;
     }
     frame.observations.push_back(observe(state, step, doubtful));

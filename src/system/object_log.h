@@ -32,8 +32,9 @@ class ObjectLog {
   explicit ObjectLog(const ObjectOptions& options) : options_(checked(options)) {}
 
   /// Adds the next frame.
+  /// \param taken  s, when its picture was taken; that of the frame before for a repeated picture
   /// \param instances of the frame; empty when it has no pose
-  void add(double timestamp, std::span<const InstanceState> instances);
+  void add(double taken, std::span<const InstanceState> instances);
   /// Objects over all frames. \param trajectory  one estimate per frame added
   [[nodiscard]] std::vector<ObjectEstimate> objects(
       std::span<const FrameEstimate> trajectory) const;

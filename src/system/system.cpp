@@ -350,7 +350,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     s.observe(report, *seen.features, tracked.instances);
   }
   s.frame_poses.add(tracked.pose);
-  s.objects.add(frame.timestamp, tracked.instances);
+  s.objects.add(tracked.taken, tracked.instances);
   if (tracked.keyframe && s.options.control.blend_poses) {
     s.frame_poses.close(tracked.keyframe->id, s.tracker);
   }

@@ -45,7 +45,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
     const std::optional<ExpectedPose> motion = expected_pose(taken);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
     std::vector<kys::Prior> priors =
-        instances_->assign_priors(input.timestamp, *features, expected, T_last_w);
+        instances_->assign_priors(taken, *features, expected, T_last_w);
     features = std::make_shared<const FrameFeatures>(features->with_priors(std::move(priors)));
   }
   if (options_.align && input.left != nullptr) {
@@ -65,10 +65,12 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
 }
 
 /// A repeated picture shows what the camera saw before: the next one shows what it has done since.
+/// No picture is taken before one that was there earlier.
 double Tracker::taken_at(const TrackerInput& input) {
   const double time = clock_.time_of(input.timestamp);
+  if (!last_) return time;
   const bool repeated = repeats_ > 0 && repeats_ <= kMostRepeats;
-  return repeated ? last_->taken : time;
+  return repeated ? last_->taken : std::max(time, last_->taken);
 }
 
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,
@@ -86,6 +88,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   repeats_ = repeated ? repeats_ + 1 : 0;
   if (repeats_ > kMostRepeats && velocity_) velocity_->T_c_last = Rigid3();
   Frame frame = make_frame(input);
+  result.taken = frame.taken;
   if (!last_) {
     if (replica_.keyframes().empty()) {
       start_map(frame, result);
@@ -136,6 +139,7 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   // The back end was waited for: it may have moved the map since track().
   if (last_) refresh_last_frame();
   Frame frame = make_frame(input);
+  result.taken = frame.taken;
   frame.T_c_w = place.T_c_w;
   if (submap(place.reference) == submap(reference_) && !is_possible(frame, result)) return result;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
@@ -170,6 +174,7 @@ bool Tracker::can_start(const FrameFeatures& features) const {
 TrackResult Tracker::start_submap(const TrackerInput& input) {
   TrackResult result;
   Frame frame = make_frame(input);
+  result.taken = frame.taken;
   const KeyFrameId before = std::exchange(reference_, KeyFrameId{});
   start_map(frame, result);
   if (result.status != TrackingStatus::kStarted) reference_ = before;
@@ -212,6 +217,8 @@ void Tracker::keep_as_last(Frame frame, TrackResult& result) {
     velocity_.reset();
   }
   if (instances_) {
+    // The tracker of instances keeps one frame of a picture that is repeated.
+    if (!judged_.empty() && last_ && last_->taken == frame.taken) judged_.pop_front();
     judged_.push_front(frame.pose);
     judged_.resize(std::min(judged_.size(), instances_->frames_kept()));
   }
@@ -233,7 +240,7 @@ void Tracker::judge_instances(Frame& frame, TrackResult& result) {
   }
   std::vector<Rigid3> past;
   for (const FramePose& pose : judged_) past.push_back(current_pose(pose));
-  result.instances = instances_->judge(frame.timestamp, frame.features, frame.segments, frame.T_c_w,
+  result.instances = instances_->judge(frame.taken, frame.features, frame.segments, frame.T_c_w,
                                        terms, past, result.statistics);
   bool changed = false;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {

@@ -81,6 +81,20 @@ class Street {
 
   /// \param with_file false: there is none for this frame. Returns its priors as believed.
   std::vector<kys::Prior> frame(bool with_file = true) {
+    std::vector<kys::Prior> believed = film(with_file);
+    ++frames_;
+    return believed;
+  }
+  /// The camera gives its last picture again.
+  void repeat() {
+    --frames_;
+    past_.erase(past_.begin());  // the picture is there once
+    film(true);
+    ++frames_;
+  }
+
+ private:
+  std::vector<kys::Prior> film(bool with_file) {
     const Rigid3 T_c_w = Rigid3(Eigen::Quaterniond::Identity(), {0, 0, -0.8 * frames_}) *
                          Rigid3(turn_, {0, 0, 0}).inverse();
     FeatureSet set;
@@ -120,10 +134,10 @@ class Street {
                              past_, statistics);
     past_.insert(past_.begin(), T_c_w);
     past_.resize(std::min(past_.size(), tracker_.frames_kept()));
-    ++frames_;
     return believed;
   }
 
+ public:
   /// The world turns, as after a loop.
   void turn_world(const Eigen::Quaterniond& R_new_old) {
     turn_ = R_new_old * turn_;
@@ -182,6 +196,32 @@ TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
   EXPECT_GT(car->matches, 30);
   EXPECT_NEAR(car->motion.motion[5] / car->span, 7.0, 0.2);
   EXPECT_NEAR(car->motion.centre.z(), 12 - 0.1 * 6, 1.0);
+}
+
+TEST(InstanceTracker, APictureThatIsRepeatedDoesNotStopWhatMoves) {
+  Street once, often;
+  for (int i = 0; i < 8; ++i) {
+    once.frame();
+    often.frame();
+    if (i % 2 == 0) continue;
+    for (int k = 0; k < 2; ++k) {
+      often.repeat();
+      const InstanceState* car = often.state(kDriving);
+      ASSERT_NE(car, nullptr);
+      EXPECT_GT(car->keypoints, 30);
+      EXPECT_EQ(car->span, 0);
+      EXPECT_EQ(car->p_static, once.tracker().p_static(kDriving));
+    }
+  }
+  for (const std::int32_t instance : {kDriving, kParked}) {
+    EXPECT_EQ(often.tracker().log_odds(instance), once.tracker().log_odds(instance));
+  }
+  once.frame();
+  often.frame();
+  const InstanceState* car = often.state(kDriving);
+  ASSERT_NE(car, nullptr);
+  EXPECT_EQ(car->span, once.state(kDriving)->span);
+  EXPECT_NEAR(car->motion.motion[5] / car->span, 7.0, 0.2);
 }
 
 TEST(InstanceTracker, AFileThatChangesItsMindIsHeardAtOnce) {

@@ -55,7 +55,7 @@ ObjectObservation seen(const Thing& thing, int frame, std::mt19937& random,
 std::vector<ObjectFrame> empty_frames(int count) {
   std::vector<ObjectFrame> frames(static_cast<std::size_t>(count));
   for (int k = 0; k < count; ++k) {
-    frames[static_cast<std::size_t>(k)].timestamp = kStep * k;
+    frames[static_cast<std::size_t>(k)].taken = kStep * k;
     frames[static_cast<std::size_t>(k)].T_w_c = camera_at(k);
   }
   return frames;

@@ -401,12 +401,14 @@ TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenPictures) {
   const auto repeated = see(world_, 2, weaving_pose(2 * kStep)).features;
   const TrackResult same = tracker_.track({3, 0.3, repeated, nullptr, true}, 0);
   ASSERT_EQ(same.status, TrackingStatus::kTracked) << same.reason;
+  EXPECT_EQ(same.taken, 0.2);
   EXPECT_LT((same.T_c_w.inverse().t() - truth(2 * kStep).t()).norm(), 2e-3);
   for (int i = 4; i < 6; ++i) {
     const TrackResult result = track_world(i, kStep * i);
     ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
     EXPECT_EQ(result.reason, "motion model") << i;
     EXPECT_FALSE(result.jumped) << i;
+    EXPECT_EQ(result.taken, 0.1 * i);
     EXPECT_LT((result.T_c_w.inverse().t() - truth(kStep * i).t()).norm(), 0.01) << i;
   }
 }
@@ -620,6 +622,34 @@ TEST_F(TrackerWithPriors, FeaturesToRelocaliseHaveBeliefs) {
         !model.admits(tracker.with_beliefs(flagged)->prior(0), kys::Context::kTemporal);
     EXPECT_EQ(gated, mode == kys::Mode::kKys);
     EXPECT_EQ(tracker.with_belief(flagged->prior(0)), tracker.with_beliefs(flagged)->prior(0));
+  }
+}
+
+/// Everything in view is on one thing. It is compared with earlier pictures, over the time since
+/// the camera took them: a whole number of steps, whatever the time stamps.
+TEST_F(TrackerWithPriors, ThingsAreJudgedByTheTimesOfPictures) {
+  const kys::LabelSpace space = kys::load_label_space("coco_panoptic_133");
+  kys::ModeOptions options;
+  options.mode = kys::Mode::kVerified;
+  const kys::DistanceModel model(options, space);
+  Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model,
+                  kys::InitialBelief({}, space));
+  const kys::Prior thing = kys::make_prior(space.index_of("suitcase"), 70000, 1, 0, false);
+  const auto track_thing = [&](int index, double time, double metres, bool repeated) {
+    const auto seen = labelled(*see(world_, index, weaving_pose(metres)).features, thing);
+    return tracker.track({index, time, seen, nullptr, repeated}, 0);
+  };
+  // Every third stamp is 40 ms late; the picture of frame 21 is there twice.
+  for (int i = 0; i < 25; ++i) {
+    const bool repeated = i == 22;
+    const TrackResult result =
+        track_thing(i, 0.1 * i + 0.04 * (i % 3 == 2 ? 1 : 0), 0.3 * (repeated ? 21 : i), repeated);
+    ASSERT_NE(result.status, TrackingStatus::kLost) << i << ": " << result.reason;
+    ASSERT_EQ(result.instances.size(), 1u);
+    if (i < 18) continue;  // the clock has to see some stamps first
+    const double steps = result.instances[0].span / 0.1;
+    EXPECT_NEAR(steps, std::round(steps), 0.2) << i;
+    EXPECT_EQ(steps == 0, repeated) << i;
   }
 }
 
