@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <deque>
+#include <optional>
 #include <vector>
 
 namespace kys_slam {
@@ -19,11 +20,29 @@ class PictureClock {
   /// be asked for again.
   double time_of(double stamp) {
     if (stamps_.empty() || stamp > stamps_.back().time) add(stamp);
+    period_ = 0;
     if (stamps_.size() == 1) return stamp;
     const Line now = line();
+    if (deviation(now) > kRegular * now.period) return stamp;
+    period_ = now.period;
     const double expected = now.at(stamps_.back().number);
-    const bool is_good = std::abs(stamp - expected) <= kTolerance * now.period;
-    return is_good || deviation(now) > kRegular * now.period ? stamp : expected;
+    return std::abs(stamp - expected) <= kTolerance * now.period ? stamp : expected;
+  }
+
+  /// How many steps of the camera an interval (s) between two pictures is: a whole number, at least
+  /// 1. Nothing without a constant rate.
+  [[nodiscard]] std::optional<double> steps_in(double interval) const {
+    if (period_ <= 0) return std::nullopt;
+    return std::max(1.0, std::round(interval / period_));
+  }
+
+  /// How many times as long as a step of `before` (s) one of `interval` (s) is. The jitter of time
+  /// stamps is larger than real changes of the velocity: steps have other lengths only where
+  /// pictures are missing.
+  [[nodiscard]] double ratio(double interval, double before) const {
+    if (const auto steps = steps_in(interval)) return *steps / *steps_in(before);
+    const double times = interval / before;
+    return times < kMissing && times > 1 / kMissing ? 1 : times;
   }
 
  private:
@@ -33,6 +52,9 @@ class PictureClock {
   // Periods; a larger deviation from the line is that of a camera without a constant rate. Times
   // that have nothing to do with the line deviate by 0.29 periods from the nearest number.
   static constexpr double kRegular = 0.2;
+  // A step that takes this many times as long as another, of a camera without a constant rate: a
+  // picture is missing.
+  static constexpr double kMissing = 1.5;
 
   struct Stamp {
     double number = 0;  // of the picture
@@ -115,6 +137,7 @@ class PictureClock {
   }
 
   std::deque<Stamp> stamps_;
+  double period_ = 0;  // s, with the last stamp; 0: no constant rate
 };
 
 }  // namespace kys_slam

@@ -47,9 +47,6 @@ constexpr double kHeldShare = 0.15;
 // s; impossible motions are detected for this long while frames are lost.
 constexpr double kLongestCheck = 1;
 
-// A step that takes this many times as long as another: a picture is missing.
-constexpr double kMissing = 1.5;
-
 // s; oldest velocity that is used at the start of a sub-map.
 constexpr double kOldestVelocity = 2;
 
@@ -147,13 +144,9 @@ std::optional<ExpectedPose> Tracker::expected_pose(double taken, double longest)
   if (age > kOldestVelocity) return std::nullopt;
   const double before = velocity_->interval;
   if (interval <= 0) return ExpectedPose{last_->T_c_w, before * (before + age)};
-  // The jitter of time stamps is larger than real changes of the velocity: the step has another
-  // length only when pictures are missing, now or before.
   const Rigid3& step = velocity_->T_c_last;
-  const double times = interval / before;
-  if (times < kMissing && times > 1 / kMissing) {
-    return ExpectedPose{step * last_->T_c_w, interval * (interval + age)};
-  }
+  const double times = clock_.ratio(interval, before);
+  if (times == 1) return ExpectedPose{step * last_->T_c_w, interval * (interval + age)};
   if (options_.acceleration <= 0) return std::nullopt;
   // The velocity is that of the middle of the step before.
   const double reach = interval * ((interval + before) / 2 + age);
@@ -165,7 +158,9 @@ std::optional<ExpectedPose> Tracker::expected_pose(double taken, double longest)
 bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
   const ExpectedPose expected = *expected_pose(frame.taken);
   // Pictures may be missing between two frames.
-  const double steps = std::round((frame.taken - last_->taken) / velocity_->interval);
+  const double interval = frame.taken - last_->taken;
+  const double steps =
+      clock_.steps_in(interval).value_or(std::round(interval / velocity_->interval));
   const auto since =
       static_cast<float>(std::max(static_cast<double>(frame.index - last_->index), steps));
   const float radius = options_.motion_radius * std::min(since, 3.0f);

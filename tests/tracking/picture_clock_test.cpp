@@ -74,6 +74,42 @@ TEST(PictureClock, MissingPicturesCountInJitterToo) {
   EXPECT_EQ(wrong_intervals(times_of(recording.stamps), recording.taken, 30), 0);
 }
 
+TEST(PictureClock, IntervalsAreWholeSteps) {
+  const Recording recording = record(0.15, 4, 5);
+  PictureClock clock;
+  double last = clock.time_of(recording.stamps[0]);
+  EXPECT_FALSE(clock.steps_in(kPeriod));
+  for (std::size_t i = 1; i < recording.stamps.size(); ++i) {
+    const double time = clock.time_of(recording.stamps[i]);
+    if (i >= 30) {
+      const double steps = (recording.taken[i] - recording.taken[i - 1]) / kPeriod;
+      EXPECT_EQ(clock.steps_in(time - last), std::round(steps)) << i;
+    }
+    last = time;
+  }
+  EXPECT_EQ(clock.steps_in(0.1 * kPeriod), 1);
+}
+
+/// Of one to four pictures; an error of 0.2 periods changes no ratio.
+TEST(PictureClock, StepsOfMorePicturesAreLonger) {
+  PictureClock clock;
+  for (int i = 0; i < 30; ++i) clock.time_of(kPeriod * i + 0.01 * (i % 2));
+  for (const double before : {1, 2, 3, 4}) {
+    for (const double now : {1, 2, 3, 4}) {
+      EXPECT_DOUBLE_EQ(clock.ratio((now + 0.2) * kPeriod, (before - 0.2) * kPeriod), now / before);
+      EXPECT_DOUBLE_EQ(clock.ratio((now - 0.2) * kPeriod, (before + 0.2) * kPeriod), now / before);
+    }
+  }
+}
+
+TEST(PictureClock, WithoutARateStepsAreAsLongAsTheirTime) {
+  const PictureClock clock;
+  EXPECT_EQ(clock.ratio(0.14, 0.1), 1);
+  EXPECT_EQ(clock.ratio(0.07, 0.1), 1);
+  EXPECT_DOUBLE_EQ(clock.ratio(0.16, 0.1), 1.6);
+  EXPECT_DOUBLE_EQ(clock.ratio(0.06, 0.1), 0.6);
+}
+
 TEST(PictureClock, TheLastStampCanBeAskedForAgain) {
   PictureClock once;
   PictureClock twice;
@@ -104,6 +140,13 @@ TEST(PictureClock, WithoutARateTheStampsCount) {
   int other = 0;
   for (std::size_t i = 0; i < times.size(); ++i) other += times[i] != stamps[i] ? 1 : 0;
   EXPECT_LT(other, 20);
+  PictureClock clock;
+  int regular = 0;
+  for (const double stamp : stamps) {
+    clock.time_of(stamp);
+    regular += clock.steps_in(1) ? 1 : 0;
+  }
+  EXPECT_LT(regular, 60);
 }
 
 TEST(PictureClock, ALongGapBeginsAnew) {
