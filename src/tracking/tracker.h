@@ -156,6 +156,7 @@ class Tracker {
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
+  bool predict_by_points(Frame& frame, TrackResult& result);
   [[nodiscard]] bool others_move_along(const Frame& frame,
                                        const std::vector<LandmarkId>& matched) const;
   void replace_misfit(Frame& frame, TrackResult& result);
@@ -177,6 +178,8 @@ class Tracker {
   int refine_pose(Frame& frame, TrackResult& result, bool expects = true) const;
   [[nodiscard]] StereoPixel pixel_of(const Frame& frame, std::size_t feature,
                                      const LandmarkView& landmark) const;
+  [[nodiscard]] StereoPixel pixel_of(const Frame& frame, std::size_t feature,
+                                     std::size_t observations) const;
   [[nodiscard]] PoseObservation observation(const Frame& frame, std::size_t feature,
                                             const LandmarkView& landmark) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
@@ -200,6 +203,7 @@ class Tracker {
   }
   // s; the motion model predicts for this long while frames are lost.
   static constexpr double kLongestGuess = 0.5;
+  static constexpr float kMostSteps = 3;  // that widen the search around an expected pixel
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double taken,
                                                           double longest = kLongestGuess) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;

@@ -73,8 +73,10 @@ double distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
 }  // namespace
 
 bool Tracker::predict(Frame& frame, TrackResult& result) {
-  if (!expected_pose(frame.taken) || !predict_by_motion(frame, result)) {
-    return predict_by_reference(frame, result) && is_possible(frame, result);
+  const bool expects = expected_pose(frame.taken).has_value();
+  if (!expects || !predict_by_motion(frame, result)) {
+    if (predict_by_reference(frame, result) && is_possible(frame, result)) return true;
+    return expects && options_.acceleration > 0 && predict_by_points(frame, result);
   }
   result.jumped = impossible_;
   if (impossible_ && replace_jump(frame, result)) return true;
@@ -163,7 +165,7 @@ bool Tracker::predict_by_motion(Frame& frame, TrackResult& result) {
       clock_.steps_in(interval).value_or(std::round(interval / velocity_->interval));
   const auto since =
       static_cast<float>(std::max(static_cast<double>(frame.index - last_->index), steps));
-  const float radius = options_.motion_radius * std::min(since, 3.0f);
+  const float radius = options_.motion_radius * std::min(since, kMostSteps);
   frame.T_c_w = expected.T_c_w;
   int matches = match_last_frame(frame, radius, result);
   if (matches < options_.min_motion_matches) {
@@ -304,9 +306,14 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
 /// A feature as an observation of a landmark; includes the noise of the landmark's position.
 StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
                               const LandmarkView& landmark) const {
+  return pixel_of(frame, feature, std::max<std::size_t>(1, landmark.observers.size()));
+}
+
+StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
+                              std::size_t observations) const {
   StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
-  const double observations = std::max<double>(1, static_cast<double>(landmark.observers.size()));
-  pixel.inv_sigma /= static_cast<float>(std::sqrt(1 + options_.landmark_noise / observations));
+  const double noise = options_.landmark_noise / static_cast<double>(observations);
+  pixel.inv_sigma /= static_cast<float>(std::sqrt(1 + noise));
   return pixel;
 }
 
@@ -407,7 +414,10 @@ const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
 }
 
 bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
-  const LocalMap local = local_map_gatherer_.gather(replica_, frame.landmarks);
+  // Without landmarks the pose comes from other points of the last frame.
+  const bool by_points = frame.landmark_count() == 0 && last_;
+  const LocalMap local =
+      local_map_gatherer_.gather(replica_, by_points ? last_->landmarks : frame.landmarks);
   if (local.reference.valid()) reference_ = local.reference;
   const std::vector<LandmarkId> predicted = frame.landmarks;
   match_local_landmarks(frame, local, result);

@@ -306,7 +306,9 @@ TEST_F(TrackerTest, AnotherPlaceIsLostWithAReasonAndFoundAgain) {
       4, std::make_shared<const FrameFeatures>(testing::kitti_camera(), FeatureSet{},
                                                std::vector<float>{}, std::vector<kys::Prior>{}));
   EXPECT_EQ(nothing.status, TrackingStatus::kLost);
-  EXPECT_EQ(nothing.reason, "motion model: 0 matches; reference keyframe: 0 matches");
+  EXPECT_EQ(nothing.reason,
+            "motion model: 0 matches; reference keyframe: 0 matches; points of the last frame: 0 "
+            "inliers");
 
   const TrackResult again = track_world(5, 2.0);
   EXPECT_EQ(again.status, TrackingStatus::kTracked);
@@ -350,6 +352,45 @@ TEST_F(TrackerTest, FewInliersSufficeAtTheExpectedPose) {
   EXPECT_LT(result.inliers, 0.4 * result.matches) << "the test needs wrong matches";
   EXPECT_LT(result.inliers, TrackerOptions().min_local_inliers);
   EXPECT_LT((result.T_c_w.inverse().t() - truth(5).t()).norm(), 0.03);
+}
+
+/// Features of the frame that `keep` says yes to; with `worn` their descriptors are 60 bits off.
+template <typename Keep>
+void add_features(const FrameFeatures& from, bool worn, const Keep& keep, FeatureSet& set,
+                  std::vector<float>& u_right) {
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    kys::Descriptor descriptor = from.descriptor(i);
+    if (!keep(descriptor)) continue;
+    if (worn) descriptor.words[1] ^= (std::uint64_t{1} << 60) - 1;
+    set.keypoints.push_back(from.keypoint(i));
+    set.descriptors.push_back(descriptor);
+    u_right.push_back(from.u_right(i));
+  }
+}
+
+/// The last frame was no keyframe and shares no landmark with the next one, but points that are in
+/// no keyframe. The map's landmarks look too different to be found without a prediction.
+TEST_F(TrackerTest, PointsOfTheLastFrameGiveAPoseWhenItsLandmarksAreGone) {
+  const FeatureWorld others = world(5);
+  const auto frame_of = [&](std::int64_t index, double metres, std::uint64_t parity, bool worn) {
+    FeatureSet set;
+    std::vector<float> u_right;
+    const auto half = [&](const kys::Descriptor& d) { return d.words[0] % 2 == parity; };
+    const auto few = [](const kys::Descriptor& d) { return d.words[0] % 8 == 0; };
+    add_features(*see(world_, index, weaving_pose(metres)).features, worn, half, set, u_right);
+    add_features(*see(others, index, weaving_pose(metres)).features, false, few, set, u_right);
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(set),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  };
+  track_world(0, 0);
+  track_world(1, 0.5);
+  const TrackResult last = track(2, frame_of(2, 1, 0, false), 100);
+  ASSERT_EQ(last.status, TrackingStatus::kTracked) << last.reason;
+  ASSERT_FALSE(last.keyframe) << "the test needs points without landmarks";
+  const TrackResult result = track(3, frame_of(3, 1.5, 1, true));
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_NE(result.reason.find("points of the last frame"), std::string::npos) << result.reason;
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(1.5).t()).norm(), 0.02);
 }
 
 /// The pose before a loss may be wrong, or of another sub-map.
