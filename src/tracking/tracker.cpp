@@ -37,9 +37,9 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
   }
 }
 
-Tracker::Frame Tracker::make_frame(const TrackerInput& input) {
+Tracker::Frame Tracker::make_frame(const TrackerInput& input, TrackResult& result) {
   std::shared_ptr<const FrameFeatures> features = input.features;
-  const double taken = taken_at(input);
+  const double taken = result.taken = taken_at(input);
   if (instances_) {
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
     const std::optional<ExpectedPose> motion = expected_pose(taken);
@@ -87,8 +87,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   const bool repeated = last_ && input.repeated && last_->index + 1 == input.index;
   repeats_ = repeated ? repeats_ + 1 : 0;
   if (repeats_ > kMostRepeats && velocity_) velocity_->T_c_last = Rigid3();
-  Frame frame = make_frame(input);
-  result.taken = frame.taken;
+  Frame frame = make_frame(input, result);
   if (!last_) {
     if (replica_.keyframes().empty()) {
       start_map(frame, result);
@@ -138,8 +137,7 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   Stopwatch watch;
   // The back end was waited for: it may have moved the map since track().
   if (last_) refresh_last_frame();
-  Frame frame = make_frame(input);
-  result.taken = frame.taken;
+  Frame frame = make_frame(input, result);
   frame.T_c_w = place.T_c_w;
   if (submap(place.reference) == submap(reference_) && !is_possible(frame, result)) return result;
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
@@ -173,8 +171,7 @@ bool Tracker::can_start(const FrameFeatures& features) const {
 
 TrackResult Tracker::start_submap(const TrackerInput& input) {
   TrackResult result;
-  Frame frame = make_frame(input);
-  result.taken = frame.taken;
+  Frame frame = make_frame(input, result);
   const KeyFrameId before = std::exchange(reference_, KeyFrameId{});
   start_map(frame, result);
   if (result.status != TrackingStatus::kStarted) reference_ = before;

@@ -149,7 +149,7 @@ class Tracker {
     }
   };
 
-  Frame make_frame(const TrackerInput& input);
+  Frame make_frame(const TrackerInput& input, TrackResult& result);
   double taken_at(const TrackerInput& input);
   void start_map(Frame& frame, TrackResult& result);
   bool finish_tracked(Frame frame, int waiting, TrackResult& result);
@@ -182,6 +182,9 @@ class Tracker {
                                      std::size_t observations) const;
   [[nodiscard]] PoseObservation observation(const Frame& frame, std::size_t feature,
                                             const LandmarkView& landmark) const;
+  [[nodiscard]] PoseObservation observation(const Frame& frame, std::size_t feature,
+                                            const Eigen::Vector3d& p_w,
+                                            std::size_t observations) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
   [[nodiscard]] int count_addable(const Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;

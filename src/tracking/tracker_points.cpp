@@ -28,15 +28,10 @@ bool Tracker::predict_by_points(Frame& frame, TrackResult& result) {
     if (p_c.z() <= 0) continue;
     const Eigen::Vector3d pixel = camera_.project_stereo(p_c);
     if (!camera_.in_image(pixel.x(), pixel.y())) continue;
-    SearchQuery query;
-    query.u = static_cast<float>(pixel.x());
-    query.v = static_cast<float>(pixel.y());
-    query.u_right = static_cast<float>(pixel.z());
+    SearchQuery query = query_for_feature(last, i, pixel, scales_);
     query.radius = radius * scales_.scale[seen.octave];
     query.min_octave = 0;
     query.max_octave = scales_.levels() - 1;
-    query.angle = seen.angle;
-    query.descriptor = &last.descriptor(i);
     query.prior = &priors.emplace_back(with_belief(last.prior(i)));
     queries.push_back(query);
     points.push_back(p_w);
@@ -55,9 +50,7 @@ bool Tracker::predict_by_points(Frame& frame, TrackResult& result) {
     if (matches[q].feature < 0) continue;
     const auto i = static_cast<std::size_t>(matches[q].feature);
     const kys::Prior& prior = frame.features->prior(i);
-    const StereoPixel pixel = pixel_of(frame, i, 1);
-    observations.push_back(
-        {points[q], pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio});
+    observations.push_back(observation(frame, i, points[q], 1));
     observations.back().share = std::min(belief(*queries[q].prior), belief(prior));
     if (options_.consensus.by_class) votes.push_back(vote(prior, *queries[q].prior));
     matched.emplace_back(i, landmarks[q]);

@@ -306,21 +306,28 @@ bool Tracker::predict_by_descriptor(Frame& frame, const Unpredicted& asked, Trac
 /// A feature as an observation of a landmark; includes the noise of the landmark's position.
 StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
                               const LandmarkView& landmark) const {
-  return pixel_of(frame, feature, std::max<std::size_t>(1, landmark.observers.size()));
+  return pixel_of(frame, feature, landmark.observers.size());
 }
 
 StereoPixel Tracker::pixel_of(const Frame& frame, std::size_t feature,
                               std::size_t observations) const {
   StereoPixel pixel = frame.features->stereo_pixel(feature, scales_);
-  const double noise = options_.landmark_noise / static_cast<double>(observations);
+  const double count = std::max<double>(1, static_cast<double>(observations));
+  const double noise = options_.landmark_noise / count;
   pixel.inv_sigma /= static_cast<float>(std::sqrt(1 + noise));
   return pixel;
 }
 
 PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
                                      const LandmarkView& landmark) const {
-  const StereoPixel pixel = pixel_of(frame, feature, landmark);
-  return {landmark.p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio};
+  return observation(frame, feature, landmark.p_w, landmark.observers.size());
+}
+
+/// Of a point with that many observations.
+PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
+                                     const Eigen::Vector3d& p_w, std::size_t observations) const {
+  const StereoPixel pixel = pixel_of(frame, feature, observations);
+  return {p_w, pixel.u, pixel.v, pixel.u_right, pixel.inv_sigma, 1, pixel.ratio};
 }
 
 /// Pose from the frame's landmarks; outliers lose their landmark. Returns the number of inliers.

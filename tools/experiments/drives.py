@@ -55,7 +55,6 @@ class Drive:
         self.name = "-".join(map(str, self.labels))
         self.file = os.path.join(options.output, "features",
                                  self.name + "-" + hashlib.sha256(key.encode()).hexdigest()[:8])
-        self.perception = perception
         self.command = [simulator, *arguments]  # all but the perception and the output
         self.jobs = []  # (mode, command, folder) of its runs
 
@@ -73,13 +72,11 @@ def make_features(drives, announce):
     """Makes the files that are not there, of drives that differ in perception only: they have the
     same features, which are simulated once."""
     missing = [drive for drive in drives if not os.path.exists(drive.file)]
-    if not missing:
-        return
     announce(", ".join(drive.name for drive in missing) + ": simulating")
     outputs = [word for drive in missing for word in ("--output", drive.file)]
     os.makedirs(os.path.dirname(missing[0].file), exist_ok=True)
     _, printed = call([*missing[0].command, "--perception",
-                       ",".join(drive.perception for drive in missing), *outputs])
+                       ",".join(drive.labels[2] for drive in missing), *outputs])
     for drive in missing:
         write_text(drive.file + ".log", printed)
 
@@ -129,8 +126,8 @@ def run_drive(drive, later, options, announce):
     for mode, command, folder in drive.jobs:
         try:
             if not finished(command, folder):
-                make_features([drive, *(other for other in later if not all_finished(other))],
-                              announce)
+                if not os.path.exists(drive.file):
+                    make_features([drive, *(d for d in later if not all_finished(d))], announce)
                 announce(f"{drive.name}: {mode}")
             errors = figures_of(drive, command, folder, options)
             folders[mode] = folder
