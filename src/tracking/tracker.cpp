@@ -10,9 +10,6 @@
 namespace kys_slam {
 namespace {
 
-// A camera that gives a picture more often than that stands still.
-constexpr int kMostRepeats = 3;
-
 int count_stereo(const FrameFeatures& features) {
   int stereo = 0;
   for (std::size_t i = 0; i < features.size(); ++i) stereo += features.has_stereo(i) ? 1 : 0;
@@ -65,12 +62,16 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input, TrackResult& resul
 }
 
 /// A repeated picture shows what the camera saw before: the next one shows what it has done since.
-/// No picture is taken before one that was there earlier.
+/// A camera that gives the same one for longer stands still. No picture is taken before one that
+/// was there earlier.
 double Tracker::taken_at(const TrackerInput& input) {
   const double time = clock_.time_of(input.timestamp);
   if (!last_) return time;
-  const bool repeated = repeats_ > 0 && repeats_ <= kMostRepeats;
-  return repeated ? last_->taken : std::max(time, last_->taken);
+  if (input.repeated && last_->index + 1 == input.index) {
+    if (time - last_->taken <= kLongestGuess) return last_->taken;
+    if (velocity_) velocity_->T_c_last = Rigid3();
+  }
+  return std::max(time, last_->taken);
 }
 
 void Tracker::continue_map(std::uint32_t keyframe_id_end, std::uint32_t landmark_id_end,
@@ -84,9 +85,6 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
   TrackResult result;
   Stopwatch watch;
   if (last_) refresh_last_frame();
-  const bool repeated = last_ && input.repeated && last_->index + 1 == input.index;
-  repeats_ = repeated ? repeats_ + 1 : 0;
-  if (repeats_ > kMostRepeats && velocity_) velocity_->T_c_last = Rigid3();
   Frame frame = make_frame(input, result);
   if (!last_) {
     if (replica_.keyframes().empty()) {

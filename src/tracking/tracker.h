@@ -204,7 +204,7 @@ class Tracker {
   [[nodiscard]] bool is_believed_static(const kys::Prior& prior) const {
     return !instances_ || model_->admits(instances_->with_belief(prior), kys::Context::kTemporal);
   }
-  // s; the motion model predicts for this long while frames are lost.
+  // s; the motion model predicts for this long while frames are lost or a picture is repeated.
   static constexpr double kLongestGuess = 0.5;
   static constexpr float kMostSteps = 3;  // that widen the search around an expected pixel
   [[nodiscard]] std::optional<ExpectedPose> expected_pose(double taken,
@@ -236,7 +236,6 @@ class Tracker {
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
   PictureClock clock_;
-  int repeats_ = 0;       // successive frames with the same image as the one before
   KeyFrameId reference_;  // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;
   KeyFrameId first_keyframe_;  // of the sub-map being tracked, or at which tracking resumed

@@ -454,6 +454,28 @@ TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenPictures) {
   }
 }
 
+/// A camera with a high rate repeats a picture many times in half a second: it may go on meanwhile.
+/// Whoever shows the same for longer stands still.
+TEST_F(TrackerTest, ARepeatedPictureStopsTheCameraAfterHalfASecond) {
+  const auto track_step = [&](int index, double metres, bool repeated = false) {
+    const auto seen = see(world_, index, weaving_pose(metres)).features;
+    return tracker_.track({index, 0.05 * index, seen, nullptr, repeated}, 0);
+  };
+  int i = 0;
+  for (; i < 4; ++i) track_step(i, 0.5 * i);
+  for (; i < 12; ++i) EXPECT_EQ(track_step(i, 1.5, true).taken, 0.05 * 3) << i;
+  TrackResult result = track_step(i, 0.5 * i);
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_EQ(result.reason, "motion model");
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(0.5 * i).t()).norm(), 0.01);
+  for (++i; i < 24; ++i) result = track_step(i, 6, true);
+  EXPECT_GT(result.taken, 1);
+  result = track_step(i, 6.2);
+  ASSERT_EQ(result.status, TrackingStatus::kTracked) << result.reason;
+  EXPECT_EQ(result.reason, "motion model");
+  EXPECT_LT((result.T_c_w.inverse().t() - truth(6.2).t()).norm(), 0.01);
+}
+
 /// The same where the recording has no file for a frame.
 TEST_F(TrackerTest, TheStepAfterAMissingPictureIsASingleOne) {
   constexpr double kStep = 3;
