@@ -9,8 +9,8 @@
 namespace kys_slam {
 namespace {
 
-constexpr int kReach = 2;      // px
-constexpr float kStep = 1.0F;  // px of disparity; less is the surface's own slope
+constexpr int kReach = 2;           // px
+constexpr float kDepthEdge = 1.0F;  // px of disparity; less is the surface's own slope
 
 float bilinear(const ImageOf<float>& image, float x, float y) {
   const float fx = std::floor(x), fy = std::floor(y);
@@ -80,7 +80,7 @@ class WarpedRow {
       const float a = row[x - left], b = row[x + right];
       const bool same_surface = classes[x] == classes[x - left] &&
                                 classes[x] == classes[x + right] &&
-                                std::abs(a - b) <= kStep * static_cast<float>(left + right);
+                                std::abs(a - b) <= kDepthEdge * static_cast<float>(left + right);
       const float share = static_cast<float>(left) / static_cast<float>(left + right);
       if (same_surface) out[x] = a + share * (b - a);
     }
@@ -105,7 +105,7 @@ class WarpedRow {
     int* __restrict gap = gap_.data();
     const int width = width_;
     for (int x = 0; x < width; ++x) {
-      const float least = row[x] + kStep;
+      const float least = row[x] + kDepthEdge;
       const bool left = (row[x - 1] > least) | (row[x - 2] > least);
       const bool right = (row[x + 1] > least) | (row[x + 2] > least);
       const bool between = left & right, nothing = between | (row[x] == kNone);
@@ -116,7 +116,9 @@ class WarpedRow {
   static_assert(kReach == 2);
 
   /// How far away the nearer surface of a gap is on one side.
-  [[nodiscard]] int nearer(int x, int step) { return data()[x + step] > data()[x] + kStep ? 1 : 2; }
+  [[nodiscard]] int nearer(int x, int step) {
+    return data()[x + step] > data()[x] + kDepthEdge ? 1 : 2;
+  }
 
   int width_;
   std::vector<float> row_;
@@ -144,7 +146,7 @@ void clear_behind_border(const Border& border, const ClassRow& left_class,
   const float end = static_cast<float>(border.x) - border.disparity + 0.5F;
   for (int x = end < 0 ? 0 : static_cast<int>(end) + 1; x < width; ++x) {
     const bool same_class = !right_class.known() || right_class[x] == left_class[border.x];
-    if (same_class && row[x] < border.disparity - kStep) row[x] = WarpedRow::kNone;
+    if (same_class && row[x] < border.disparity - kDepthEdge) row[x] = WarpedRow::kNone;
   }
 }
 

@@ -3,11 +3,11 @@
 #include "features/orb_extractor.h"
 
 #include <gtest/gtest.h>
+#include <kys/hamming.h>
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 
-#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -19,12 +19,6 @@
 
 namespace kys_slam {
 namespace {
-
-int distance(const kys::Descriptor& a, const kys::Descriptor& b) {
-  int d = 0;
-  for (std::size_t i = 0; i < 4; ++i) d += std::popcount(a.words[i] ^ b.words[i]);
-  return d;
-}
 
 FeatureSet extract(const GrayImage& image, const OrbOptions& options = {}) {
   FeatureSet features;
@@ -122,7 +116,7 @@ Agreement agreement(const GrayImage& image, const GrayImage& other, const Warp& 
     int best_distance = 257;
     for (std::size_t j = 0; j < g.size(); ++j) {
       near = near || std::hypot(g.keypoints[j].x - x, g.keypoints[j].y - y) < limit;
-      const int d = distance(f.descriptors[i], g.descriptors[j]);
+      const int d = kys::hamming(f.descriptors[i], g.descriptors[j]);
       if (d < best_distance) {
         best_distance = d;
         best = j;

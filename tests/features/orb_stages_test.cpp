@@ -1,9 +1,9 @@
 // Stages of the extractor: pyramid, corners, distribution, orientation, descriptor.
 
 #include <gtest/gtest.h>
+#include <kys/hamming.h>
 
 #include <array>
-#include <bit>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -16,12 +16,6 @@
 
 namespace kys_slam {
 namespace {
-
-int distance(const kys::Descriptor& a, const kys::Descriptor& b) {
-  int d = 0;
-  for (std::size_t i = 0; i < 4; ++i) d += std::popcount(a.words[i] ^ b.words[i]);
-  return d;
-}
 
 TEST(Pyramid, LevelSizesAreRoundedQuotients) {
   ImagePyramid pyramid;
@@ -250,7 +244,7 @@ TEST(Descriptor, FollowsARotationInThePlane) {
     double angle = 0;
     const kys::Descriptor d = describe(turned(a), angle);
     EXPECT_NEAR(std::remainder(angle - start - a, 2 * std::numbers::pi), 0, 0.02) << degrees;
-    EXPECT_LT(distance(upright, d), 25) << degrees;
+    EXPECT_LT(kys::hamming(upright, d), 25) << degrees;
   }
 }
 

@@ -8,7 +8,6 @@ namespace kys_slam {
 namespace {
 
 using testing::FeatureWorld;
-using testing::weaving_pose;
 
 struct Scene {
   FeatureWorld world;
@@ -20,10 +19,9 @@ Scene scene(int frames) {
   FeatureWorld::Options options;
   options.points = 2500;
   FeatureWorld world(testing::kitti_camera(), options);
-  std::vector<Rigid3> poses;
-  for (int i = 0; i < frames; ++i) poses.push_back(weaving_pose(1.0 * i));
+  std::vector<Rigid3> poses = testing::weaving_poses(frames, 1);
   Map map = testing::map_of_world(world, poses).map;
-  return {std::move(world), poses, std::move(map)};
+  return {std::move(world), std::move(poses), std::move(map)};
 }
 
 /// The map bends away from the truth more and more.

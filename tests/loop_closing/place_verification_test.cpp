@@ -20,17 +20,11 @@ FeatureWorld::Options noisy() {
   return options;
 }
 
-std::vector<Rigid3> drive(int frames, double step) {
-  std::vector<Rigid3> poses;
-  for (int i = 0; i < frames; ++i) poses.push_back(weaving_pose(step * i));
-  return poses;
-}
-
 class PlaceVerificationTest : public ::testing::Test {
  protected:
   PlaceVerificationTest()
       : world_(testing::kitti_camera(), noisy()),
-        map_(testing::map_of_world(world_, drive(20, 1.5)).map),
+        map_(testing::map_of_world(world_, testing::weaving_poses(20, 1.5)).map),
         model_(kys::ModeOptions{}) {}
 
   [[nodiscard]] std::optional<VerifiedPlace> verify(const Rigid3& T_w_c, std::uint32_t place,
@@ -114,7 +108,7 @@ TEST(PlaceVerification, AFewCopiedPointsDoNotMakeAPlace) {
   ASSERT_GT(copies.size(), 100u);
   points.insert(points.end(), copies.begin(), copies.end());
   const FeatureWorld world(testing::kitti_camera(), options, points);
-  const Map map = testing::map_of_world(world, drive(20, 1.5)).map;
+  const Map map = testing::map_of_world(world, testing::weaving_poses(20, 1.5)).map;
   const kys::DistanceModel model(kys::ModeOptions{});
   kys::Statistics statistics;
   PlaceVerificationOptions strict;

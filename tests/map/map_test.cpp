@@ -12,16 +12,11 @@
 namespace kys_slam {
 namespace {
 
+using testing::kf;
+using testing::lm;
 using testing::make_keyframe;
 using testing::make_landmark;
 using testing::random_features;
-
-constexpr KeyFrameId kf(std::uint32_t id) {
-  return {id};
-}
-constexpr LandmarkId lm(std::uint32_t id) {
-  return {id};
-}
 
 Map empty_map() {
   return {testing::kitti_camera(), ScaleLevels(1.2, 8)};

@@ -7,15 +7,10 @@
 namespace kys_slam {
 namespace {
 
+using testing::kf;
+using testing::lm;
 using testing::make_keyframe;
 using testing::make_landmark;
-
-constexpr KeyFrameId kf(std::uint32_t id) {
-  return {id};
-}
-constexpr LandmarkId lm(std::uint32_t id) {
-  return {id};
-}
 
 /// `count` features of one octave with a disparity in px; 0: no stereo match.
 std::shared_ptr<const FrameFeatures> plain_features(int count, int octave, float disparity) {

@@ -9,12 +9,6 @@ namespace {
 
 using testing::FeatureWorld;
 
-std::vector<Rigid3> drive(int frames, double step) {
-  std::vector<Rigid3> poses;
-  for (int i = 0; i < frames; ++i) poses.push_back(testing::weaving_pose(step * i));
-  return poses;
-}
-
 FeatureWorld world(double noise) {
   FeatureWorld::Options options;
   options.points = 1500;
@@ -39,7 +33,7 @@ void perturb(Map& map, double metres, double radians) {
 }
 
 TEST(LocalBundle, RecoversAPerturbedMapExactly) {
-  const std::vector<Rigid3> poses = drive(7, 0.8);
+  const std::vector<Rigid3> poses = testing::weaving_poses(7, 0.8);
   const FeatureWorld exact = world(0);
   Map map = testing::map_of_world(exact, poses).map;
   const std::size_t landmarks = map.landmarks().size();
@@ -68,7 +62,7 @@ TEST(LocalBundle, RecoversAPerturbedMapExactly) {
 }
 
 TEST(LocalBundle, ALandmarkOfOneStereoViewGoesWithItsKeyframe) {
-  const std::vector<Rigid3> poses = drive(7, 0.8);
+  const std::vector<Rigid3> poses = testing::weaving_poses(7, 0.8);
   Map map = testing::map_of_world(world(0), poses).map;
   const KeyFrameId current{6};
   const KeyFrame& keyframe = map.keyframe(current);
@@ -95,7 +89,7 @@ TEST(LocalBundle, ALandmarkOfOneStereoViewGoesWithItsKeyframe) {
 }
 
 TEST(LocalBundle, TheRootAndFixedKeyframesStay) {
-  const std::vector<Rigid3> poses = drive(12, 1.0);
+  const std::vector<Rigid3> poses = testing::weaving_poses(12, 1.0);
   const FeatureWorld noisy = world(0.5);
   Map map = testing::map_of_world(noisy, poses).map;
   LocalBundleOptions options;
@@ -116,7 +110,7 @@ TEST(LocalBundle, TheRootAndFixedKeyframesStay) {
 }
 
 TEST(LocalBundle, WrongObservationsLeaveTheMap) {
-  const std::vector<Rigid3> poses = drive(6, 0.8);
+  const std::vector<Rigid3> poses = testing::weaving_poses(6, 0.8);
   const FeatureWorld noisy = world(0.3);
   testing::WorldMap built = testing::map_of_world(noisy, poses);
   Map& map = built.map;
@@ -149,7 +143,7 @@ TEST(LocalBundle, WrongObservationsLeaveTheMap) {
 
 TEST(LocalBundle, AStopLeavesAValidMap) {
   const FeatureWorld noisy = world(0.5);
-  Map map = testing::map_of_world(noisy, drive(6, 0.8)).map;
+  Map map = testing::map_of_world(noisy, testing::weaving_poses(6, 0.8)).map;
   const std::atomic<bool> stop{true};
   adjust_locally(map, KeyFrameId{5}, {}, &stop);
   map.check_consistency();

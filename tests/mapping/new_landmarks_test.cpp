@@ -12,22 +12,11 @@ namespace kys_slam {
 namespace {
 
 using testing::FeatureWorld;
+using testing::kf;
+using testing::lm;
 using testing::make_keyframe;
 using testing::make_landmark;
 using testing::random_features;
-
-constexpr KeyFrameId kf(std::uint32_t id) {
-  return {id};
-}
-constexpr LandmarkId lm(std::uint32_t id) {
-  return {id};
-}
-
-std::vector<Rigid3> drive(int frames, double step) {
-  std::vector<Rigid3> poses;
-  for (int i = 0; i < frames; ++i) poses.push_back(testing::weaving_pose(step * i));
-  return poses;
-}
 
 class InsertKeyFrame : public ::testing::Test {
  protected:
@@ -223,7 +212,7 @@ TEST(Fusion, LandmarksMadeTwiceBecomeOneAndNoOthers) {
   options.pixel_noise = 0.3;
   options.flipped_bits = 10;
   const FeatureWorld world(testing::kitti_camera(), options);
-  testing::WorldMap built = testing::map_of_world(world, drive(6, 0.7));
+  testing::WorldMap built = testing::map_of_world(world, testing::weaving_poses(6, 0.7));
   Map& map = built.map;
   const std::size_t before = map.landmarks().size();
   // Every second landmark is torn in two: keyframes 3 to 5 see a copy of their own.
@@ -266,7 +255,7 @@ TEST(Fusion, FeaturesWithoutALandmarkAreGivenOne) {
   FeatureWorld::Options options;
   options.points = 1500;
   const FeatureWorld world(testing::kitti_camera(), options);
-  testing::WorldMap built = testing::map_of_world(world, drive(5, 0.7));
+  testing::WorldMap built = testing::map_of_world(world, testing::weaving_poses(5, 0.7));
   Map& map = built.map;
   int taken = 0;
   for (const LandmarkId id : map.landmarks().ids()) {

@@ -10,12 +10,7 @@ namespace {
 using testing::FeatureWorld;
 
 constexpr int kKeyFrames = 20;
-
-std::vector<Rigid3> drive(int keyframes = kKeyFrames) {
-  std::vector<Rigid3> poses;
-  for (int i = 0; i < keyframes; ++i) poses.push_back(testing::weaving_pose(0.8 * i));
-  return poses;
-}
+constexpr double kStep = 0.8;  // m
 
 /// A drive whose disparities all are wrong by `error` px.
 Map map_with_error(float error, unsigned seed, int keyframes = kKeyFrames) {
@@ -26,12 +21,12 @@ Map map_with_error(float error, unsigned seed, int keyframes = kKeyFrames) {
   options.aligned = true;
   options.seed = seed;
   const FeatureWorld world(testing::kitti_camera(), options);
-  return testing::map_of_world(world, drive(keyframes), error).map;
+  return testing::map_of_world(world, testing::weaving_poses(keyframes, kStep), error).map;
 }
 
 double worst_position_error(const Map& map) {
   double worst = 0;
-  const std::vector<Rigid3> truth = drive();
+  const std::vector<Rigid3> truth = testing::weaving_poses(kKeyFrames, kStep);
   map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
     worst = std::max(worst, (keyframe.T_c_w.inverse().t() - truth[id.value].t()).norm());
   });
@@ -138,7 +133,7 @@ TEST(StereoCalibration, TheEstimateDoesNotDependOnThePresentOffset) {
   options.aligned = false;
   options.seed = 5;
   const FeatureWorld world(testing::kitti_camera(), options);
-  Map map = testing::map_of_world(world, drive()).map;
+  Map map = testing::map_of_world(world, testing::weaving_poses(kKeyFrames, kStep)).map;
   const DisparityOffset none = estimate_disparity_offset(map, {});
   ASSERT_GT(none.sigma, 0);
   for (const float present : {-0.1f, 0.1f, 0.3f}) {

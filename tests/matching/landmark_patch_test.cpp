@@ -15,13 +15,13 @@ namespace {
 constexpr int kWidth = 96, kHeight = 72;
 
 /// Grey levels of a surface: waves in several directions, of 6 px and more.
-double texture(double x, double y) {
+double waves(double x, double y) {
   return 128 + 30 * std::sin(0.7 * x + 0.4 * y) + 25 * std::sin(0.9 * x - 0.6 * y + 1) +
          20 * std::sin(0.35 * x + 0.9 * y + 2);
 }
 
 template <typename Grey>
-ImagePyramid draw(Grey&& grey) {
+ImagePyramid draw_levels(Grey&& grey) {
   ImagePyramid pyramid;
   PyramidBuilder().build(testing::draw_image(kWidth, kHeight, grey), 1.2, 3, pyramid);
   return pyramid;
@@ -31,9 +31,9 @@ ImagePyramid draw(Grey&& grey) {
 ImagePyramid moved(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
                    const Eigen::Matrix2d& warp) {
   const Eigen::Matrix2d back = warp.inverse();
-  return draw([&](double x, double y) {
+  return draw_levels([&](double x, double y) {
     const Eigen::Vector2d at = from + back * (Eigen::Vector2d(x, y) - to);
-    return texture(at.x(), at.y());
+    return waves(at.x(), at.y());
   });
 }
 
@@ -44,7 +44,7 @@ Eigen::Matrix2d turned(double angle, double scale) {
 }
 
 TEST(LandmarkPatch, IsFoundWhereItsCentreIs) {
-  const ImagePyramid before = draw(texture);
+  const ImagePyramid before = draw_levels(waves);
   const Eigen::Vector2d from(48.3, 35.6);
   const auto patch = cut_patch(before, 0, 48.3f, 35.6f);
   ASSERT_TRUE(patch);
@@ -68,7 +68,7 @@ TEST(LandmarkPatch, IsFoundWhereItsCentreIs) {
 TEST(LandmarkPatch, OctavesDiffer) {
   // Seen from nearer, the same octave ratio as the stretch: the patch looks the same.
   const Eigen::Vector2d from(40.4, 33.7), to(45.2, 36.1);
-  const ImagePyramid before = draw(texture);
+  const ImagePyramid before = draw_levels(waves);
   const ImagePyramid after = moved(from, to, turned(0, 1.44));
   const auto patch = cut_patch(before, 0, 40.4f, 33.7f);
   ASSERT_TRUE(patch);
@@ -79,10 +79,10 @@ TEST(LandmarkPatch, OctavesDiffer) {
 }
 
 TEST(LandmarkPatch, BrightnessDoesNotMatter) {
-  const ImagePyramid before = draw(texture);
+  const ImagePyramid before = draw_levels(waves);
   const auto patch = cut_patch(before, 0, 40, 30);
   const ImagePyramid darker =
-      draw([](double x, double y) { return texture(x - 0.4, y + 0.3) - 25; });
+      draw_levels([](double x, double y) { return waves(x - 0.4, y + 0.3) - 25; });
   const auto found = align_corner(*patch, Eigen::Matrix2f::Identity(), darker, 0, 40, 30);
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->u, 40.4, 0.04);
@@ -93,12 +93,12 @@ TEST(LandmarkPatch, AnotherSurfaceInThePatchHardlyMovesIt) {
   // What lies behind the right edge of the patch changes.
   const auto scene = [](double shift) {
     return [shift](double x, double y) {
-      return x < 43 ? texture(x, y) : 110 + 30 * std::sin(1.3 * (x + shift) + 0.2 * y);
+      return x < 43 ? waves(x, y) : 110 + 30 * std::sin(1.3 * (x + shift) + 0.2 * y);
     };
   };
-  const auto patch = cut_patch(draw(scene(0)), 0, 40, 30);
+  const auto patch = cut_patch(draw_levels(scene(0)), 0, 40, 30);
   const auto found =
-      align_corner(*patch, Eigen::Matrix2f::Identity(), draw(scene(2.2)), 0, 40.5f, 30.4f);
+      align_corner(*patch, Eigen::Matrix2f::Identity(), draw_levels(scene(2.2)), 0, 40.5f, 30.4f);
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->u, 40, 0.12);
   EXPECT_NEAR(found->v, 30, 0.12);
@@ -109,13 +109,13 @@ TEST(LandmarkPatch, NothingWithoutContrastInBothDirections) {
     const auto patch = cut_patch(pyramid, 0, 40, 30);
     return align_corner(*patch, Eigen::Matrix2f::Identity(), pyramid, 0, 40, 30);
   };
-  EXPECT_FALSE(try_on(draw([](double, double) { return 100; })));
-  EXPECT_FALSE(try_on(draw([](double x, double) { return 100 + 50 * std::sin(0.8 * x); })));
-  EXPECT_TRUE(try_on(draw(texture)));
+  EXPECT_FALSE(try_on(draw_levels([](double, double) { return 100; })));
+  EXPECT_FALSE(try_on(draw_levels([](double x, double) { return 100 + 50 * std::sin(0.8 * x); })));
+  EXPECT_TRUE(try_on(draw_levels(waves)));
 }
 
 TEST(LandmarkPatch, NothingWhereItStraysOrDoesNotReach) {
-  const ImagePyramid pyramid = draw(texture);
+  const ImagePyramid pyramid = draw_levels(waves);
   const auto patch = cut_patch(pyramid, 0, 40, 30);
   const Eigen::Matrix2f same = Eigen::Matrix2f::Identity();
   EXPECT_FALSE(align_corner(*patch, same, pyramid, 0, 42.5f, 30)) << "2.5 px away";
@@ -130,7 +130,7 @@ TEST(LandmarkPatch, NothingWhereItStraysOrDoesNotReach) {
 
 TEST(LandmarkPatch, EveryPlaceInTheImageIsRefusedOrRead) {
   // Up to the borders of every level; a sanitizer sees what is read beyond.
-  const ImagePyramid pyramid = draw(texture);
+  const ImagePyramid pyramid = draw_levels(waves);
   int cut = 0, aligned = 0;
   for (int octave = 0; octave < 3; ++octave) {
     for (float v = -2; v < kHeight + 2; v += 0.5f) {
@@ -151,7 +151,7 @@ TEST(LandmarkPatch, EveryPlaceInTheImageIsRefusedOrRead) {
 }
 
 TEST(LandmarkPatch, EveryInstructionSetGivesTheSameBytes) {
-  const ImagePyramid pyramid = draw(texture);
+  const ImagePyramid pyramid = draw_levels(waves);
   const auto patch = cut_patch(pyramid, 0, 40.3f, 30.8f);
   patch::CornerWindow window{};
   for (int y = 0; y < patch::kCornerSide; ++y) {

@@ -9,7 +9,7 @@
 namespace kys_slam {
 namespace {
 
-const StereoCamera kCamera{620, 188, 360, 360, 305, 92, 0.54};
+const StereoCamera kSmallCamera{620, 188, 360, 360, 305, 92, 0.54};
 constexpr CommonShiftOptions kOptions{.max_distance = 80, .min_count = 4};
 constexpr double kPeriod = 0.9;  // m, after which the side of a bus looks the same again
 
@@ -37,7 +37,7 @@ struct Bus {
     FeatureSet set;
     std::vector<float> u_right;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      const Eigen::Vector3d pixel = kCamera.project_stereo(points[i] + shift);
+      const Eigen::Vector3d pixel = kSmallCamera.project_stereo(points[i] + shift);
       Keypoint k;
       k.x = static_cast<float>(pixel.x()) + noise(random);
       k.y = static_cast<float>(pixel.y()) + noise(random);
@@ -45,14 +45,15 @@ struct Bus {
       set.descriptors.push_back(descriptors[i]);
       u_right.push_back(static_cast<float>(pixel.z()) + noise(random));
     }
-    return {kCamera, std::move(set), std::move(u_right), {}};
+    return {kSmallCamera, std::move(set), std::move(u_right), {}};
   }
 
   [[nodiscard]] std::vector<UnknownPlace> places(const FrameFeatures& before) const {
     std::vector<UnknownPlace> list;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      UnknownPlace place{i, points[i],
-                         query_for_feature(before, i, kCamera.project_stereo(points[i]), scales)};
+      UnknownPlace place{
+          i, points[i],
+          query_for_feature(before, i, kSmallCamera.project_stereo(points[i]), scales)};
       place.query.radius = 60;
       list.push_back(place);
     }
@@ -85,7 +86,8 @@ TEST(CommonShift, WhatRepeatsItselfIsFollowedAsAWhole) {
   }
   EXPECT_LT(right, static_cast<int>(places.size()) / 4);
 
-  const auto common = common_shift(kCamera, bus.scales, now, places, kOptions, model, statistics);
+  const auto common =
+      common_shift(kSmallCamera, bus.scales, now, places, kOptions, model, statistics);
   ASSERT_TRUE(common);
   EXPECT_LT((*common - shift).norm(), 0.4 * kPeriod) << common->transpose();
 }
@@ -101,10 +103,10 @@ TEST(CommonShift, NothingInCommonIsNoShift) {
     p += Eigen::Vector3d(way(random), way(random), way(random));
   }
   kys::Statistics statistics;
-  EXPECT_FALSE(common_shift(kCamera, bus.scales, scattered.seen(Eigen::Vector3d::Zero()),
+  EXPECT_FALSE(common_shift(kSmallCamera, bus.scales, scattered.seen(Eigen::Vector3d::Zero()),
                             bus.places(before), kOptions, kys::DistanceModel(), statistics));
-  EXPECT_FALSE(
-      common_shift(kCamera, bus.scales, before, {}, kOptions, kys::DistanceModel(), statistics));
+  EXPECT_FALSE(common_shift(kSmallCamera, bus.scales, before, {}, kOptions, kys::DistanceModel(),
+                            statistics));
 }
 
 }  // namespace

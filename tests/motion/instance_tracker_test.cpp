@@ -12,7 +12,7 @@
 namespace kys_slam {
 namespace {
 
-const StereoCamera kCamera{1241, 376, 720, 720, 610, 185, 0.54};
+const StereoCamera kCarCamera{1241, 376, 720, 720, 610, 185, 0.54};
 constexpr double kDt = 0.1;               // s
 constexpr std::int32_t kDriving = 70000;  // instances
 constexpr std::int32_t kParked = 70001;
@@ -29,7 +29,7 @@ class Street {
   explicit Street(const kys::BeliefOptions& start = {})
       : space_(kys::load_label_space("coco_panoptic_133")),
         model_(verified(), space_),
-        tracker_(kCamera, scales_, {}, kys::InitialBelief(start, space_), model_) {
+        tracker_(kCarCamera, scales_, {}, kys::InitialBelief(start, space_), model_) {
     std::mt19937_64 random(11);
     std::uniform_real_distribution<double> side(-1, 1);
     const auto road = space_.index_of("road");
@@ -108,8 +108,8 @@ class Street {
       p_w = turn_ * p_w;
       const Eigen::Vector3d p_c = T_c_w * p_w;
       if (p_c.z() < 2 || p.prior.instance == without_keypoints_) continue;
-      const Eigen::Vector3d pixel = kCamera.project_stereo(p_c);
-      if (!kCamera.in_image(pixel.x(), pixel.y())) continue;
+      const Eigen::Vector3d pixel = kCarCamera.project_stereo(p_c);
+      if (!kCarCamera.in_image(pixel.x(), pixel.y())) continue;
       set.keypoints.push_back({static_cast<float>(pixel.x()), static_cast<float>(pixel.y())});
       set.descriptors.push_back(p.descriptor);
       const bool mono = p.prior.instance == without_disparity_;
@@ -124,7 +124,7 @@ class Street {
       }
     }
     if (!with_file) priors.clear();
-    const FrameFeatures raw(kCamera, std::move(set), std::move(u_right), std::move(priors));
+    const FrameFeatures raw(kCarCamera, std::move(set), std::move(u_right), std::move(priors));
     const Rigid3 last = past_.empty() ? Rigid3{} : past_.front();
     const double time = kDt * frames_;
     std::vector<kys::Prior> believed = tracker_.assign_priors(time, raw, T_c_w, last);

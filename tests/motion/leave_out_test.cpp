@@ -9,10 +9,10 @@
 namespace kys_slam {
 namespace {
 
-const StereoCamera kCamera{1241, 376, 720, 720, 610, 185, 0.54};
+const StereoCamera kRig{1241, 376, 720, 720, 610, 185, 0.54};
 
 PoseTerm term(const Rigid3& T_c_w, const Eigen::Vector3d& p_w, std::int32_t instance) {
-  const Eigen::Vector3d pixel = kCamera.project_stereo(T_c_w * p_w);
+  const Eigen::Vector3d pixel = kRig.project_stereo(T_c_w * p_w);
   return {p_w,
           {static_cast<float>(pixel.x()), static_cast<float>(pixel.y()),
            static_cast<float>(pixel.z()), 1 / kPixelSigma},
@@ -43,11 +43,11 @@ TEST(PoseWithout, IsThePoseOfTheOthers) {
     nothing.weight = 0;
     nothing.instance = 1;
     all.push_back(nothing);  // without it, which is all of them
-    T_c_w = PoseWithout(kCamera, T_c_w, all).without(1).applied_to(T_c_w);
+    T_c_w = PoseWithout(kRig, T_c_w, all).without(1).applied_to(T_c_w);
   }
   EXPECT_GT(minus(T_c_w, truth).tail<3>().norm(), 0.02);  // pulled along
 
-  const PoseWithout pose(kCamera, T_c_w, terms);
+  const PoseWithout pose(kRig, T_c_w, terms);
   const Rigid3 without = pose.without(7).applied_to(T_c_w);
   EXPECT_LT(minus(without, truth).tail<3>().norm(), 0.004);
   EXPECT_LT(minus(without, truth).head<3>().norm(), 4e-4);
@@ -58,7 +58,7 @@ TEST(PoseWithout, IsThePoseOfTheOthers) {
 TEST(PoseWithout, NothingLeftIsUnknown) {
   std::vector<PoseTerm> terms;
   for (int i = 0; i < 20; ++i) terms.push_back(term({}, {0.1 * i, 0.05 * i, 10.0 + 0.2 * i}, 7));
-  EXPECT_GT(PoseWithout(kCamera, {}, terms).without(7).covariance(5, 5), 1);
+  EXPECT_GT(PoseWithout(kRig, {}, terms).without(7).covariance(5, 5), 1);
 }
 
 /// The covariance of a motion between two frames against sampled poses.

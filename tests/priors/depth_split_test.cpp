@@ -11,11 +11,11 @@ namespace {
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
 /// A road (stuff) with one car, and disparities of both.
-struct Scene {
+struct SplitScene {
   PanopticMap panoptic{ImageOf<std::uint16_t>(120, 80), {{0, 3, false}, {7, 5, true}}, {}};
   ImageOf<float> disparity{120, 80};
 
-  Scene() { fill(0, 0, 120, 80, 1, 4); }
+  SplitScene() { fill(0, 0, 120, 80, 1, 4); }
   void fill(int x0, int y0, int x1, int y1, std::uint16_t segment, float d) {
     for (int y = y0; y < y1; ++y) {
       for (int x = x0; x < x1; ++x) {
@@ -32,7 +32,7 @@ struct Scene {
 };
 
 TEST(DepthSplit, CarBeforeParkedOnes) {
-  Scene s;
+  SplitScene s;
   s.fill(20, 20, 100, 50, 2, 10);
   s.fill(40, 30, 70, 60, 2, 17);
   s.fill(67, 30, 70, 60, 2, kUnknown);  // what one camera sees alone
@@ -59,7 +59,7 @@ TEST(DepthSplit, CarBeforeParkedOnes) {
 }
 
 TEST(DepthSplit, LaterSegmentsMoveUp) {
-  Scene s;
+  SplitScene s;
   s.panoptic.segments.push_back({9, 5, true});
   s.fill(20, 20, 60, 50, 2, 10);
   s.fill(40, 20, 60, 50, 2, 17);
@@ -72,7 +72,7 @@ TEST(DepthSplit, LaterSegmentsMoveUp) {
 
 TEST(DepthSplit, OneObjectStaysWhole) {
   {
-    Scene s;  // a lorry along the line of sight
+    SplitScene s;  // a lorry along the line of sight
     s.fill(10, 20, 110, 50, 2, 0);
     for (int x = 10; x < 110; ++x) {
       for (int y = 20; y < 50; ++y) s.disparity.at(x, y) = 40 - 0.3F * static_cast<float>(x - 10);
@@ -80,31 +80,31 @@ TEST(DepthSplit, OneObjectStaysWhole) {
     EXPECT_EQ(s.split(), 2u);
   }
   {
-    Scene s;  // a mask that is 4 px too large
+    SplitScene s;  // a mask that is 4 px too large
     s.fill(20, 20, 100, 60, 2, 4);
     s.fill(24, 24, 96, 56, 2, 17);
     EXPECT_EQ(s.split(), 2u);
   }
   {
-    Scene s;  // behind a pole, and going away from the camera
+    SplitScene s;  // behind a pole, and going away from the camera
     s.fill(20, 20, 50, 60, 2, 20);
     s.fill(55, 20, 100, 60, 2, 12);
     EXPECT_EQ(s.split(), 2u);
   }
   {
-    Scene s;  // a pole that the mask does not leave out
+    SplitScene s;  // a pole that the mask does not leave out
     s.fill(20, 20, 100, 60, 2, 12);
     s.fill(50, 20, 54, 60, 2, 30);
     EXPECT_EQ(s.split(), 2u);
   }
   {
-    Scene s;  // an object with wrong disparities in a corner
+    SplitScene s;  // an object with wrong disparities in a corner
     s.fill(20, 20, 100, 60, 2, 12);
     s.fill(20, 20, 32, 32, 2, 40);
     EXPECT_EQ(s.split(), 2u);
   }
   {
-    Scene s;  // depths that no object needs two of
+    SplitScene s;  // depths that no object needs two of
     s.fill(20, 20, 100, 60, 2, 12);
     s.fill(60, 20, 100, 60, 2, 14.5F);
     EXPECT_EQ(s.split(), 2u);
@@ -112,7 +112,7 @@ TEST(DepthSplit, OneObjectStaysWhole) {
 }
 
 TEST(DepthSplit, LittleThatIsMeasuredDoesNotSplit) {
-  Scene s;
+  SplitScene s;
   s.fill(10, 20, 110, 60, 2, kUnknown);
   s.fill(10, 20, 50, 60, 2, 40);
   s.fill(80, 20, 100, 40, 2, 10);
@@ -122,7 +122,7 @@ TEST(DepthSplit, LittleThatIsMeasuredDoesNotSplit) {
 }
 
 TEST(DepthSplit, BothSidesOfANearerObjectAreOne) {
-  Scene s;
+  SplitScene s;
   s.fill(10, 20, 110, 50, 2, 10);
   s.fill(50, 20, 70, 50, 2, 25);
   ASSERT_EQ(s.split(), 3u);
@@ -132,7 +132,7 @@ TEST(DepthSplit, BothSidesOfANearerObjectAreOne) {
 }
 
 TEST(DepthSplit, StuffAndUnknownDepthStay) {
-  Scene s;
+  SplitScene s;
   s.fill(0, 0, 60, 80, 1, 40);  // a step of the road
   s.fill(70, 20, 110, 50, 2, kUnknown);
   EXPECT_EQ(s.split(), 2u);

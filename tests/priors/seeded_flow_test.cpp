@@ -60,7 +60,7 @@ GrayImage texture(int width, int height) {
 /// A wall of disparity 4 px, a pole of 14 px width (40 px) and a box (40 px) before it.
 /// The camera goes aside by 0.75 baselines, static flow is -0.75 times disparity; the box moves by
 /// 12 px less.
-struct Scene {
+struct FlowScene {
   static constexpr int kWidth = 400, kHeight = 128;
   StereoCamera camera = synthetic::kitti_camera(kWidth, kHeight);
   GrayImage now{kWidth, kHeight}, next{kWidth, kHeight};
@@ -68,7 +68,7 @@ struct Scene {
   ImageOf<std::uint16_t> map{kWidth, kHeight};
   std::vector<std::uint8_t> is_stuff = {0, 1, 0, 0};
 
-  Scene() {
+  FlowScene() {
     const GrayImage noise = texture(kWidth + 100, kHeight);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
@@ -93,7 +93,7 @@ struct Scene {
 };
 
 /// Median of the flow's column part over a segment; 0 without any. Share of its pixels with flow.
-std::pair<double, double> flow_of(const Scene& scene, const FlowField& flow, int segment) {
+std::pair<double, double> flow_of(const FlowScene& scene, const FlowField& flow, int segment) {
   std::vector<float> values;
   double area = 0;
   for (std::size_t i = 0; i < scene.map.size(); ++i) {
@@ -106,7 +106,7 @@ std::pair<double, double> flow_of(const Scene& scene, const FlowField& flow, int
 }
 
 TEST(SeededFlow, ThinThingsAreFollowedByDepthAndWhatMovesIsStillSeen) {
-  const Scene scene;
+  const FlowScene scene;
   BuilderOptions options;
   options.ego_motion.border = 5;
   const auto estimate = [&] {

@@ -129,6 +129,13 @@ inline Rigid3 weaving_pose(double metres) {
           Eigen::Vector3d(0.5 * std::sin(s), 0.1 * std::sin(2 * s), metres)};
 }
 
+/// `frames` poses of that drive, `step` m apart.
+inline std::vector<Rigid3> weaving_poses(int frames, double step) {
+  std::vector<Rigid3> poses;
+  for (int i = 0; i < frames; ++i) poses.push_back(weaving_pose(step * i));
+  return poses;
+}
+
 /// A round road of radius `kRingRadius` (m) in the plane y = 0, with points on both sides of it,
 /// and the inner side too far across to be seen from the other half.
 inline constexpr double kRingRadius = 40;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <random>
@@ -11,6 +12,13 @@
 #include "support/feature_world.h"
 
 namespace kys_slam::testing {
+
+constexpr KeyFrameId kf(std::uint32_t id) {
+  return {id};
+}
+constexpr LandmarkId lm(std::uint32_t id) {
+  return {id};
+}
 
 inline constexpr float kNoStereo = std::numeric_limits<float>::quiet_NaN();
 

@@ -15,7 +15,7 @@ namespace {
 using testing::FeatureWorld;
 using testing::weaving_pose;
 
-constexpr int kFrames = 60;
+constexpr int kLooks = 60;
 constexpr double kStep = 0.8;  // m per frame
 
 struct DriveResult {
@@ -43,7 +43,7 @@ DriveResult drive(double added, bool calibrate,
   settings.set("mapping.redundant_share", "1");
   for (const auto& [name, value] : changes) settings.set(name, value);
   System system(world.camera(), settings, Schedule::kSequential);
-  for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
+  for (int i = 0; i < kLooks; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
   map_of(system).check_consistency();
   DriveResult run;
@@ -53,7 +53,7 @@ DriveResult drive(double added, bool calibrate,
   for (const FrameEstimate& estimate : system.trajectory()) {
     EXPECT_TRUE(estimate.connected);
     const Rigid3 truth = T_0_w * weaving_pose(kStep * static_cast<double>(estimate.index));
-    run.error += (truth.t() - estimate.T_w_c.t()).squaredNorm() / kFrames;
+    run.error += (truth.t() - estimate.T_w_c.t()).squaredNorm() / kLooks;
   }
   run.error = std::sqrt(run.error);
   return run;

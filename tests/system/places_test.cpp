@@ -184,12 +184,9 @@ TEST_P(PlacesTest, WhatIsNeverConnectedIsMarked) {
   EXPECT_LT(worst_error(r, poses), 0.3);
 }
 
-std::string schedule_name(const ::testing::TestParamInfo<Schedule>& schedule) {
-  return to_string(schedule.param);
-}
 INSTANTIATE_TEST_SUITE_P(Schedules, PlacesTest,
                          ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
-                         schedule_name);
+                         [](const auto& schedule) { return to_string(schedule.param); });
 
 /// Frames come as fast as they can, which leaves a back end in real time behind by as much as the
 /// machine is busy: what it finds is not fixed, but the map has to be in order.

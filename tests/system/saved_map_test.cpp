@@ -124,12 +124,9 @@ TEST_P(SavedMapTest, ARunThatBeginsElsewhereJoinsLater) {
   }
 }
 
-std::string schedule_name(const ::testing::TestParamInfo<Schedule>& schedule) {
-  return to_string(schedule.param);
-}
 INSTANTIATE_TEST_SUITE_P(Schedules, SavedMapTest,
                          ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
-                         schedule_name);
+                         [](const auto& schedule) { return to_string(schedule.param); });
 
 /// What was made of the first map would mix with the second.
 TEST(SavedMap, ASecondOneIsRefused) {

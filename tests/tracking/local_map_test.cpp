@@ -4,15 +4,13 @@
 
 #include <algorithm>
 
+#include "support/map_builder.h"
+
 namespace kys_slam {
 namespace {
 
-constexpr KeyFrameId kf(std::uint32_t id) {
-  return {id};
-}
-constexpr LandmarkId lm(std::uint32_t id) {
-  return {id};
-}
+using testing::kf;
+using testing::lm;
 
 /// Keyframes 0..9; landmark i is seen by keyframes i and i+1; neighbours, parent and children as in
 /// a chain.
