@@ -112,6 +112,10 @@ class Tools(unittest.TestCase):
         self.table("run/frames.csv", ["index", "timestamp"], [[0, 0]])
         self.assertIn("no column loop", self.refused("experiments/loop_recall.py", run))
 
+    def test_compare_features(self):
+        self.assertIn("no world of simulate_sequence",
+                      self.refused("experiments/compare_features.py", self.folder, "--output", self.folder / "out"))
+
     def test_lose_pictures(self):
         self.assertIn("image_0", self.refused("experiments/lose_pictures.py", self.folder / "nowhere", "--output", "x"))
         full = self.folder / "full"

@@ -23,6 +23,12 @@ constexpr double kFloor = 0.1;      // px of the camera, of the reference (Eq. 7
 constexpr int kStuffBlock = 16;     // px, stuff of outliers is looked up by blocks
 constexpr double kUnitArea = 1000;  // px^2
 constexpr double kStill = 1e-3;     // px: less is no motion
+// Corners gather where two segments meet, and their keypoints are on either side: as if all were
+// this far (px of the level, standard deviation) from where they are.
+constexpr double kCornerSpread = 2;
+// Share of the things of kUnitArea that are not recognised as one in both images.
+constexpr double kUnlinked = 0.13;
+constexpr std::int32_t kFirstThing = 65536;  // numbers below are those of stuff
 
 const std::vector<PerceptionLevel>& measured_levels() {
   static const std::vector<PerceptionLevel> levels{
@@ -38,6 +44,7 @@ PerceptionLevel poor_level() {
   poor.moving0 -= 0.7;
   poor.still0 += 0.7;
   poor.scale_sd = std::max(0.4, poor.scale_sd);
+  poor.by_centroid = true;
   poor.boundary = 3;
   poor.confusion = 0.08;
   poor.stuff_confusion = 0.08;
@@ -175,14 +182,39 @@ void Perception::merge(std::size_t index, int camera, View& view) {
   }
 }
 
-void Perception::identify(int camera, View& view) {
-  std::vector<Detection> detections;
-  for (const Segment& s : view.segments) detections.push_back({s.prior.label, s.u, s.v});
-  const auto identities =
-      sides_[static_cast<std::size_t>(camera)].associator.next_frame(detections);
-  const std::int32_t base = camera == 0 ? 0 : prior_format::kRightInstances;
-  for (std::size_t i = 0; i < identities.size(); ++i) {
-    view.segments[i].prior.instance = base + 65536 + identities[i];
+// By the overlap of masks, as the builder associates by default: an object keeps its identity, in
+// both images, until it is not seen for too long.
+std::int32_t Perception::identity_of(std::size_t index, std::int32_t object) {
+  const auto kept = static_cast<std::size_t>(BuilderOptions::Association{}.max_missed_frames) + 1;
+  const auto [at, is_new] = identities_.try_emplace(object);
+  Identity& identity = at->second;
+  if (is_new || index - identity.seen > kept) identity.number = next_identity_++;
+  identity.seen = index;
+  return kFirstThing + identity.number;
+}
+
+void Perception::identify(std::size_t index, int camera, View& view) {
+  if (level_.by_centroid) {
+    std::vector<Detection> detections;
+    for (const Segment& s : view.segments) detections.push_back({s.prior.label, s.u, s.v});
+    const auto identities =
+        sides_[static_cast<std::size_t>(camera)].associator.next_frame(detections);
+    const std::int32_t base = camera == 0 ? 0 : prior_format::kRightInstances;
+    for (std::size_t i = 0; i < identities.size(); ++i) {
+      view.segments[i].prior.instance = base + kFirstThing + identities[i];
+    }
+    return;
+  }
+  for (const auto& [object, at] : view.segment_of) {
+    Segment& s = view.segments[at];
+    std::int32_t own = identity_of(index, object);
+    const double area = s.area * shrink_ * shrink_;
+    if (camera == 1 && normal_below(latent(5, camera, object, index, level_.persistence)) <
+                           falling(kUnlinked, area)) {
+      own += prior_format::kRightInstances;
+    }
+    // Merged things have the identity of the oldest.
+    s.prior.instance = s.prior.instance < 0 ? own : std::min(s.prior.instance, own);
   }
 }
 
@@ -272,7 +304,7 @@ void Perception::make_segments(std::size_t index, int camera, const FrameScene& 
   view.raster = std::make_unique<BoxRaster>(camera == 0 ? scene.left_raster : scene.right_raster);
   outline_segments(index, camera, view);
   merge(index, camera, view);
-  identify(camera, view);
+  identify(index, camera, view);
   judge_motion(index, camera, view);
   measure_stuff(index, camera, frame, view);
   for (const auto& [object, at] : view.segment_of) {
@@ -314,28 +346,40 @@ kys::Prior Perception::of_stuff(int camera, const View& view, std::uint16_t labe
                     index / 5));
     if (rng.chance(level_.stuff_confusion)) label = confused(label);
   }
-  const std::int32_t base = camera == 0 ? 0 : prior_format::kRightInstances;
+  const std::int32_t base = camera == 1 && level_.by_centroid ? prior_format::kRightInstances : 0;
   return kys::make_prior(label, base + label, a, 0, false);
+}
+
+/// Class of the static world `aside_u` px to the right of a landmark, at its depth.
+std::uint16_t Perception::label_beside(std::int32_t landmark, std::size_t index,
+                                       double aside_u) const {
+  if (aside_u == 0) return world_.label_of(landmark);
+  const Eigen::Vector3d p_w = world_.landmark_position(landmark);
+  const Rigid3& T_w_c = world_.path().poses[index].T_w_c;
+  const double depth = (T_w_c.inverse() * p_w).z();
+  const double metres = aside_u * depth / world_.path().camera.fx;
+  return world_.scenery().label_of(p_w + T_w_c.rotation * Eigen::Vector3d(metres, 0, 0));
 }
 
 kys::Prior Perception::prior_of(std::size_t index, int camera, const View& view, bool late,
                                 const Keypoint& k, std::int32_t landmark, std::size_t number) {
   std::int32_t object = view.raster->object_at(k.x, k.y);
   const bool own_scenery = landmark >= 0 && world_.segment_of(landmark) < 0;
+  double aside_u = 0;
   if (landmark >= 0 && !late) {
     const std::int32_t in_image = object;
     object = world_.segment_of(landmark);
-    if (level_.boundary > 0) {
-      Rng rng(hash_of(hash_of(seed_, 11, static_cast<std::uint64_t>(camera)), index, number));
-      const double u = k.x + level_.boundary / shrink_ * rng.gaussian();
-      const double v = k.y + level_.boundary / shrink_ * rng.gaussian();
-      const std::int32_t aside = view.raster->object_at(u, v);
-      if (aside != in_image) object = aside;
-    }
+    Rng rng(hash_of(hash_of(seed_, 11, static_cast<std::uint64_t>(camera)), index, number));
+    const double spread = std::hypot(level_.boundary, kCornerSpread) / shrink_;
+    aside_u = spread * rng.gaussian();
+    const double v = k.y + spread * rng.gaussian();
+    const std::int32_t aside = view.raster->object_at(k.x + aside_u, v);
+    if (aside != in_image) object = aside;
   }
   const auto found = view.segment_of.find(object);
   if (found == view.segment_of.end()) {
-    const std::uint16_t label = own_scenery ? world_.label_of(landmark) : stuff_at(index, k);
+    const std::uint16_t label =
+        own_scenery ? label_beside(landmark, index, aside_u) : stuff_at(index, k);
     return of_stuff(camera, view, label, k, index);
   }
   const Segment& s = view.segments[found->second];

@@ -32,6 +32,9 @@ struct PerceptionLevel {
   double false_rho_sd = 0.5;  ///< of the logarithm of r / m_bg of static segments that are flagged
   double false_rho = 5;       ///< its median
   double scale_sd = 0;        ///< of the logarithm of a segment's scale (Eq. 3)
+  /// Identities by the centroids of segments, in each image alone; they switch. Otherwise by masks,
+  /// the same in both images.
+  bool by_centroid = false;
   // Of segmentation; probabilities at 1000 px^2, falling with the root of the area.
   double boundary = 0;         ///< px, standard deviation of segment boundaries
   double confusion = 0;        ///< a thing has the class with the least semantic distance
@@ -88,7 +91,8 @@ class Perception {
                      const FeatureFrame& frame);
   void outline_segments(std::size_t index, int camera, View& view);
   void merge(std::size_t index, int camera, View& view);
-  void identify(int camera, View& view);
+  std::int32_t identity_of(std::size_t index, std::int32_t object);
+  void identify(std::size_t index, int camera, View& view);
   void judge_motion(std::size_t index, int camera, View& view);
   void measure_stuff(std::size_t index, int camera, const FeatureFrame& frame, View& view) const;
   [[nodiscard]] Eigen::Vector2d image_motion(std::size_t index, int camera, std::int32_t object,
@@ -98,6 +102,8 @@ class Perception {
   [[nodiscard]] kys::Prior of_stuff(int camera, const View& view, std::uint16_t label,
                                     const Keypoint& k, std::size_t index) const;
   [[nodiscard]] std::uint16_t stuff_at(std::size_t index, const Keypoint& k);
+  [[nodiscard]] std::uint16_t label_beside(std::int32_t landmark, std::size_t index,
+                                           double aside_u) const;
   double latent(int kind, int camera, std::int32_t object, std::size_t index, double persistence);
   [[nodiscard]] std::uint16_t confused(std::uint16_t label) const;
 
@@ -106,6 +112,12 @@ class Perception {
   double shrink_;  ///< factor from pixels of the camera to pixels of the level
   std::uint64_t seed_;
   std::array<Side, 2> sides_;
+  struct Identity {
+    std::int32_t number = 0;
+    std::size_t seen = 0;  ///< last frame
+  };
+  std::map<std::int32_t, Identity> identities_;  ///< by object
+  std::int32_t next_identity_ = 0;
   std::vector<std::uint16_t> nearest_class_;
   std::map<std::tuple<int, int, std::int32_t>, std::pair<std::size_t, double>> latents_;
   std::vector<std::int32_t> stuff_cache_;

@@ -83,7 +83,7 @@ std::uint16_t Scenery::of_road(const Vector3d& p_w) const {
     return coco_label(kGrassClass);
   }
   const Vector3d flat(p_w.x(), 0, p_w.z());
-  if (chance_of(flat, 0.7) < 0.02) return kys::kVoidLabel;  // a post
+  if (chance_of(flat, 0.7) < 0.175) return kys::kVoidLabel;  // a post
   const double block = chance_of(flat, 9);
   if (foot.below > path_.ground - 1.3 && block < 0.3) return coco_label(kFenceClass);
   return coco_label(block < 0.62 ? kBuilding : kTree);
