@@ -3,12 +3,16 @@
 #include <kys_slam/util/paths.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <deque>
 #include <filesystem>
+#include <future>
 #include <list>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "common/command_line.h"
@@ -78,8 +82,16 @@ void write_frames(const kys_slam::simulator::FeatureWorld& world,
   const std::size_t frames = world.path().poses.size();
   std::list<Output> outputs = open_outputs(world, o, levels, files);
   double mover_share = 0;
+  // A frame depends on the world alone: some are made ahead, each by its own thread.
+  const std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+  std::deque<std::future<FeatureFrame>> ahead;
   for (std::size_t i = 0; i < frames; ++i) {
-    FeatureFrame frame = world.frame(i);
+    while (ahead.size() < threads && i + ahead.size() < frames) {
+      const std::size_t next = i + ahead.size();
+      ahead.push_back(std::async(std::launch::async, [&world, next] { return world.frame(next); }));
+    }
+    FeatureFrame frame = ahead.front().get();
+    ahead.pop_front();
     mover_share += frame.mover_share;
     for (Output& output : outputs) {
       if (output.perception) output.perception->add_priors(i, frame);
