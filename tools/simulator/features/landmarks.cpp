@@ -28,6 +28,12 @@ bool sees(const StereoCamera& camera, const Landmark& l, const Rigid3& T_a_c, co
 
 namespace {
 
+bool is_in_image(const StereoCamera& camera, const Eigen::Vector3d& p_c) {
+  if (p_c.z() < 0.2) return false;
+  const Eigen::Vector3d pixel = camera.project_stereo(p_c);
+  return within_margin(camera, pixel.x(), pixel.y());
+}
+
 LandmarkEntry entry_of(const Landmark& l, std::int32_t id) {
   constexpr double kSlack = 1e-5;  // much more than sees() rounds
   const double farthest = l.max_distance;
@@ -65,7 +71,8 @@ std::vector<Sight> LandmarkMap::static_sights(const StereoCamera& camera,
         const auto found = grid_.find(cell_key(c));
         if (found == grid_.end()) continue;
         for (const LandmarkEntry& e : found->second) {
-          if (e.is_out_of_range(T_w_c.t())) continue;
+          // As sees() finds, without reading the landmark.
+          if (e.is_out_of_range(T_w_c.t()) || !is_in_image(camera, T_c_w * e.p_w)) continue;
           Sight s{};
           s.id = e.id;
           if (sees(camera, (*this)[e.id], T_w_c, T_c_w, s)) out.push_back(s);
