@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 
-from harness import SKIPPED, Absent, BuildFolder, Failure, load, make_input, report
+from harness import BuildFolder, load, make_input, status_of
 
 import compare_features
 
@@ -22,25 +22,15 @@ def limit_of(what):
     return 4 if any(name in what for name in rare) else 2
 
 
-def main():
-    if len(sys.argv) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    place = BuildFolder(sys.argv[1])
+def check(build):
+    place = BuildFolder(build)
     case = load("street")
     output = os.path.join(place.data, "plausible")
     os.makedirs(output, exist_ok=True)
-    try:
-        options = argparse.Namespace(bin=os.path.dirname(place.program("simulate_features")),
-                                     output=output, width=620, limit=[])
-        world = make_input(case, case["seed"], place)[0]
-        rendered, features = compare_features.compare(world, 1, options)
-    except Absent as reason:
-        print(f"skipped: {reason}")
-        return SKIPPED
-    except Failure as error:
-        report(error)
-        return 1
+    options = argparse.Namespace(bin=os.path.dirname(place.program("simulate_features")),
+                                 output=output, width=620, limit=[])
+    world = make_input(case, case["seed"], place)[0]
+    rendered, features = compare_features.compare(world, 1, options)
     far = 0
     for what, value in rendered.items():
         ratio = features[what] / value
@@ -49,6 +39,13 @@ def main():
         print(f"{what}: {value:.3g}, {features[what]:.3g}, ratio {ratio:.2f}{'' if inside else ': too far'}")
         far += not inside
     return 1 if far else 0
+
+
+def main():
+    if len(sys.argv) != 2:
+        print(__doc__, file=sys.stderr)
+        return 2
+    return status_of(check, sys.argv[1])
 
 
 if __name__ == "__main__":

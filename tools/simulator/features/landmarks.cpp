@@ -4,33 +4,12 @@
 #include <cmath>
 
 namespace kys_slam::simulator {
-
-bool sees(const StereoCamera& camera, const Landmark& l, const Rigid3& T_a_c, const Rigid3& T_c_a,
-          Sight& sight) {
-  // What costs least comes first: most landmarks are too far, or seen from aside.
-  const Eigen::Vector3d view = T_a_c.t() - l.p_w;
-  const double distance = view.norm();
-  if (distance >= l.max_distance || distance < 0.2) return false;
-  const double cosine = view.dot(l.normal.cast<double>()) / distance;
-  if (cosine < l.min_cosine) return false;
-  const Eigen::Vector3d p_c = T_c_a * l.p_w;
-  if (p_c.z() < 0.2) return false;
-  sight.pixel = camera.project_stereo(p_c);
-  if (!within_margin(camera, sight.pixel.x(), sight.pixel.y())) return false;
-  const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
-  sight.level = static_cast<float>(level);
-  // As it is kept: rounding can make 8 of what is just below.
-  if (sight.level >= kFeatureLevels || level >= l.max_level) return false;
-  sight.p_c = p_c;
-  sight.cosine = std::min(1.0, cosine);
-  return true;
-}
-
 namespace {
 
-bool is_in_image(const StereoCamera& camera, const Eigen::Vector3d& p_c) {
+/// Sets the pixel (u, v, u in the right image) of what is in front of the camera.
+bool is_in_image(const StereoCamera& camera, const Eigen::Vector3d& p_c, Eigen::Vector3d& pixel) {
   if (p_c.z() < 0.2) return false;
-  const Eigen::Vector3d pixel = camera.project_stereo(p_c);
+  pixel = camera.project_stereo(p_c);
   return within_margin(camera, pixel.x(), pixel.y());
 }
 
@@ -44,6 +23,25 @@ LandmarkEntry entry_of(const Landmark& l, std::int32_t id) {
 }
 
 }  // namespace
+
+bool sees(const StereoCamera& camera, const Landmark& l, const Rigid3& T_a_c, const Rigid3& T_c_a,
+          Sight& sight) {
+  // What costs least comes first: most landmarks are too far, or seen from aside.
+  const Eigen::Vector3d view = T_a_c.t() - l.p_w;
+  const double distance = view.norm();
+  if (distance >= l.max_distance || distance < 0.2) return false;
+  const double cosine = view.dot(l.normal.cast<double>()) / distance;
+  if (cosine < l.min_cosine) return false;
+  const Eigen::Vector3d p_c = T_c_a * l.p_w;
+  if (!is_in_image(camera, p_c, sight.pixel)) return false;
+  const double level = std::log(l.max_distance / distance) / std::log(kFeatureScale);
+  sight.level = static_cast<float>(level);
+  // As it is kept: rounding can make 8 of what is just below.
+  if (sight.level >= kFeatureLevels || level >= l.max_level) return false;
+  sight.p_c = p_c;
+  sight.cosine = std::min(1.0, cosine);
+  return true;
+}
 
 void LandmarkMap::add(const Landmark& landmark) {
   const auto id = static_cast<std::int32_t>(landmarks_.size());
@@ -71,10 +69,11 @@ std::vector<Sight> LandmarkMap::static_sights(const StereoCamera& camera,
         const auto found = grid_.find(cell_key(c));
         if (found == grid_.end()) continue;
         for (const LandmarkEntry& e : found->second) {
-          // As sees() finds, without reading the landmark.
-          if (e.is_out_of_range(T_w_c.t()) || !is_in_image(camera, T_c_w * e.p_w)) continue;
           Sight s{};
           s.id = e.id;
+          // As sees() finds, without reading the landmark.
+          if (e.is_out_of_range(T_w_c.t()) || !is_in_image(camera, T_c_w * e.p_w, s.pixel))
+            continue;
           if (sees(camera, (*this)[e.id], T_w_c, T_c_w, s)) out.push_back(s);
         }
       }
