@@ -53,6 +53,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
     if (map.keyframe(landmark.reference).submap == submap) job->landmarks.push_back(id);
   });
   static_cast<void>(add_landmarks(map, job->keyframes, job->landmarks, job->problem));
+  add_motions(map, job->keyframes, job->problem);
   job->T_c_w = job->problem.T_c_w;
   job->points = job->problem.points;
   const auto size = static_cast<int>(job->keyframes.size());

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "map/frame_features.h"
@@ -18,6 +19,15 @@ struct Covisible {
   friend bool operator==(const Covisible&, const Covisible&) = default;
 };
 
+/// Motion expected between two keyframes. It holds one whose observations say little of its pose.
+struct ExpectedMotion {
+  KeyFrameId reference;
+  Rigid3 T_c_reference;
+  double scale = 1;           ///< Map::scale of T_c_reference
+  double sigma_position = 1;  ///< m
+  double sigma_rotation = 1;  ///< rad
+};
+
 /// A frame kept in the map.
 struct KeyFrame {
   KeyFrameId id;
@@ -26,11 +36,12 @@ struct KeyFrame {
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
-  std::vector<LandmarkId> landmarks;   ///< per feature; invalid: none
-  std::vector<Covisible> covisible;    ///< all with weight >= 1, by id
-  KeyFrameId parent;                   ///< in the spanning tree; invalid at its root
-  std::vector<KeyFrameId> children;    ///< by id
-  std::vector<KeyFrameId> loop_edges;  ///< by id
+  std::vector<LandmarkId> landmarks;     ///< per feature; invalid: none
+  std::vector<Covisible> covisible;      ///< all with weight >= 1, by id
+  KeyFrameId parent;                     ///< in the spanning tree; invalid at its root
+  std::vector<KeyFrameId> children;      ///< by id
+  std::vector<KeyFrameId> loop_edges;    ///< by id
+  std::optional<ExpectedMotion> motion;  ///< not stored in map files
 };
 
 }  // namespace kys_slam

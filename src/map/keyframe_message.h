@@ -4,11 +4,13 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "map/frame_features.h"
 #include "map/ids.h"
 #include "map/instance_belief.h"
+#include "map/keyframe.h"
 
 namespace kys_slam {
 
@@ -40,6 +42,7 @@ struct KeyFrameMessage {
   KeyFrameId reference;  ///< reference keyframe of tracking; parent if none is covisible
   Rigid3 T_c_reference;  ///< measured relative pose: the map may have changed since
   double scale = 1;      ///< Map::scale at which it was measured
+  std::optional<ExpectedMotion> motion;  ///< where observations say little of the pose
 };
 
 }  // namespace kys_slam

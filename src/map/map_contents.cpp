@@ -87,7 +87,8 @@ MapContents Map::contents() const {
                                   .covisible = {},
                                   .parent = k.parent,
                                   .children = {},
-                                  .loop_edges = k.loop_edges});
+                                  .loop_edges = k.loop_edges,
+                                  .motion = {}});
   });
   contents.culled.reserve(culled_.size());
   culled_.for_each([&](KeyFrameId, const CulledKeyFrame& c) { contents.culled.push_back(c); });

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <optional>
 
 #include "map/seen_landmarks.h"
 
@@ -56,6 +57,13 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
   std::sort(order.begin(), order.end());
   order.resize(std::min(order.size(), options.max_fixed));
   for (const auto& entry : order) window.fixed.push_back(entry.second);
+  for (const KeyFrameId id : window.free) {  // what holds them
+    const std::optional<ExpectedMotion>& motion = map.keyframe(id).motion;
+    if (!motion || !map.has(motion->reference)) continue;
+    if (std::binary_search(window.free.begin(), window.free.end(), motion->reference)) continue;
+    if (std::ranges::find(window.fixed, motion->reference) != window.fixed.end()) continue;
+    window.fixed.push_back(motion->reference);
+  }
   std::sort(window.fixed.begin(), window.fixed.end());
   return window;
 }
@@ -99,6 +107,19 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
   return observations;
 }
 
+void add_motions(const Map& map, const std::vector<KeyFrameId>& poses, BundleProblem& problem) {
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const std::optional<ExpectedMotion>& motion = map.keyframe(poses[k]).motion;
+    if (!motion) continue;
+    const auto at = std::lower_bound(poses.begin(), poses.end(), motion->reference);
+    if (at == poses.end() || *at != motion->reference) continue;
+    problem.motions.push_back({static_cast<std::uint32_t>(k),
+                               static_cast<std::uint32_t>(at - poses.begin()),
+                               scaled(motion->T_c_reference, map.scale() / motion->scale),
+                               motion->sigma_position, motion->sigma_rotation});
+  }
+}
+
 LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundleOptions& options,
                                  const std::atomic<bool>* stop) {
   const Window window = choose_window(map, current, options);
@@ -121,6 +142,7 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
 
   const std::vector<ObservationRef> observations =
       add_landmarks(map, poses, window.landmarks, problem);
+  add_motions(map, poses, problem);
 
   BundleOptions bundle = options.bundle;
   bundle.stop = stop;

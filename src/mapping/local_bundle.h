@@ -44,6 +44,10 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
                                           const std::vector<LandmarkId>& landmarks,
                                           BundleProblem& problem);
 
+/// Adds the expected motions of these keyframes (increasing ids, in the order of the problem's
+/// poses) where both ends are among them.
+void add_motions(const Map& map, const std::vector<KeyFrameId>& poses, BundleProblem& problem);
+
 /// Bundle adjustment of a keyframe, its covisible keyframes and all landmarks they observe. Other
 /// keyframes that observe these landmarks are fixed (ORB-SLAM, Sec. VI-D). Outlier observations are
 /// removed from the map.

@@ -73,6 +73,7 @@ void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   if (const auto T_r_w = map.pose(message.reference)) {
     keyframe.T_c_w = scaled(message.T_c_reference, map.scale() / message.scale) * *T_r_w;
   }
+  keyframe.motion = message.motion;
   const Rigid3 T_w_c = keyframe.T_c_w.inverse();
   map.add_keyframe(std::move(keyframe));
 

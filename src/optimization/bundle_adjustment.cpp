@@ -43,6 +43,12 @@ void check(const BundleProblem& problem) {
       throw std::invalid_argument("adjust_bundle: observation of a pose or noise out of range");
     }
   }
+  for (const MotionTerm& m : problem.motions) {
+    const bool in_range = std::max(m.a, m.b) < problem.T_c_w.size() && m.a != m.b;
+    if (!in_range || !m.T_a_b.is_finite() || !(m.sigma_position > 0) || !(m.sigma_rotation > 0)) {
+      throw std::invalid_argument("adjust_bundle: motion of poses out of range, or not finite");
+    }
+  }
 }
 
 /// Poses with rotations ready, and what an observation needs of them.

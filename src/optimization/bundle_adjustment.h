@@ -10,6 +10,7 @@
 
 #include "geometry/chi_square.h"
 #include "geometry/observation.h"
+#include "optimization/motion_term.h"
 
 namespace kys_slam {
 
@@ -34,6 +35,7 @@ struct BundleProblem {
                                ///< bounds do not depend on it; empty: 1
   std::vector<Observation> observations;  ///< by point
   std::vector<std::int32_t> first{0};     ///< per point its first observation; then their number
+  std::vector<MotionTerm> motions;        ///< expected between poses
 
   /// Adds a point without observations.
   void add_point(const Eigen::Vector3d& p_w) {

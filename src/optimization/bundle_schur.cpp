@@ -6,6 +6,8 @@
 #include <cmath>
 #include <optional>
 #include <span>
+#include <utility>
+#include <vector>
 
 #include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
@@ -259,7 +261,19 @@ class SchurBundle {
     return pattern;
   }
 
-  /// Blocks of poses that see a point together.
+  /// Pairs of free poses with an expected motion, the later one first, in order.
+  [[nodiscard]] std::vector<std::pair<std::int32_t, std::int32_t>> moving_pairs() const {
+    std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
+    for (const MotionTerm& motion : problem_.motions) {
+      const std::int32_t a = free_index_[motion.a];
+      const std::int32_t b = free_index_[motion.b];
+      if (a >= 0 && b >= 0) pairs.emplace_back(std::max(a, b), std::min(a, b));
+    }
+    std::sort(pairs.begin(), pairs.end());
+    return pairs;
+  }
+
+  /// Blocks of poses that see a point together or have an expected motion.
   [[nodiscard]] BlockPattern shared_points() const {
     std::vector<std::int32_t> free_of;      // per observation, by point
     std::vector<std::int32_t> first_of{0};  // per point: the first of its observations
@@ -286,6 +300,8 @@ class SchurBundle {
     }
     BlockPattern pattern;
     std::vector<std::int32_t> seen_by(free_pose_.size(), -1);
+    const auto pairs = moving_pairs();
+    auto pair = pairs.begin();
     for (std::int32_t r = 0; r < static_cast<std::int32_t>(free_pose_.size()); ++r) {
       for (std::int32_t k = begin[r]; k < begin[r + 1]; ++k) {
         const std::int32_t point = point_of[k];
@@ -296,6 +312,9 @@ class SchurBundle {
           seen_by[c] = r;
           pattern.column.push_back(c);
         }
+      }
+      for (; pair != pairs.end() && pair->first == r; ++pair) {
+        if (std::exchange(seen_by[pair->second], r) != r) pattern.column.push_back(pair->second);
       }
       std::sort(pattern.column.begin() + pattern.row_begin.back(), pattern.column.end());
       pattern.row_begin.push_back(static_cast<std::int32_t>(pattern.column.size()));
@@ -339,6 +358,9 @@ class SchurBundle {
     double cost = 0;
     for (std::size_t k = 0; k < points_.size(); ++k) {
       cost += loss(points_[k], groups_of(k), problem_.points[points_[k].point]);
+    }
+    for (const MotionTerm& motion : problem_.motions) {
+      cost += cost_of(motion, problem_.T_c_w[motion.a], problem_.T_c_w[motion.b]);
     }
     return cost;
   }
@@ -398,6 +420,7 @@ class SchurBundle {
       }
       take_in(i, damping);
     }
+    for (const MotionTerm& motion : problem_.motions) take_in(motion);
     if (!solve_reduced(damping)) return -1;
     const double predicted = back_substitute(damping);
     if (std::isfinite(predicted) && predicted >= 0) apply();
@@ -419,6 +442,29 @@ class SchurBundle {
     const Eigen::Vector3d y = lower_of(e.L_inverse) * e.b;
     eliminate(free_.data(), point.count, mixed_.data(), e.L_inverse.data(), y.data(), Z_.data(),
               system);
+  }
+
+  /// Adds an expected motion.
+  void take_in(const MotionTerm& motion) {
+    const std::int32_t a = free_index_[motion.a];
+    const std::int32_t b = free_index_[motion.b];
+    if (a < 0 && b < 0) return;
+    const MotionNormal normal =
+        normal_of(motion, problem_.T_c_w[motion.a], problem_.T_c_w[motion.b]);
+    const auto add = [&](std::int32_t pose, const Matrix6d& own, const Vector6d& gradient) {
+      if (pose < 0) return;
+      block(pose, pose) += own;
+      sums_[pose].gradient() += gradient;
+      sums_[pose].diagonal() += own.diagonal();
+    };
+    add(a, normal.aa, normal.a);
+    add(b, normal.bb, normal.b);
+    if (a < 0 || b < 0) return;
+    if (a > b) {
+      block(a, b) += normal.ab;
+    } else {
+      block(b, a) += normal.ab.transpose();
+    }
   }
 
   static EliminatedPoint eliminated(const PointNormal& normal, double damping) {

@@ -55,6 +55,7 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input, TrackResult& resul
               {},
               {},
               {},
+              {},
               options_.align ? input.left : nullptr,
               input.segments};
   frame.landmarks.resize(frame.features->size());
@@ -111,6 +112,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
 bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
   Stopwatch watch;
   if (result.overruled) result.reason += "; image area against most matches";
+  result.held = frame.held.has_value();
   if (result.held) result.reason += "; held by constant velocity";
   if (instances_) judge_instances(frame, result);
   if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {

@@ -141,6 +141,7 @@ class Tracker {
     std::vector<LandmarkId> landmarks;  // per feature
     Rigid3 T_c_w;
     FramePose pose;
+    std::optional<PosePrior> held;         // by the expected pose
     const ImagePyramid* left = nullptr;    // while the frame is tracked
     std::span<const kys::Prior> segments;  // while the frame is tracked
 
@@ -189,6 +190,7 @@ class Tracker {
   [[nodiscard]] int count_addable(const Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;
   KeyFrameMessage make_keyframe(Frame& frame);
+  [[nodiscard]] std::optional<ExpectedMotion> expected_motion(const Frame& frame) const;
   void add_stereo_landmarks(const Frame& frame, KeyFrameMessage& message);
   [[nodiscard]] LandmarkView first_view(const Frame& frame, std::size_t feature,
                                         const Eigen::Vector3d& p_w, KeyFrameId keyframe) const;

@@ -41,6 +41,16 @@ int Tracker::count_addable(const Frame& frame) const {
   return count;
 }
 
+/// Since the last keyframe, of a frame that is held by its expected pose.
+std::optional<ExpectedMotion> Tracker::expected_motion(const Frame& frame) const {
+  if (!frame.held) return std::nullopt;
+  const KeyFrameView* last = replica_.keyframes().find(last_keyframe_);
+  if (last == nullptr || last->submap != submap(reference_)) return std::nullopt;
+  const auto steps = static_cast<double>(frame.index - last_keyframe_frame_);
+  return ExpectedMotion{last_keyframe_, frame.held->T_c_w * last->T_c_w.inverse(), replica_.scale(),
+                        steps * frame.held->sigma_position, steps * frame.held->sigma_rotation};
+}
+
 KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
   KeyFrameMessage message;
   frame.features = with_beliefs(std::move(frame.features));
@@ -59,6 +69,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
     message.T_c_reference = frame.T_c_w * replica_.keyframes().at(reference_).T_c_w.inverse();
     message.scale = replica_.scale();
   }
+  message.motion = expected_motion(frame);
   add_stereo_landmarks(frame, message);
   for (const NewLandmark& landmark : message.new_landmarks) {
     frame.landmarks[landmark.feature] = landmark.id;

@@ -333,7 +333,7 @@ PoseObservation Tracker::observation(const Frame& frame, std::size_t feature,
 /// Pose from the frame's landmarks; outliers lose their landmark. Returns the number of inliers.
 /// Without `expects` the expected pose is not used.
 int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const {
-  result.held = false;
+  frame.held.reset();
   std::vector<PoseObservation> observations;
   std::vector<Vote> votes;
   std::vector<std::size_t> features;
@@ -366,7 +366,7 @@ int Tracker::refine_pose(Frame& frame, TrackResult& result, bool expects) const 
       PoseOptions held;
       held.prior = prior;
       consensus = estimate(expected->T_c_w, held);
-      result.held = true;
+      frame.held = prior;
     }
   }
   frame.T_c_w = consensus.pose.T_c_w;

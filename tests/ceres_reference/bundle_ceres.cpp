@@ -1,5 +1,6 @@
 #include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
+#include <ceres/numeric_diff_cost_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
@@ -39,6 +40,23 @@ class StopCallback final : public ceres::IterationCallback {
 /// More free poses than this make a reduced system that is worth treating as sparse.
 constexpr int kDenseSchurMaxPoses = 60;
 
+/// The expected motion between two poses, by their increments of plus(): Ceres differentiates it.
+struct MotionCost {
+  const MotionTerm* motion;
+  const Rigid3* T_a_w;
+  const Rigid3* T_b_w;
+
+  bool operator()(const double* a, const double* b, double* residuals) const {
+    const Rigid3 T_a = plus(*T_a_w, Eigen::Map<const Vector6d>(a));
+    const Rigid3 T_b = plus(*T_b_w, Eigen::Map<const Vector6d>(b));
+    const Rigid3 more = T_a * T_b.inverse() * motion->T_a_b.inverse();
+    Eigen::Map<Vector6d> error(residuals);
+    error << so3_log(more.rotation) / motion->sigma_rotation,
+        more.translation / motion->sigma_position;
+    return true;
+  }
+};
+
 class CeresBundle {
  public:
   CeresBundle(BundleProblem& bundle, const BundleOptions& options, const BundleRound& round)
@@ -54,6 +72,14 @@ class CeresBundle {
         const auto k = static_cast<std::size_t>(i);
         if (round.active[k] != 0) add(point, bundle.observations[k], round.robust);
       }
+    }
+    for (const MotionTerm& motion : bundle.motions) {
+      motion_costs_.push_back(
+          std::make_unique<ceres::NumericDiffCostFunction<MotionCost, ceres::CENTRAL, 6, 6, 6>>(
+              new MotionCost{&motion, &bundle.T_c_w[motion.a], &bundle.T_c_w[motion.b]}));
+      problem_.AddResidualBlock(motion_costs_.back().get(), nullptr, increments_[motion.a].data(),
+                                increments_[motion.b].data());
+      pose_used_[motion.a] = pose_used_[motion.b] = 1;
     }
     for (std::size_t i = 0; i < pose_used_.size(); ++i) {
       if (pose_used_[i] == 0) continue;
@@ -150,6 +176,7 @@ class CeresBundle {
   ceres::HuberLoss loss_mono_;
   std::deque<StereoReprojectionCost> stereo_costs_;  // Ceres keeps pointers to them
   std::deque<MonoReprojectionCost> mono_costs_;
+  std::vector<std::unique_ptr<ceres::CostFunction>> motion_costs_;
   std::vector<std::unique_ptr<ceres::ScaledLoss>> weighted_losses_;
   std::vector<Vector6d> increments_;
   std::vector<std::uint8_t> pose_used_;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "mapping/local_mapper.h"
 #include "support/map_builder.h"
 
 namespace kys_slam {
@@ -139,6 +140,46 @@ TEST(LocalBundle, WrongObservationsLeaveTheMap) {
   for (std::uint32_t k = 0; k < poses.size(); ++k) {
     EXPECT_LT((map.keyframe({k}).T_c_w.inverse().t() - poses[k].t()).norm(), 0.02);
   }
+}
+
+/// The last keyframe sees far landmarks only, which say little of where it is. Returns how far from
+/// its true place the bundle leaves it, m.
+double error_with_far_landmarks(std::optional<ExpectedMotion> motion) {
+  const std::vector<Rigid3> poses = testing::weaving_poses(6, 0.8);
+  const FeatureWorld noisy = world(1.0);
+  Map map = testing::map_of_world(noisy, poses).map;
+  const Rigid3 truth = testing::weaving_pose(4.8);
+  const testing::SeenFeatures seen = testing::see(noisy, 6, truth);
+  KeyFrameMessage message;
+  message.id = {6};
+  message.frame_index = 6;
+  message.features = seen.features;
+  message.tracked.resize(seen.points.size());
+  for (std::size_t f = 0; f < seen.points.size(); ++f) {
+    const LandmarkId landmark{static_cast<std::uint32_t>(seen.points[f])};
+    if (map.has(landmark) && seen.features->depth(f) > 50) message.tracked[f] = landmark;
+  }
+  message.reference = {5};
+  message.T_c_reference = truth.inverse() * poses[5];
+  message.T_c_w = message.T_c_reference * map.keyframe({5}).T_c_w;
+  message.motion = motion;
+  insert_keyframe(map, message);
+  map.check_consistency();
+  const LocalBundleReport report = adjust_locally(map, KeyFrameId{6}, {});
+  map.check_consistency();
+  EXPECT_EQ(report.keyframes, 7);
+  return (map.keyframe({6}).T_c_w.inverse_t() - truth.t()).norm();
+}
+
+TEST(LocalBundle, AnExpectedMotionHoldsAKeyframeThatFarLandmarksDoNot) {
+  const Rigid3 T_c_reference =
+      testing::weaving_pose(4.8).inverse() * testing::weaving_poses(6, 0.8)[5];
+  EXPECT_GT(error_with_far_landmarks(std::nullopt), 0.1);
+  EXPECT_LT(error_with_far_landmarks(ExpectedMotion{{5}, T_c_reference, 1, 0.02, 0.01}), 0.03);
+  // Measured when lengths were half as large.
+  EXPECT_LT(
+      error_with_far_landmarks(ExpectedMotion{{5}, scaled(T_c_reference, 0.5), 0.5, 0.02, 0.01}),
+      0.03);
 }
 
 TEST(LocalBundle, AStopLeavesAValidMap) {

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 
 #include "ceres_reference/ceres_reference.h"
 #include "synthetic_scene.h"
@@ -390,6 +391,47 @@ TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
   }
 }
 
+/// Some poses have few observations, all far away, and expected motions that hold them, also from
+/// poses with which they share no point.
+TEST(AdjustBundleSolvers, ExpectedMotionsLeadToTheSameMinimum) {
+  SceneOptions scene_options = small_scene();
+  scene_options.noise = 1;
+  Scene scene = make_scene(scene_options);
+  const auto expect = [&](std::uint32_t a, std::uint32_t b) {
+    Rigid3 T_a_b = scene.T_c_w[a] * scene.T_c_w[b].inverse();
+    T_a_b.translation += Eigen::Vector3d(0.01, -0.02, 0.03);
+    scene.problem.motions.push_back({a, b, T_a_b, 0.005, 0.002});
+  };
+  expect(5, 4);
+  expect(6, 7);
+  expect(9, 3);
+  expect(8, 1);  // a fixed pose
+  perturb(scene, 0.002, 0.03, 0.05);
+  const auto solved = [&](BundleSolver solver, BundleRoundSolver reference) {
+    BundleProblem problem = scene.problem;
+    BundleOptions bundle;
+    bundle.iterations = 100;
+    bundle.refine_iterations = 0;
+    bundle.function_tolerance = 1e-14;
+    bundle.solver = solver;
+    bundle.round_solver = reference;
+    const BundleSummary summary = adjust_bundle(problem, bundle);
+    return std::pair{summary, problem.T_c_w};
+  };
+  const auto [reference, poses] = solved(BundleSolver::kAuto, solve_bundle_ceres);
+  for (const BundleSolver solver : {BundleSolver::kSchur, BundleSolver::kSparseSchur}) {
+    const auto [own, own_poses] = solved(solver, nullptr);
+    EXPECT_NEAR(own.initial_cost, reference.initial_cost, 1e-9 * reference.initial_cost);
+    EXPECT_NEAR(own.final_cost, reference.final_cost, 1e-6 * reference.final_cost);
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      EXPECT_LT(minus(own_poses[i], poses[i]).norm(), 1e-4) << i;
+    }
+  }
+  scene.problem.motions.clear();
+  const auto [without, free_poses] = solved(BundleSolver::kSchur, nullptr);
+  EXPECT_GT(minus(free_poses[6], poses[6]).norm(), 1e-3) << "they make a difference";
+}
+
 /// Where a whole map ends up: own solver and reference.
 void expect_same_minimum(const Scene& scene, bool robust) {
   BundleOptions bundle;
@@ -448,6 +490,30 @@ TEST(FullBundle, SparseAndDenseSystemsTakeTheSameSteps) {
   }
 }
 
+TEST(FullBundle, ExpectedMotionsJoinPosesThatShareNoPoint) {
+  Scene scene = make_loop_scene(60, 1500, 0);
+  const auto expect = [&](std::uint32_t a, std::uint32_t b) {
+    scene.problem.motions.push_back({a, b, scene.T_c_w[a] * scene.T_c_w[b].inverse(), 0.01, 0.001});
+  };
+  expect(10, 40);
+  expect(41, 10);
+  expect(20, 19);
+  perturb(scene, 1e-4, 1e-3, 1e-3);
+  BundleOptions bundle;
+  bundle.refine_iterations = 0;
+  bundle.iterations = 20;
+  bundle.function_tolerance = 1e-12;
+  for (const BundleSolver solver : {BundleSolver::kSchur, BundleSolver::kSparseSchur}) {
+    BundleProblem problem = scene.problem;
+    bundle.solver = solver;
+    const BundleSummary summary = adjust_bundle(problem, bundle);
+    EXPECT_LT(summary.final_cost, 1e-3);
+    for (std::size_t i = 0; i < problem.T_c_w.size(); ++i) {
+      EXPECT_LT(minus(problem.T_c_w[i], scene.T_c_w[i]).norm(), 1e-4) << i;
+    }
+  }
+}
+
 TEST(FullBundle, ManyPosesAreSolvedSparselyAndAlwaysAlike) {
   Scene scene = make_loop_scene(kDenseMaxPoses + 2, 3000, 0.7);
   perturb(scene, 0.0005, 0.02, 0.02);
@@ -502,6 +568,9 @@ TEST(AdjustBundleArguments, WrongOnesAreRefused) {
   refused([](BundleProblem& p) { p.first.pop_back(); });
   refused([](BundleProblem& p) { p.first[3] = p.first[4] + 1; });
   refused([](BundleProblem& p) { p.first.front() = 1; });
+  refused([](BundleProblem& p) { p.motions.push_back({3, 3, {}, 0.1, 0.1}); });
+  refused([](BundleProblem& p) { p.motions.push_back({3, 400, {}, 0.1, 0.1}); });
+  refused([](BundleProblem& p) { p.motions.push_back({3, 4, {}, 0.1, 0}); });
   scene.problem.weights.resize(3, 1);
   EXPECT_THROW(adjust_bundle(scene.problem, {}), std::invalid_argument);
   scene.problem.weights.clear();

@@ -338,6 +338,14 @@ TEST_F(TrackerTest, ConstantVelocityHoldsAPoseThatFewMatchesHold) {
   EXPECT_TRUE(result.held);
   EXPECT_EQ(result.reason, "motion model; held by constant velocity");
   EXPECT_LT((result.T_c_w.inverse().t() - truth(1.2).t()).norm(), 0.03);
+  ASSERT_TRUE(result.keyframe);
+  ASSERT_TRUE(result.keyframe->motion) << "it holds the keyframe in the map as well";
+  const ExpectedMotion& motion = *result.keyframe->motion;
+  const double from = 0.4 * motion.reference.value;
+  EXPECT_LT((motion.T_c_reference.inverse().t() - (truth(from).inverse() * truth(1.2)).t()).norm(),
+            0.03);
+  EXPECT_GT(motion.sigma_position, 0);
+  EXPECT_LT(motion.sigma_position, 0.1);
   EXPECT_FALSE(track_world(4, 1.6).held) << "not where enough else holds it";
 }
 
