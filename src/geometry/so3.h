@@ -42,4 +42,32 @@ inline Rigid3 plus_left(const Rigid3& T_a_b, const Eigen::Matrix<double, 6, 1>& 
   return {turn * T_a_b.rotation, turn * T_a_b.translation + delta.tail<3>()};
 }
 
+/// The increment of plus_left() from the identity to T.
+inline Eigen::Matrix<double, 6, 1> left_increment(const Rigid3& T) {
+  Eigen::Matrix<double, 6, 1> delta;
+  delta << so3_log(T.rotation), T.translation;
+  return delta;
+}
+
+/// Information of such an increment, the diagonal. \param sigma_rotation rad
+/// \param sigma_translation m
+inline Eigen::Matrix<double, 6, 1> left_information(double sigma_rotation,
+                                                    double sigma_translation) {
+  Eigen::Matrix<double, 6, 1> information;
+  information.head<3>().setConstant(1 / (sigma_rotation * sigma_rotation));
+  information.tail<3>().setConstant(1 / (sigma_translation * sigma_translation));
+  return information;
+}
+
+/// A small increment of plus_left() in frame b, as one in frame a: T_a_b plus_left(I, d) T_b_a is
+/// plus_left(I, adjoint(T_a_b) d) to first order.
+inline Eigen::Matrix<double, 6, 6> adjoint(const Rigid3& T_a_b) {
+  const Eigen::Matrix3d R = T_a_b.R();
+  Eigen::Matrix<double, 6, 6> result = Eigen::Matrix<double, 6, 6>::Zero();
+  result.topLeftCorner<3, 3>() = R;
+  result.bottomLeftCorner<3, 3>() = hat(T_a_b.translation) * R;
+  result.bottomRightCorner<3, 3>() = R;
+  return result;
+}
+
 }  // namespace kys_slam

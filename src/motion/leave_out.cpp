@@ -71,12 +71,8 @@ CameraMotion camera_motion(const Rigid3& T_before_w, const PoseIncrement& before
   CameraMotion motion;
   motion.T_now_before = now.applied_to(T_now_w) * before.applied_to(T_before_w).inverse();
   // An increment of the earlier frame, expressed in the present one.
-  const Eigen::Matrix3d R = motion.T_now_before.R();
-  Matrix6d adjoint = Matrix6d::Zero();
-  adjoint.topLeftCorner<3, 3>() = R;
-  adjoint.bottomLeftCorner<3, 3>() = hat(motion.T_now_before.translation) * R;
-  adjoint.bottomRightCorner<3, 3>() = R;
-  motion.covariance = now.covariance + adjoint * before.covariance * adjoint.transpose();
+  const Matrix6d change = adjoint(motion.T_now_before);
+  motion.covariance = now.covariance + change * before.covariance * change.transpose();
   return motion;
 }
 

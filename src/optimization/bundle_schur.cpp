@@ -67,7 +67,7 @@ class SchurBundle {
     find_observations();
     if (!round.sparse) pack_all();
     if (round.sparse) {
-      pattern_ = shared_points();
+      pattern_ = needed_blocks();
       sparse_.emplace(pattern_);
       use_order_ = sparse_->use_order();
       places_ = BlockPlaces(pattern_, use_order_);
@@ -274,7 +274,7 @@ class SchurBundle {
   }
 
   /// Blocks of poses that see a point together or have an expected motion.
-  [[nodiscard]] BlockPattern shared_points() const {
+  [[nodiscard]] BlockPattern needed_blocks() const {
     std::vector<std::int32_t> free_of;      // per observation, by point
     std::vector<std::int32_t> first_of{0};  // per point: the first of its observations
     free_of.reserve(active_.size());

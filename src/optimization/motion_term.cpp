@@ -1,5 +1,7 @@
 #include "optimization/motion_term.h"
 
+#include "geometry/so3.h"
+
 namespace kys_slam {
 
 namespace {
@@ -12,23 +14,14 @@ Rigid3 surplus(const MotionTerm& term, const Rigid3& T_a_b) {
   return T_a_b * term.T_a_b.inverse();
 }
 
-Vector6d error_of(const Rigid3& more) {
-  Vector6d error;
-  error << so3_log(more.rotation), more.translation;
-  return error;
-}
-
 Vector6d information_of(const MotionTerm& term) {
-  Vector6d information;
-  information.head<3>().setConstant(1 / (term.sigma_rotation * term.sigma_rotation));
-  information.tail<3>().setConstant(1 / (term.sigma_position * term.sigma_position));
-  return information;
+  return left_information(term.sigma_rotation, term.sigma_position);
 }
 
 }  // namespace
 
 double cost_of(const MotionTerm& term, const Rigid3& T_a_w, const Rigid3& T_b_w) {
-  const Vector6d error = error_of(surplus(term, T_a_w * T_b_w.inverse()));
+  const Vector6d error = left_increment(surplus(term, T_a_w * T_b_w.inverse()));
   return 0.5 * information_of(term).dot(error.cwiseAbs2());
 }
 
@@ -39,14 +32,9 @@ MotionNormal normal_of(const MotionTerm& term, const Rigid3& T_a_w, const Rigid3
   Matrix6d J_a = Matrix6d::Identity();
   J_a.bottomLeftCorner<3, 3>() = -hat(more.translation);
   // An increment of b is one of a, expressed in its frame, the other way round.
-  const Eigen::Matrix3d R = T_a_b.R();
-  Matrix6d adjoint = Matrix6d::Zero();
-  adjoint.topLeftCorner<3, 3>() = R;
-  adjoint.bottomLeftCorner<3, 3>() = hat(T_a_b.translation) * R;
-  adjoint.bottomRightCorner<3, 3>() = R;
-  const Matrix6d J_b = -J_a * adjoint;
+  const Matrix6d J_b = -J_a * adjoint(T_a_b);
   const Vector6d information = information_of(term);
-  const Vector6d weighted = information.cwiseProduct(error_of(more));
+  const Vector6d weighted = information.cwiseProduct(left_increment(more));
   const Matrix6d WJ_a = information.asDiagonal() * J_a;
   const Matrix6d WJ_b = information.asDiagonal() * J_b;
   MotionNormal normal;

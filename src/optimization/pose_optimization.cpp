@@ -209,11 +209,8 @@ class PoseProblem {
   /// distance of the two camera centres.
   void add_prior(const Rigid3& T_c_w, PoseNormalEquations& sums) const {
     const Rigid3 away = T_c_w * prior_->T_c_w.inverse();
-    Vector6d error;
-    error << so3_log(away.rotation), away.translation;
-    Vector6d weight;
-    weight.head<3>().setConstant(1 / (prior_->sigma_rotation * prior_->sigma_rotation));
-    weight.tail<3>().setConstant(1 / (prior_->sigma_position * prior_->sigma_position));
+    const Vector6d error = left_increment(away);
+    const Vector6d weight = left_information(prior_->sigma_rotation, prior_->sigma_position);
     sums.hessian.diagonal() += weight;
     sums.gradient += weight.cwiseProduct(error);
     sums.cost += 0.5 * weight.dot(error.cwiseAbs2());

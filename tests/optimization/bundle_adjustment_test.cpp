@@ -391,8 +391,7 @@ TEST(AdjustBundleSolvers, ReachTheSameMinimum) {
   }
 }
 
-/// Some poses have few observations, all far away, and expected motions that hold them, also from
-/// poses with which they share no point.
+/// Expected motions that contradict the observations, between free poses and from a fixed one.
 TEST(AdjustBundleSolvers, ExpectedMotionsLeadToTheSameMinimum) {
   SceneOptions scene_options = small_scene();
   scene_options.noise = 1;

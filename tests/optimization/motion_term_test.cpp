@@ -9,7 +9,7 @@ namespace {
 
 using Vector6d = MotionNormal::Vector6d;
 
-/// 0.2 m and 0.02 rad more than expected, each twice its sigma: 1/2 (4 + 4).
+/// 0.2 m or 0.02 rad more than expected, twice the sigma: 1/2 of 4.
 TEST(MotionTerm, CostsHalfItsChiSquare) {
   const MotionTerm term{0, 1, Rigid3(Eigen::Quaterniond::Identity(), {0, 0, -1}), 0.1, 0.01};
   const Rigid3 T_b_w(so3_exp({0.1, -0.2, 0.3}), {4, 5, 6});
