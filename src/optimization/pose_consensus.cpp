@@ -408,12 +408,8 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   Rival best{result.pose.T_c_w, wanted};
   if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
-    Rival rival = consensus.refined(T_c_w_initial);
-    if (scene) {
-      const Rival other = consensus.refined(scene->T_c_w);
-      if (other.support > rival.support) rival = other;
-    }
-    rival = consensus.best_of_samples(result.pose.T_c_w, rival);
+    const Rival rival =
+        consensus.best_of_samples(result.pose.T_c_w, consensus.refined(T_c_w_initial));
     if (rival.support > best.support) best = rival;
   }
   if (best.support <= wanted) return result;
