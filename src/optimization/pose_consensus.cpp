@@ -45,6 +45,7 @@ constexpr std::size_t kSample = 3;
 constexpr std::size_t kRefined = 5;    // samples that are refined
 constexpr int kRefinements = 4;        // largest number per sample
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
+constexpr double kSceneLead = 0.4;     // cells, of the fixed scene's pose over the initial pose
 constexpr double kSureMembers = 4;     // observations from which a cell or a thing has full weight
 constexpr std::size_t kPanel = 6;      // observations of a cell or a thing that judge a sample
 constexpr double kStands = 0.5;        // least share of fitting observations of a static thing
@@ -408,8 +409,12 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   Rival best{result.pose.T_c_w, wanted};
   if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
-    const Rival rival =
-        consensus.best_of_samples(result.pose.T_c_w, consensus.refined(T_c_w_initial));
+    Rival rival = consensus.refined(T_c_w_initial);
+    if (scene) {
+      const Rival other = consensus.refined(scene->T_c_w);
+      if (other.support > rival.support + kSceneLead) rival = other;
+    }
+    rival = consensus.best_of_samples(result.pose.T_c_w, rival);
     if (rival.support > best.support) best = rival;
   }
   if (best.support <= wanted) return result;

@@ -62,11 +62,11 @@ enum class Start : std::uint8_t {
 /// matches. Every occupied cell of the image has one vote, shared by its matches. When outliers
 /// have less than the share `contested` of the area, and the acceleration to the pose is possible,
 /// that pose is returned unchanged: a static scene is not affected. Otherwise competing poses are
-/// estimated from the initial pose, and from samples of three matches in three cells that are
-/// outliers of the pose (RANSAC with local optimisation, Chum et al. 2003; score as MSAC, Torr and
-/// Zisserman 2000, weighted by area). Support decreases with the acceleration that a pose needs
-/// relative to `expected`. When a competing pose has more support, it is refined over all its
-/// inliers, each at full weight.
+/// estimated from the initial pose, with `votes` from the fixed scene alone, and from samples of
+/// three matches in three cells that are outliers of the pose (RANSAC with local optimisation, Chum
+/// et al. 2003; score as MSAC, Torr and Zisserman 2000, weighted by area). Support decreases with
+/// the acceleration that a pose needs relative to `expected`. When a competing pose has more
+/// support, it is refined over all its inliers, each at full weight.
 ///
 /// With `votes`, only the static scene counts by area. An instance that can move counts once, for
 /// any size, by the log-odds of being static: a pose for which it is static gains (or loses)

@@ -224,6 +224,35 @@ TEST(PoseConsensus, AThingCountsOnceHoweverLargeItIs) {
   }
 }
 
+/// The vehicle and what is far away fit the camera that follows the vehicle, and one cell of the
+/// road does not: too few features for a sample of three cells.
+TEST(PoseConsensus, ThePoseOfTheFixedSceneCompetesByLessThanACell) {
+  const StereoCamera camera = kitti_camera();
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Random random(seed);
+    Street street;
+    street.T_c_w.translation = {0.02, 0.01, -0.9};
+    std::vector<Vote> votes;
+    const auto add = [&](int count, double u, double v, double depth, bool vehicle) {
+      for (int i = 0; i < count; ++i) {
+        const Eigen::Vector3d p_c = camera.back_project(
+            u + random.uniform(-30, 30), v + random.uniform(-30, 30), depth + random.uniform(0, 2));
+        street.see(camera, vehicle ? p_c : street.T_c_w.inverse() * p_c, p_c, random);
+        votes.push_back(vehicle ? Vote{7, 1.0f} : Vote{});
+      }
+    };
+    const double cell = camera.width / static_cast<double>(kAreaColumns);
+    for (const int column : {2, 3, 4}) add(10, (column + 0.5) * cell, 0.5 * cell, 500, false);
+    add(12, 0.5 * cell, 1.5 * cell, 9, false);
+    add(300, 4.5 * cell, 1.5 * cell, 11, true);
+    const PoseResult votes_alone = optimize_pose(camera, {}, street.observations);
+    EXPECT_GT(position_error(street, votes_alone.T_c_w), 0.5) << "the vehicle has most matches";
+    const ConsensusResult result =
+        estimate_pose(camera, {}, street.observations, votes, std::nullopt, {});
+    EXPECT_LT(position_error(street, result.pose.T_c_w), 0.1) << "seed " << seed;
+  }
+}
+
 TEST(PoseConsensus, AParkedThingCalledMovingStaysWhereItFits) {
   const Street street = make_street(400, 0, 3, 0.1);
   std::vector<Vote> votes;
