@@ -187,6 +187,7 @@ void Tracker::start_map(Frame& frame, TrackResult& result) {
   }
   result.status = TrackingStatus::kStarted;
   result.reason = "start";
+  supported_.reset();
   if (instances_) {
     instances_->forget_velocities();
     judge_instances(frame, result);

@@ -213,6 +213,7 @@ class Tracker {
                                                           double longest = kLongestGuess) const;
   [[nodiscard]] bool is_expected(const Frame& frame) const;
   [[nodiscard]] bool is_jump(const Frame& frame, double steps = 0) const;
+  [[nodiscard]] bool is_supported(const Frame& frame);
   bool is_possible(const Frame& frame, TrackResult& result) const;
   void keep_as_last(Frame frame, TrackResult& result);
 
@@ -237,6 +238,7 @@ class Tracker {
     double taken = 0;     // s, of the later frame
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
+  std::optional<double> supported_;   // s, when the fixed scene last supported a pose
   PictureClock clock_;
   KeyFrameId reference_;  // keyframe that shares most with the last frame
   KeyFrameId last_keyframe_;

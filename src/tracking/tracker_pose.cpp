@@ -50,6 +50,15 @@ constexpr double kLongestCheck = 1;
 // s; oldest velocity that is used at the start of a sub-map.
 constexpr double kOldestVelocity = 2;
 
+// The fixed scene is in view with this many stereo points, and supports a pose with this share of
+// them. A feature within kThingEdge px of its octave of a thing's feature may show the thing's
+// edge, and supports nothing. For kUnsupported seconds after its support a pose may rest on things
+// alone.
+constexpr std::size_t kFixedInView = 30;
+constexpr double kFixedShare = 0.08;
+constexpr float kThingEdge = 6;
+constexpr double kUnsupported = 0.5;
+
 // nats; the belief about a thing comes from earlier poses, which may have been wrong.
 constexpr double kMaxVote = 3;
 
@@ -413,6 +422,44 @@ Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const
   return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
 }
 
+/// With beliefs: whether what cannot move supports the pose, or did so a short time ago, or is not
+/// in view. Otherwise things that move together may carry the pose along. Parked ones may hold it
+/// for a short time, while new parts of the scene come into view.
+bool Tracker::is_supported(const Frame& frame) {
+  if (!instances_) return true;
+  const FrameFeatures& features = *frame.features;
+  std::vector<const Keypoint*> things;
+  std::vector<const Keypoint*> fixed;  // inliers
+  std::size_t in_view = 0;             // of the fixed scene
+  std::size_t held = 0;                // inliers on things
+  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+    const kys::Prior& prior = features.prior(i);
+    const LandmarkView* landmark = replica_.landmarks().find(frame.landmarks[i]);
+    if (vote(prior, landmark != nullptr ? landmark->prior : prior).thing >= 0) {
+      things.push_back(&features.keypoint(i));
+      if (landmark != nullptr) ++held;
+    } else if (landmark != nullptr || features.has_stereo(i)) {
+      if (landmark != nullptr) fixed.push_back(&features.keypoint(i));
+      ++in_view;
+    }
+  }
+  const auto is_edge = [&](const Keypoint* k) {
+    const float reach = kThingEdge * scales_.scale[k->octave];
+    return std::any_of(things.begin(), things.end(), [&](const Keypoint* thing) {
+      return std::hypot(thing->x - k->x, thing->y - k->y) < reach;
+    });
+  };
+  const bool sees_fixed = in_view >= kFixedInView;
+  const double needed =
+      std::min(static_cast<double>(held), kFixedShare * static_cast<double>(in_view));
+  int support = 0;
+  for (auto k = fixed.begin(); sees_fixed && k != fixed.end() && support < needed; ++k) {
+    if (!is_edge(*k)) ++support;
+  }
+  if (sees_fixed ? support >= needed : supported_.has_value()) supported_ = frame.taken;
+  return !sees_fixed || (supported_ && frame.taken - *supported_ <= kUnsupported);
+}
+
 /// A landmark's prior with the present belief; valid as long as `kept` exists.
 const kys::Prior* Tracker::prior_of(const LandmarkView& landmark,
                                     std::deque<kys::Prior>& kept) const {
@@ -443,8 +490,12 @@ bool Tracker::track_local_map(Frame& frame, TrackResult& result) {
   }
   const bool sure = is_expected(frame) && result.inliers >= kHeldShare * result.matches;
   const int wanted = sure ? options_.min_held_inliers : options_.min_local_inliers;
-  if (result.inliers >= wanted) return true;
-  result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
+  if (result.inliers < wanted) {
+    result.reason += "; local map: " + std::to_string(result.inliers) + " inliers";
+    return false;
+  }
+  if (is_supported(frame)) return true;
+  result.reason += "; local map: only things that can move support the pose";
   return false;
 }
 

@@ -1,0 +1,150 @@
+#include <gtest/gtest.h>
+#include <kys/kys.h>
+
+#include <utility>
+#include <vector>
+
+#include "support/map_builder.h"
+#include "tracking/tracker.h"
+
+// Support of a pose by what cannot move (mode verified).
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::see;
+using testing::weaving_pose;
+
+/// Features of several frames in one.
+class Mixture {
+ public:
+  void add(const FrameFeatures& features, const std::vector<kys::Prior>& priors) {
+    for (std::size_t k = 0; k < features.size(); ++k) {
+      set_.keypoints.push_back(features.keypoint(k));
+      set_.descriptors.push_back(features.descriptor(k));
+      u_right_.push_back(features.u_right(k));
+    }
+    priors_.insert(priors_.end(), priors.begin(), priors.end());
+  }
+  void add(const FrameFeatures& features, const kys::Prior& prior) {
+    add(features, std::vector<kys::Prior>(features.size(), prior));
+  }
+  /// Of every feature another one, `dx` px to its right, with the opposite descriptor.
+  void add_beside(const FrameFeatures& features, float dx, const kys::Prior& prior) {
+    for (std::size_t k = 0; k < features.size(); ++k) {
+      set_.keypoints.push_back(features.keypoint(k));
+      set_.keypoints.back().x += dx;
+      kys::Descriptor opposite = features.descriptor(k);
+      for (auto& word : opposite.words) word = ~word;
+      set_.descriptors.push_back(opposite);
+      u_right_.push_back(features.u_right(k) + dx);
+      priors_.push_back(prior);
+    }
+  }
+  [[nodiscard]] std::shared_ptr<const FrameFeatures> features() const {
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), set_, u_right_, priors_);
+  }
+
+ private:
+  FeatureSet set_;
+  std::vector<float> u_right_;
+  std::vector<kys::Prior> priors_;
+};
+
+class TrackerWithBeliefs : public ::testing::Test {
+ protected:
+  [[nodiscard]] Tracker make_tracker() const {
+    return {testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), verified_,
+            kys::InitialBelief({}, space_)};
+  }
+  [[nodiscard]] std::shared_ptr<const FrameFeatures> seen(int i, double metres) {
+    return see(world_, i, weaving_pose(metres)).features;
+  }
+  /// What fits no other frame.
+  [[nodiscard]] static std::shared_ptr<const FrameFeatures> unknown(int i, int count) {
+    return testing::random_features(testing::kitti_camera(), count, static_cast<unsigned>(50 + i),
+                                    1.0);
+  }
+
+  FeatureWorld world_{testing::kitti_camera(), [] {
+                        FeatureWorld::Options options;
+                        options.seed = 1;
+                        return options;
+                      }()};
+  const kys::LabelSpace space_ = kys::load_label_space("coco_panoptic_133");
+  const kys::DistanceModel verified_ = [this] {
+    kys::ModeOptions options;
+    options.mode = kys::Mode::kVerified;
+    return kys::DistanceModel(options, space_);
+  }();
+  const kys::Prior thing_ = kys::make_prior(space_.index_of("suitcase"), 70000, 1, 0, false);
+  const kys::Prior road_ = kys::make_prior(space_.index_of("road"), 1, 1, 0, false);
+};
+
+/// A thing is tracked alone, but not beside a road whose features fit no landmark: then the thing
+/// may move and take the camera with it.
+TEST_F(TrackerWithBeliefs, APoseThatOnlyThingsSupportIsNotUsedBesideAFixedScene) {
+  for (const int others : {20, 100}) {
+    Tracker tracker = make_tracker();
+    TrackResult result;
+    for (int i = 0; i < 2; ++i) {
+      Mixture mixture;
+      mixture.add(*seen(i, 0.3 * i), thing_);
+      mixture.add(*unknown(i, others), road_);
+      result = tracker.track({i, 0.1 * i, mixture.features()}, 0);
+    }
+    EXPECT_EQ(result.status == TrackingStatus::kLost, others == 100) << others << result.reason;
+    EXPECT_EQ(result.reason.find("only things") != std::string::npos, others == 100);
+  }
+}
+
+/// Features of the road 2 px from those of a thing may be on the thing's edge.
+TEST_F(TrackerWithBeliefs, FeaturesAtTheEdgeOfThingsDoNotSupportAPose) {
+  for (const float away : {2.0f, 60.0f}) {
+    Tracker tracker = make_tracker();
+    TrackResult result;
+    for (int i = 0; i < 2; ++i) {
+      const auto world = seen(i, 0.3 * i);
+      std::vector<std::size_t> few;
+      for (std::size_t k = 0; k < world->size() && few.size() < 200; ++k) {
+        const Keypoint& at = world->keypoint(k);
+        if (at.x < 900 && at.octave < 2 && world->has_stereo(k)) few.push_back(k);
+      }
+      FeatureSet set;
+      std::vector<float> u_right;
+      for (const std::size_t k : few) {
+        set.keypoints.push_back(world->keypoint(k));
+        set.descriptors.push_back(world->descriptor(k));
+        u_right.push_back(world->u_right(k));
+      }
+      const FrameFeatures part(testing::kitti_camera(), std::move(set), std::move(u_right), {});
+      Mixture mixture;
+      mixture.add(part, thing_);
+      mixture.add_beside(part, away, road_);
+      mixture.add(*unknown(i, 100), road_);
+      result = tracker.track({i, 0.1 * i, mixture.features()}, 0);
+    }
+    EXPECT_EQ(result.status == TrackingStatus::kLost, away == 2) << away << result.reason;
+  }
+}
+
+/// After the road has supported the pose, a thing alone holds it for half a second.
+TEST_F(TrackerWithBeliefs, ThingsHoldThePoseForAShortTimeAfterTheFixedScene) {
+  Tracker tracker = make_tracker();
+  const auto status = [&](int i, bool road_is_known) {
+    const auto world = seen(i, 0.1 * i);
+    std::vector<kys::Prior> priors(world->size(), thing_);
+    for (std::size_t k = 0; road_is_known && k < priors.size(); k += 2) priors[k] = road_;
+    Mixture mixture;
+    mixture.add(*world, priors);
+    if (!road_is_known) mixture.add(*unknown(i, 100), road_);
+    return tracker.track({i, 0.1 * i, mixture.features()}, 0).status;
+  };
+  for (int i = 0; i < 4; ++i) ASSERT_NE(status(i, true), TrackingStatus::kLost) << i;
+  for (int i = 4; i < 8; ++i) EXPECT_EQ(status(i, false), TrackingStatus::kTracked) << i;
+  EXPECT_EQ(status(9, false), TrackingStatus::kLost);
+}
+
+}  // namespace
+}  // namespace kys_slam
