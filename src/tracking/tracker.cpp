@@ -10,6 +10,9 @@
 namespace kys_slam {
 namespace {
 
+// s; with beliefs, a frame without priors starts no sub-map for this long after one with priors.
+constexpr double kPriorGap = 1;
+
 int count_stereo(const FrameFeatures& features) {
   int stereo = 0;
   for (std::size_t i = 0; i < features.size(); ++i) stereo += features.has_stereo(i) ? 1 : 0;
@@ -38,6 +41,9 @@ Tracker::Frame Tracker::make_frame(const TrackerInput& input, TrackResult& resul
   std::shared_ptr<const FrameFeatures> features = input.features;
   const double taken = result.taken = taken_at(input);
   if (instances_) {
+    latest_ = taken;
+    const auto is_labelled = [](const kys::Prior& prior) { return prior.label != kys::kVoidLabel; };
+    if (std::ranges::any_of(features->priors(), is_labelled)) labelled_ = taken;
     const Rigid3 T_last_w = last_ ? last_->T_c_w : Rigid3{};
     const std::optional<ExpectedPose> motion = expected_pose(taken);
     const Rigid3 expected = motion ? motion->T_c_w : T_last_w;
@@ -166,6 +172,9 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
 }
 
 bool Tracker::can_start(const FrameFeatures& features) const {
+  // Without priors a map may follow a vehicle. Where files are missing, others follow soon.
+  const bool misses_priors = labelled_ && latest_ > *labelled_ && latest_ - *labelled_ <= kPriorGap;
+  if (misses_priors) return false;
   return !frozen_ && count_stereo(features) >= options_.min_start_points;
 }
 

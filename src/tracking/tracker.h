@@ -100,7 +100,8 @@ class Tracker {
   TrackResult start_submap(const TrackerInput& input);
   /// Whether there is a map in which a lost frame can be relocalised.
   [[nodiscard]] bool has_map() const { return !replica_.keyframes().empty(); }
-  /// Whether there are enough stereo points to start a map.
+  /// Whether a map can start with the last frame: it has enough stereo points, and with beliefs it
+  /// has priors if frames shortly before had some.
   [[nodiscard]] bool can_start(const FrameFeatures& features) const;
 
   /// Continues a loaded map; call it before the first frame. New ids begin at the given ones. With
@@ -238,6 +239,8 @@ class Tracker {
     double taken = 0;     // s, of the later frame
   };
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
+  double latest_ = 0;                 // s, of the last frame
+  std::optional<double> labelled_;    // s, of the last frame with priors; for beliefs only
   std::optional<double> supported_;   // s, when the fixed scene last supported a pose
   PictureClock clock_;
   KeyFrameId reference_;  // keyframe that shares most with the last frame

@@ -7,7 +7,7 @@
 #include "support/map_builder.h"
 #include "tracking/tracker.h"
 
-// Support of a pose by what cannot move (mode verified).
+// Mode verified: poses that only things support, and sub-maps without priors.
 
 namespace kys_slam {
 namespace {
@@ -144,6 +144,22 @@ TEST_F(TrackerWithBeliefs, ThingsHoldThePoseForAShortTimeAfterTheFixedScene) {
   for (int i = 0; i < 4; ++i) ASSERT_NE(status(i, true), TrackingStatus::kLost) << i;
   for (int i = 4; i < 8; ++i) EXPECT_EQ(status(i, false), TrackingStatus::kTracked) << i;
   EXPECT_EQ(status(9, false), TrackingStatus::kLost);
+}
+
+/// A map from a frame whose priors are missing may follow a vehicle; the next frames have some.
+TEST_F(TrackerWithBeliefs, AFrameWithoutPriorsStartsNoSubmapBetweenOthers) {
+  Tracker tracker = make_tracker();
+  const auto can_start = [&](int i, double time, const kys::Prior& prior) {
+    Mixture mixture;
+    mixture.add(*unknown(i, 1000), prior);
+    const TrackResult result = tracker.track({i, time, mixture.features()}, 0);
+    return result.status == TrackingStatus::kLost && tracker.can_start(*mixture.features());
+  };
+  EXPECT_FALSE(can_start(0, 0, road_));  // it starts the first map
+  EXPECT_FALSE(can_start(1, 0.1, kys::Prior{}));
+  EXPECT_TRUE(can_start(2, 0.2, road_));
+  EXPECT_FALSE(can_start(3, 0.3, kys::Prior{}));
+  EXPECT_TRUE(can_start(4, 1.4, kys::Prior{}));  // no more priors, it seems
 }
 
 }  // namespace
