@@ -413,11 +413,19 @@ bool Tracker::is_jump(const Frame& frame, double steps) const {
   return away > kImpossible * expected->reach + steps * velocity_->T_c_last.inverse_t().norm();
 }
 
-/// Instance of a match on a thing that can move, and the log-odds that it is static. The prior of
-/// the frame is used; that of the landmark when the frame has none.
+/// What is known of a match: the prior of the frame; that of the landmark when the frame has none.
+const kys::Prior& Tracker::known(const kys::Prior& keypoint, const kys::Prior& landmark) {
+  return keypoint.label != kys::kVoidLabel ? keypoint : landmark;
+}
+
+bool Tracker::is_on_thing(const kys::Prior& prior) const {
+  return prior.instance >= 0 && start_.mobility(prior.label) != kys::Mobility::kFixed;
+}
+
+/// Instance of a match on a thing that can move, and the log-odds that it is static.
 Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
-  const kys::Prior& prior = keypoint.label != kys::kVoidLabel ? keypoint : landmark;
-  if (start_.mobility(prior.label) == kys::Mobility::kFixed || prior.instance < 0) return {};
+  const kys::Prior& prior = known(keypoint, landmark);
+  if (!is_on_thing(prior)) return {};
   const double odds = instances_ ? instances_->log_odds(prior.instance) : start_.log_odds(prior);
   return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
 }
@@ -434,8 +442,9 @@ bool Tracker::is_supported(const Frame& frame) {
   std::size_t held = 0;                // inliers on things
   for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
     const kys::Prior& prior = features.prior(i);
-    const LandmarkView* landmark = replica_.landmarks().find(frame.landmarks[i]);
-    if (vote(prior, landmark != nullptr ? landmark->prior : prior).thing >= 0) {
+    const LandmarkId id = frame.landmarks[i];
+    const LandmarkView* landmark = id.valid() ? replica_.landmarks().find(id) : nullptr;
+    if (is_on_thing(landmark != nullptr ? known(prior, landmark->prior) : prior)) {
       things.push_back(&features.keypoint(i));
       if (landmark != nullptr) ++held;
     } else if (landmark != nullptr || features.has_stereo(i)) {
@@ -446,7 +455,8 @@ bool Tracker::is_supported(const Frame& frame) {
   const auto is_edge = [&](const Keypoint* k) {
     const float reach = kThingEdge * scales_.scale[k->octave];
     return std::any_of(things.begin(), things.end(), [&](const Keypoint* thing) {
-      return std::hypot(thing->x - k->x, thing->y - k->y) < reach;
+      const float dx = thing->x - k->x, dy = thing->y - k->y;
+      return dx * dx + dy * dy < reach * reach;
     });
   };
   const bool sees_fixed = in_view >= kFixedInView;
