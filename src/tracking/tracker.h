@@ -187,9 +187,6 @@ class Tracker {
   [[nodiscard]] PoseObservation observation(const Frame& frame, std::size_t feature,
                                             const Eigen::Vector3d& p_w,
                                             std::size_t observations) const;
-  [[nodiscard]] static const kys::Prior& known(const kys::Prior& keypoint,
-                                               const kys::Prior& landmark);
-  [[nodiscard]] bool is_on_thing(const kys::Prior& prior) const;
   [[nodiscard]] Vote vote(const kys::Prior& keypoint, const kys::Prior& landmark) const;
   [[nodiscard]] int count_addable(const Frame& frame) const;
   [[nodiscard]] KeyFrameSituation situation(const Frame& frame, int inliers, int waiting) const;

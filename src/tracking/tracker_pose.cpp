@@ -10,6 +10,7 @@
 
 #include "matching/descriptor_matcher.h"
 #include "matching/predicted_view.h"
+#include "motion/belief.h"
 
 namespace kys_slam {
 namespace {
@@ -72,6 +73,11 @@ int assign(const std::vector<SearchMatch>& matches, const std::vector<LandmarkId
     ++count;
   }
   return count;
+}
+
+/// The prior of the frame; that of the landmark when the frame has none.
+const kys::Prior& prior_of_match(const kys::Prior& keypoint, const kys::Prior& landmark) {
+  return keypoint.label != kys::kVoidLabel ? keypoint : landmark;
 }
 
 /// Between two camera centres, m.
@@ -413,19 +419,10 @@ bool Tracker::is_jump(const Frame& frame, double steps) const {
   return away > kImpossible * expected->reach + steps * velocity_->T_c_last.inverse_t().norm();
 }
 
-/// What is known of a match: the prior of the frame; that of the landmark when the frame has none.
-const kys::Prior& Tracker::known(const kys::Prior& keypoint, const kys::Prior& landmark) {
-  return keypoint.label != kys::kVoidLabel ? keypoint : landmark;
-}
-
-bool Tracker::is_on_thing(const kys::Prior& prior) const {
-  return prior.instance >= 0 && start_.mobility(prior.label) != kys::Mobility::kFixed;
-}
-
 /// Instance of a match on a thing that can move, and the log-odds that it is static.
 Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const {
-  const kys::Prior& prior = known(keypoint, landmark);
-  if (!is_on_thing(prior)) return {};
+  const kys::Prior& prior = prior_of_match(keypoint, landmark);
+  if (!has_belief(prior, start_)) return {};
   const double odds = instances_ ? instances_->log_odds(prior.instance) : start_.log_odds(prior);
   return {prior.instance, static_cast<float>(std::clamp(odds, -kMaxVote, kMaxVote))};
 }
@@ -436,38 +433,40 @@ Vote Tracker::vote(const kys::Prior& keypoint, const kys::Prior& landmark) const
 bool Tracker::is_supported(const Frame& frame) {
   if (!instances_) return true;
   const FrameFeatures& features = *frame.features;
-  std::vector<const Keypoint*> things;
-  std::vector<const Keypoint*> fixed;  // inliers
-  std::size_t in_view = 0;             // of the fixed scene
-  std::size_t held = 0;                // inliers on things
-  for (std::size_t i = 0; i < frame.landmarks.size(); ++i) {
+  std::vector<std::uint8_t> on_thing(features.size(), 0);
+  std::vector<std::size_t> fixed;  // inliers
+  std::size_t in_view = 0;         // of the fixed scene
+  std::size_t held = 0;            // inliers on things
+  for (std::size_t i = 0; i < features.size(); ++i) {
     const kys::Prior& prior = features.prior(i);
-    const LandmarkId id = frame.landmarks[i];
-    const LandmarkView* landmark = id.valid() ? replica_.landmarks().find(id) : nullptr;
-    if (is_on_thing(landmark != nullptr ? known(prior, landmark->prior) : prior)) {
-      things.push_back(&features.keypoint(i));
+    const LandmarkView* landmark = replica_.landmarks().find(frame.landmarks[i]);
+    if (has_belief(landmark != nullptr ? prior_of_match(prior, landmark->prior) : prior, start_)) {
+      on_thing[i] = 1;
       if (landmark != nullptr) ++held;
     } else if (landmark != nullptr || features.has_stereo(i)) {
-      if (landmark != nullptr) fixed.push_back(&features.keypoint(i));
       ++in_view;
+      if (landmark != nullptr) fixed.push_back(i);
     }
   }
-  const auto is_edge = [&](const Keypoint* k) {
-    const float reach = kThingEdge * scales_.scale[k->octave];
-    return std::any_of(things.begin(), things.end(), [&](const Keypoint* thing) {
-      const float dx = thing->x - k->x, dy = thing->y - k->y;
-      return dx * dx + dy * dy < reach * reach;
+  if (in_view < kFixedInView) {
+    if (supported_) supported_ = frame.taken;
+    return true;
+  }
+  const auto is_edge = [&](const Keypoint& k) {
+    const float reach = kThingEdge * scales_.scale[k.octave];
+    bool edge = false;
+    features.for_each_near(k.x, k.y, reach, 0, scales_.levels() - 1, [&](std::size_t i) {
+      const float dx = features.keypoint(i).x - k.x, dy = features.keypoint(i).y - k.y;
+      edge |= on_thing[i] != 0 && dx * dx + dy * dy < reach * reach;
     });
+    return edge;
   };
-  const bool sees_fixed = in_view >= kFixedInView;
+  const auto support = std::count_if(fixed.begin(), fixed.end(),
+                                     [&](std::size_t i) { return !is_edge(features.keypoint(i)); });
   const double needed =
       std::min(static_cast<double>(held), kFixedShare * static_cast<double>(in_view));
-  int support = 0;
-  for (auto k = fixed.begin(); sees_fixed && k != fixed.end() && support < needed; ++k) {
-    if (!is_edge(*k)) ++support;
-  }
-  if (sees_fixed ? support >= needed : supported_.has_value()) supported_ = frame.taken;
-  return !sees_fixed || (supported_ && frame.taken - *supported_ <= kUnsupported);
+  if (static_cast<double>(support) >= needed) supported_ = frame.taken;
+  return supported_ && frame.taken - *supported_ <= kUnsupported;
 }
 
 /// A landmark's prior with the present belief; valid as long as `kept` exists.

@@ -1,7 +1,8 @@
 #include <gtest/gtest.h>
 #include <kys/kys.h>
 
-#include <utility>
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "support/map_builder.h"
@@ -19,34 +20,33 @@ using testing::weaving_pose;
 /// Features of several frames in one.
 class Mixture {
  public:
-  void add(const FrameFeatures& features, const std::vector<kys::Prior>& priors) {
-    for (std::size_t k = 0; k < features.size(); ++k) {
-      set_.keypoints.push_back(features.keypoint(k));
-      set_.descriptors.push_back(features.descriptor(k));
-      u_right_.push_back(features.u_right(k));
-    }
-    priors_.insert(priors_.end(), priors.begin(), priors.end());
+  void add(const FrameFeatures& features, std::size_t k, const kys::Prior& prior) {
+    add(features.keypoint(k), features.descriptor(k), features.u_right(k), prior);
   }
   void add(const FrameFeatures& features, const kys::Prior& prior) {
-    add(features, std::vector<kys::Prior>(features.size(), prior));
+    for (std::size_t k = 0; k < features.size(); ++k) add(features, k, prior);
   }
-  /// Of every feature another one, `dx` px to its right, with the opposite descriptor.
-  void add_beside(const FrameFeatures& features, float dx, const kys::Prior& prior) {
-    for (std::size_t k = 0; k < features.size(); ++k) {
-      set_.keypoints.push_back(features.keypoint(k));
-      set_.keypoints.back().x += dx;
-      kys::Descriptor opposite = features.descriptor(k);
-      for (auto& word : opposite.words) word = ~word;
-      set_.descriptors.push_back(opposite);
-      u_right_.push_back(features.u_right(k) + dx);
-      priors_.push_back(prior);
-    }
+  /// Another feature, `dx` px to the right of one, with the opposite descriptor.
+  void add_beside(const FrameFeatures& features, std::size_t k, float dx, const kys::Prior& prior) {
+    Keypoint keypoint = features.keypoint(k);
+    keypoint.x += dx;
+    kys::Descriptor opposite = features.descriptor(k);
+    for (auto& word : opposite.words) word = ~word;
+    add(keypoint, opposite, features.u_right(k) + dx, prior);
   }
   [[nodiscard]] std::shared_ptr<const FrameFeatures> features() const {
     return std::make_shared<const FrameFeatures>(testing::kitti_camera(), set_, u_right_, priors_);
   }
 
  private:
+  void add(const Keypoint& keypoint, const kys::Descriptor& descriptor, float u_right,
+           const kys::Prior& prior) {
+    set_.keypoints.push_back(keypoint);
+    set_.descriptors.push_back(descriptor);
+    u_right_.push_back(u_right);
+    priors_.push_back(prior);
+  }
+
   FeatureSet set_;
   std::vector<float> u_right_;
   std::vector<kys::Prior> priors_;
@@ -106,22 +106,15 @@ TEST_F(TrackerWithBeliefs, FeaturesAtTheEdgeOfThingsDoNotSupportAPose) {
     TrackResult result;
     for (int i = 0; i < 2; ++i) {
       const auto world = seen(i, 0.3 * i);
-      std::vector<std::size_t> few;
-      for (std::size_t k = 0; k < world->size() && few.size() < 200; ++k) {
-        const Keypoint& at = world->keypoint(k);
-        if (at.x < 900 && at.octave < 2 && world->has_stereo(k)) few.push_back(k);
-      }
-      FeatureSet set;
-      std::vector<float> u_right;
-      for (const std::size_t k : few) {
-        set.keypoints.push_back(world->keypoint(k));
-        set.descriptors.push_back(world->descriptor(k));
-        u_right.push_back(world->u_right(k));
-      }
-      const FrameFeatures part(testing::kitti_camera(), std::move(set), std::move(u_right), {});
       Mixture mixture;
-      mixture.add(part, thing_);
-      mixture.add_beside(part, away, road_);
+      int count = 0;
+      for (std::size_t k = 0; k < world->size() && count < 200; ++k) {
+        const Keypoint& at = world->keypoint(k);
+        if (at.x >= 900 || at.octave >= 2 || !world->has_stereo(k)) continue;
+        mixture.add(*world, k, thing_);
+        mixture.add_beside(*world, k, away, road_);
+        ++count;
+      }
       mixture.add(*unknown(i, 100), road_);
       result = tracker.track({i, 0.1 * i, mixture.features()}, 0);
     }
@@ -134,10 +127,10 @@ TEST_F(TrackerWithBeliefs, ThingsHoldThePoseForAShortTimeAfterTheFixedScene) {
   Tracker tracker = make_tracker();
   const auto status = [&](int i, bool road_is_known) {
     const auto world = seen(i, 0.1 * i);
-    std::vector<kys::Prior> priors(world->size(), thing_);
-    for (std::size_t k = 0; road_is_known && k < priors.size(); k += 2) priors[k] = road_;
     Mixture mixture;
-    mixture.add(*world, priors);
+    for (std::size_t k = 0; k < world->size(); ++k) {
+      mixture.add(*world, k, road_is_known && k % 2 == 0 ? road_ : thing_);
+    }
     if (!road_is_known) mixture.add(*unknown(i, 100), road_);
     return tracker.track({i, 0.1 * i, mixture.features()}, 0).status;
   };

@@ -631,13 +631,8 @@ class TrackerWithPriors : public TrackerTest {
  protected:
   static std::shared_ptr<const FrameFeatures> labelled(const FrameFeatures& from,
                                                        const kys::Prior& prior) {
-    FeatureSet set{{from.keypoints().begin(), from.keypoints().end()},
-                   {from.descriptors().begin(), from.descriptors().end()}};
-    std::vector<float> u_right;
-    for (std::size_t i = 0; i < set.size(); ++i) u_right.push_back(from.u_right(i));
-    std::vector<kys::Prior> priors(set.size(), prior);
-    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(set),
-                                                 std::move(u_right), std::move(priors));
+    return std::make_shared<const FrameFeatures>(
+        from.with_priors(std::vector<kys::Prior>(from.size(), prior)));
   }
   /// The second frame, which is searched from the reference keyframe, when both frames' keypoints
   /// lie on `seen` and every landmark got another prior in between.
