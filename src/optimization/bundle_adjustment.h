@@ -70,9 +70,11 @@ struct BundleOptions {
   int refine_iterations = 10;  ///< after removal of outliers; 0: no second round
   double chi2_mono = kChi2Mono95;
   double chi2_stereo = kChi2Stereo95;
-  bool robust = true;                ///< Huber loss in the first round
-  int min_pose_observations = 10;    ///< a pose with fewer does not move
-  double disparity_weight = 1;       ///< factor on the information of disparities
+  bool robust = true;              ///< Huber loss in the first round
+  int min_pose_observations = 10;  ///< a pose with fewer does not move
+  double disparity_weight = 1;     ///< factor on the information of disparities
+  /// after every step, points one by one with the poses held; kSparseSchur always does
+  bool iterate_points = false;
   double function_tolerance = 1e-4;  ///< stop when the relative decrease of the cost is smaller
   const std::atomic<bool>* stop = nullptr;   ///< checked every few ms to 100 ms
   BundleRoundSolver round_solver = nullptr;  ///< replaces ours, e.g. by a reference

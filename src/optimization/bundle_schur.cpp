@@ -117,7 +117,7 @@ class SchurBundle {
         continue;
       }
       if (predicted <= 1e-3 * options_.function_tolerance * cost) break;
-      if (sparse_) iterate_points();
+      if (sparse_ || options_.iterate_points) iterate_points();
       const double candidate = evaluate();
       const double decrease = cost - candidate;
       const double gain = decrease / predicted;

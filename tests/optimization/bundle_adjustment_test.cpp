@@ -489,6 +489,31 @@ TEST(FullBundle, SparseAndDenseSystemsTakeTheSameSteps) {
   }
 }
 
+TEST(FullBundle, WithPointIterationsADenseSystemTakesTheStepsOfASparseOne) {
+  Scene scene = make_loop_scene(60, 1500, 0.7);
+  perturb(scene, 0.0005, 0.02, 0.02);
+  const auto poses_after = [&](BundleSolver solver, bool iterate_points) {
+    BundleProblem problem = scene.problem;
+    BundleOptions bundle;
+    bundle.refine_iterations = 0;
+    bundle.iterations = 3;
+    bundle.solver = solver;
+    bundle.iterate_points = iterate_points;
+    adjust_bundle(problem, bundle);
+    return problem.T_c_w;
+  };
+  const std::vector<Rigid3> sparse = poses_after(BundleSolver::kSparseSchur, false);
+  const auto distance = [&](const std::vector<Rigid3>& poses) {
+    double worst = 0;
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      worst = std::max(worst, minus(poses[i], sparse[i]).norm());
+    }
+    return worst;
+  };
+  EXPECT_LT(distance(poses_after(BundleSolver::kSchur, true)), 1e-9);
+  EXPECT_GT(distance(poses_after(BundleSolver::kSchur, false)), 1e-6);
+}
+
 TEST(FullBundle, ExpectedMotionsJoinPosesThatShareNoPoint) {
   Scene scene = make_loop_scene(60, 1500, 0);
   const auto expect = [&](std::uint32_t a, std::uint32_t b) {
