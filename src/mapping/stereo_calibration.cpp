@@ -54,6 +54,10 @@ constexpr double kHuber = 0.5;
 // distance, disparity) and raise its intercept, which is the offset.
 constexpr double kWeightAligned = 1;
 constexpr double kWeightFound = 8;
+// Of each of two rounds: before an estimate, where local bundle adjustment has left the map near
+// its minimum, and after the disparities have changed.
+constexpr int kFewIterations = 3;
+constexpr int kManyIterations = 10;
 constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 
 struct Whole {
@@ -119,7 +123,7 @@ BundleSummary adjust_as_in_map(BundleProblem& problem, int iterations,
 /// map: a narrow bound around the present offset would keep what agrees with it, and the estimate
 /// would move by half of the offset or less. Returns false when it was stopped.
 bool keep_inliers(BundleProblem& problem, const std::atomic<bool>* stop) {
-  const BundleSummary refined = adjust_as_in_map(problem, 3, stop);
+  const BundleSummary refined = adjust_as_in_map(problem, kFewIterations, stop);
   std::size_t kept = 0;
   std::size_t from = 0;
   for (std::size_t point = 1; point < problem.first.size(); ++point) {
@@ -262,7 +266,7 @@ bool StereoCalibration::look(Map& map, bool last, const std::atomic<bool>* stop)
   // tracker.
   Whole whole = whole_map(map, 1);
   const double before = camera_path_length(whole.problem.T_c_w);
-  adjust_as_in_map(whole.problem, 10, stop);
+  adjust_as_in_map(whole.problem, kManyIterations, stop);
   if (before > 0) map.note_rescaling(camera_path_length(whole.problem.T_c_w) / before);
   for (std::size_t k = 0; k < whole.poses.size(); ++k) {
     if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);

@@ -34,8 +34,8 @@ TEST(EveryOption, OfFeaturesAndMatching) {
 
 TEST(EveryOption, OfGeometryAndOptimization) {
   expect_every_number_checked<RansacOptions>(1);  // the seed
-  expect_every_number_checked<BundleOptions>(
-      5);  // solver, robust, iterate_points, stop, round_solver
+  // solver, robust, iterate_points, stop, round_solver
+  expect_every_number_checked<BundleOptions>(5);
   expect_every_number_checked<ConsensusOptions>();
   expect_every_number_checked<PoseGraphOptions>(1);  // stop
   expect_every_number_checked<PoseOptions>(1);       // the prior
