@@ -22,6 +22,9 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
   list.add("keyframes.untracked_close", o.untracked_close, {0, 60000}, "",
            "close points that can be added, above which a keyframe is needed, if fewer than "
            "keyframes.tracked_close are tracked");
+  list.add("keyframes.untracked_ratio", o.untracked_ratio, {0, 1000}, "",
+           "close points that can be added, per tracked one, above which a keyframe is needed, if "
+           "they are more than keyframes.untracked_close; 0: off");
   list.add("keyframes.min_inliers", o.min_inliers, {3, 60000}, "",
            "inliers of the pose below which no keyframe is made");
   list.add("keyframes.scarce", o.scarce, {0, 60000}, "",
@@ -34,8 +37,10 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
 }
 
 bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) {
-  const bool close_points_short =
-      s.tracked_close < o.tracked_close && s.untracked_close > o.untracked_close;
+  const bool few_tracked =
+      s.tracked_close < o.tracked_close ||
+      (o.untracked_ratio > 0 && s.untracked_close > o.untracked_ratio * s.tracked_close);
+  const bool close_points_short = few_tracked && s.untracked_close > o.untracked_close;
   // A map of one keyframe says little about how much of it should be in view.
   const double ratio = s.keyframes_in_map < 2 ? 0.4 : o.reference_ratio;
 

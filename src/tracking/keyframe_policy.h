@@ -12,7 +12,9 @@ struct KeyFramePolicyOptions {
   double starved_ratio = 0.25;  ///< share below which one is made also when the mapper is busy
   int tracked_close = 100;      ///< close stereo points tracked: with fewer a keyframe is needed
   int untracked_close = 70;     ///< if more than this many close points can be added
-  int min_inliers = 15;         ///< with fewer, no keyframe is made
+  /// close points that can be added, per tracked one, above which a keyframe is needed; 0: off
+  double untracked_ratio = 3;
+  int min_inliers = 15;  ///< with fewer, no keyframe is made
   /// landmarks in a frame below which addable points call for a keyframe; 0: off
   int scarce = 100;
   bool every_frame = false;  ///< every tracked frame becomes one: accurate, twice the mapping

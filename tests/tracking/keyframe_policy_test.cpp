@@ -58,6 +58,25 @@ TEST(KeyFramePolicy, ClosePointsThatRunShortCallForOne) {
   EXPECT_FALSE(needs_keyframe(s, o)) << "there is nothing to be added";
 }
 
+TEST(KeyFramePolicy, ManyMoreClosePointsToAddThanTrackedCallForOne) {
+  KeyFramePolicyOptions o;
+  KeyFrameSituation s = calm();
+  s.tracked_close = 150;
+  s.untracked_close = 450;
+  EXPECT_FALSE(needs_keyframe(s, o)) << "three times as many exactly";
+  s.untracked_close = 451;
+  EXPECT_TRUE(needs_keyframe(s, o)) << "although the reference is still in view";
+  s.waiting = 1;
+  EXPECT_TRUE(needs_keyframe(s, o)) << "although the back end is busy";
+  s.tracked_close = 0;
+  s.untracked_close = 70;
+  EXPECT_FALSE(needs_keyframe(s, o)) << "there is little to be added";
+  s.tracked_close = 150;
+  s.untracked_close = 451;
+  o.untracked_ratio = 0;
+  EXPECT_FALSE(needs_keyframe(s, o));
+}
+
 TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
   KeyFramePolicyOptions o;
   KeyFrameSituation s = calm();
