@@ -41,7 +41,7 @@ void FullBundle::start(const Map& map, KeyFrameId submap, KeyFrameId current) {
   if (!options_.enabled || interrupted_) return;
   auto job = std::make_unique<Job>();
   job->submap = submap;
-  job->disparity_offset = map.disparity_offset();
+  job->rig = map.rig();
   job->keyframes = map.submap_keyframes(submap);
   job->problem.camera = map.camera();
   for (const KeyFrameId id : job->keyframes) {
@@ -98,7 +98,7 @@ bool FullBundle::finish(Map& map) {
   const std::unique_ptr<Job> job = std::move(job_);
   if (!job->done) return false;  // it failed, and its poses are half changed
   // A corrected disparity stretches the map: what was computed before does not fit it any more.
-  if (interrupted_ || job->summary.stopped || map.disparity_offset() != job->disparity_offset) {
+  if (interrupted_ || job->summary.stopped || map.rig() != job->rig) {
     return false;
   }
   take_over(map, *job);

@@ -49,7 +49,7 @@ class FullBundle {
   struct Job {
     KeyFrameId due;
     KeyFrameId submap;
-    float disparity_offset = 0;
+    RigCorrection rig;
     std::vector<KeyFrameId> keyframes;    // by id
     std::vector<LandmarkId> landmarks;    // by id
     std::vector<Rigid3> T_c_w;            // before

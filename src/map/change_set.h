@@ -64,7 +64,7 @@ struct ChangeSet {
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id
   std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
   bool moved = false;          ///< many keyframes moved together, as by a loop
-  float disparity_offset = 0;  ///< px, added to the disparities of new frames
+  RigCorrection rig;           ///< of new frames
   double scale = 1;            ///< Map::scale
 };
 

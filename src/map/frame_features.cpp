@@ -40,25 +40,52 @@ int ScaleLevels::predict_octave(float max_distance, float distance) const {
   return static_cast<int>(std::clamp(octave, 0.0f, static_cast<float>(levels() - 1)));
 }
 
-FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left,
-                             std::vector<float> u_right, std::vector<kys::Prior> priors,
-                             float disparity_offset)
+FrameFeatures::FrameFeatures(const StereoCamera& camera, FeatureSet left, RightPositions right,
+                             std::vector<kys::Prior> priors, const RigCorrection& rig)
     : keypoints_(std::move(left.keypoints)),
-      u_right_(std::move(u_right)),
-      bf_(camera.bf()),
-      disparity_offset_(disparity_offset) {
+      u_right_(std::move(right.u)),
+      rig_(rig),
+      bf_(camera.bf()) {
   const std::size_t n = size();
   if (left.descriptors.size() != n || u_right_.size() != n ||
-      (!priors.empty() && priors.size() != n)) {
+      (!right.v.empty() && right.v.size() != n) || (!priors.empty() && priors.size() != n)) {
     throw std::logic_error("features of a frame differ in number");
   }
   descriptors_ = shared(std::move(left.descriptors));
   priors_ = shared(std::move(priors));
   if (n > kMostFeatures) throw std::logic_error("too many features in a frame");
-  for (float& u : u_right_) u -= disparity_offset_;
   cell_width_inv_ = static_cast<float>(kColumns) / static_cast<float>(camera.width);
   cell_height_inv_ = static_cast<float>(kRows) / static_cast<float>(camera.height);
+  if (!rig.none() || !right.v.empty()) {
+    measured_.reserve(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const Keypoint& k = keypoints_[i];
+      measured_.push_back({k.x, k.y, u_right_[i], right.v.empty() ? std::nanf("") : right.v[i]});
+    }
+  }
+  for (std::size_t i = 0; i < measured_.size(); ++i) correct(i);
   fill_cells();
+}
+
+/// Sets the position of a feature by what was measured.
+void FrameFeatures::correct(std::size_t i) {
+  const RigCorrection::Measured& m = measured_[i];
+  Keypoint& k = keypoints_[i];
+  k.x = m.u;
+  k.y = m.v;
+  u_right_[i] = m.u_right;
+  if (!rig_.bends()) {
+    u_right_[i] -= static_cast<float>(rig_.offset());
+  } else if (std::isnan(m.u_right)) {
+    const Eigen::Vector2d left = rig_.left(m.u, m.v);
+    k.x = static_cast<float>(left.x());
+    k.y = static_cast<float>(left.y());
+  } else {
+    const RigCorrection::Ideal ideal = rig_.pair(m);
+    k.x = static_cast<float>(ideal.u);
+    k.y = static_cast<float>(ideal.v);
+    u_right_[i] = static_cast<float>(ideal.u_right);
+  }
 }
 
 /// Groups the features by cells.
@@ -88,15 +115,14 @@ void FrameFeatures::fill_cells() {
 }
 
 FrameFeatures FrameFeatures::restore(const StereoCamera& camera, FeatureSet left,
-                                     std::vector<float> u_right, std::vector<kys::Prior> priors,
-                                     std::vector<std::uint8_t> aligned, float disparity_offset) {
-  FrameFeatures features(camera, std::move(left), std::move(u_right), std::move(priors));
+                                     RightPositions right, std::vector<kys::Prior> priors,
+                                     std::vector<std::uint8_t> aligned, const RigCorrection& rig) {
+  FrameFeatures features(camera, std::move(left), std::move(right), std::move(priors), rig);
   if (!aligned.empty() && aligned.size() != features.size()) {
     throw std::logic_error("features of a frame differ in number");
   }
   features.image_noise_ = !aligned.empty();
   features.aligned_ = std::move(aligned);
-  features.disparity_offset_ = disparity_offset;
   return features;
 }
 
@@ -110,11 +136,20 @@ FrameFeatures FrameFeatures::with_aligned(std::span<const Aligned> aligned) cons
   FrameFeatures changed = with_image_noise();
   changed.aligned_.resize(size(), 0);
   for (const Aligned& a : aligned) {
+    changed.aligned_[a.feature] = 1;
+    if (!measured_.empty()) {
+      RigCorrection::Measured& m = changed.measured_.at(a.feature);
+      m.u_right += a.u - m.u;
+      m.v_right += a.v - m.v;
+      m.u = a.u;
+      m.v = a.v;
+      changed.correct(a.feature);
+      continue;
+    }
     Keypoint& k = changed.keypoints_.at(a.feature);
     changed.u_right_[a.feature] += a.u - k.x;
     k.x = a.u;
     k.y = a.v;
-    changed.aligned_[a.feature] = 1;
   }
   changed.fill_cells();
   return changed;
@@ -125,7 +160,7 @@ FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
   FrameFeatures chosen;
   chosen.starts_per_row_ = 1;
   chosen.bf_ = bf_;
-  chosen.disparity_offset_ = disparity_offset_;
+  chosen.rig_ = rig_;
   chosen.image_noise_ = image_noise_;
   chosen.cell_width_inv_ = cell_width_inv_;
   chosen.cell_height_inv_ = cell_height_inv_;
@@ -144,6 +179,7 @@ FrameFeatures FrameFeatures::subset(std::span<const std::uint8_t> keep) const {
   chosen.descriptors_ = shared(pick(descriptors()));
   chosen.priors_ = shared(pick(priors()));
   chosen.u_right_ = pick(std::span<const float>(u_right_));
+  chosen.measured_ = pick(std::span<const RigCorrection::Measured>(measured_));
   chosen.aligned_ = pick(aligned());
   chosen.fill_cells();
   return chosen;
@@ -158,10 +194,20 @@ FrameFeatures FrameFeatures::with_priors(std::vector<kys::Prior> priors) const {
   return changed;
 }
 
-FrameFeatures FrameFeatures::with_disparity_offset(float offset) const {
+bool FrameFeatures::measures_rows() const {
+  return std::any_of(measured_.begin(), measured_.end(),
+                     [](const RigCorrection::Measured& m) { return !std::isnan(m.v_right); });
+}
+
+FrameFeatures FrameFeatures::with_rig(const RigCorrection& rig) const {
   FrameFeatures changed = *this;
-  for (float& u : changed.u_right_) u -= offset - disparity_offset_;
-  changed.disparity_offset_ = offset;
+  changed.rig_ = rig;
+  if (measured_.empty()) {
+    changed.measured_.reserve(size());
+    for (std::size_t i = 0; i < size(); ++i) changed.measured_.push_back(measured(i));
+  }
+  for (std::size_t i = 0; i < size(); ++i) changed.correct(i);
+  changed.fill_cells();
   return changed;
 }
 

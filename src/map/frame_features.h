@@ -2,6 +2,7 @@
 
 #include <kys/distance.h>
 #include <kys_slam/features.h>
+#include <kys_slam/rig_correction.h>
 #include <kys_slam/stereo_camera.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "geometry/observation.h"
@@ -60,27 +62,45 @@ struct ScaleLevels {
   }
 };
 
+/// Columns and rows in the right image of the features of a left one, px; NaN where there is none.
+struct RightPositions {
+  RightPositions() = default;
+  RightPositions(std::vector<float> columns, std::vector<float> rows = {})
+      : u(std::move(columns)), v(std::move(rows)) {}
+
+  std::vector<float> u;
+  std::vector<float> v;  ///< measured ones (row_alignment.h); empty: none is
+};
+
 /// Features of the left image of one frame with disparities and priors. Made once by the front end,
-/// immutable, shared by frame, keyframe and replica. Thinned keyframes have a subset.
+/// immutable, shared by frame, keyframe and replica. Thinned keyframes have a subset. Positions are
+/// those in the perfect pair; what was measured in the images is kept beside when it differs.
 class FrameFeatures {
  public:
   FrameFeatures() = default;
-  /// \param u_right px, NaN where there is no stereo match
+  /// \param left, right as measured in the images
   /// \param priors one per keypoint, or empty: no priors for this frame
-  /// \param disparity_offset px, added to every measured disparity (stereo_calibration.h)
-  FrameFeatures(const StereoCamera& camera, FeatureSet left, std::vector<float> u_right,
-                std::vector<kys::Prior> priors, float disparity_offset = 0);
+  /// \param rig correction of what is measured
+  FrameFeatures(const StereoCamera& camera, FeatureSet left, RightPositions right,
+                std::vector<kys::Prior> priors, const RigCorrection& rig = {});
 
-  /// Features read from a map file: `u_right` contains the offset already.
+  /// Features read from a map file, as measured.
+  /// \param aligned flags, one per keypoint, or empty: no images
   [[nodiscard]] static FrameFeatures restore(const StereoCamera& camera, FeatureSet left,
-                                             std::vector<float> u_right,
-                                             std::vector<kys::Prior> priors,
+                                             RightPositions right, std::vector<kys::Prior> priors,
                                              std::vector<std::uint8_t> aligned,
-                                             float disparity_offset);
+                                             const RigCorrection& rig);
 
-  /// The same features with another disparity offset.
-  [[nodiscard]] FrameFeatures with_disparity_offset(float offset) const;
-  /// A keypoint position aligned with the patch of its landmark.
+  /// The same features with another correction.
+  [[nodiscard]] FrameFeatures with_rig(const RigCorrection& rig) const;
+  [[nodiscard]] const RigCorrection& rig() const { return rig_; }
+  /// What was measured in the images.
+  [[nodiscard]] RigCorrection::Measured measured(std::size_t i) const {
+    if (!measured_.empty()) return measured_[i];
+    return {keypoint(i).x, keypoint(i).y, u_right_[i]};
+  }
+  [[nodiscard]] bool measures_rows() const;
+  /// A keypoint position aligned with the patch of its landmark, as measured in the image.
   struct Aligned {
     std::uint32_t feature = 0;
     float u = 0;  ///< px
@@ -103,7 +123,6 @@ class FrameFeatures {
   [[nodiscard]] FrameFeatures subset(std::span<const std::uint8_t> keep) const;
   /// The same features with other priors, one per keypoint or none.
   [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
-  [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
 
   [[nodiscard]] std::size_t size() const { return keypoints_.size(); }
   [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return keypoints_[i]; }
@@ -148,6 +167,7 @@ class FrameFeatures {
   static inline const kys::Prior kNoPrior{};
 
   void fill_cells();
+  void correct(std::size_t i);
   [[nodiscard]] int column_of(const Keypoint& k) const {
     return std::clamp(static_cast<int>(k.x * cell_width_inv_), 0, kColumns - 1);
   }
@@ -157,11 +177,12 @@ class FrameFeatures {
   std::shared_ptr<const kys::Descriptor> descriptors_;
   std::shared_ptr<const kys::Prior> priors_;  // null: no priors for this frame
   std::vector<float> u_right_;
-  std::vector<std::uint8_t> aligned_;  // flags, or empty: none is
+  std::vector<RigCorrection::Measured> measured_;  // empty: what the keypoints and u_right_ say
+  std::vector<std::uint8_t> aligned_;              // flags, or empty: none is
   bool image_noise_ = false;
-  double bf_ = 0;               // px m, of the camera
-  float disparity_offset_ = 0;  // px, contained in u_right_
-  float cell_width_inv_ = 0;    // 1/px
+  RigCorrection rig_;         // contained in the keypoints and u_right_
+  double bf_ = 0;             // px m, of the camera
+  float cell_width_inv_ = 0;  // 1/px
   float cell_height_inv_ = 0;
   // Feature indices grouped by cell, row by row, and where each cell starts. A subset has few
   // features and is kept for long: it has starts of rows only.

@@ -126,9 +126,10 @@ void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.features) throw std::logic_error("keyframe without features");
   const KeyFrameId id = keyframe.id;
   if (!keyframe.submap.valid()) keyframe.submap = id;
-  if (keyframe.features->disparity_offset() != disparity_offset_) {
-    keyframe.features = std::make_shared<const FrameFeatures>(
-        keyframe.features->with_disparity_offset(disparity_offset_));
+  if (keyframes_.empty() && keyframe_id_end() == 0) rig_.correction = keyframe.features->rig();
+  if (keyframe.features->rig() != rig()) {
+    keyframe.features =
+        std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
   }
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();
@@ -209,12 +210,12 @@ void Map::join_submaps(KeyFrameId joint, KeyFrameId onto) {
   }
 }
 
-void Map::set_disparity_offset(float offset) {
-  disparity_offset_ = offset;
+void Map::set_rig(const RigEstimate& rig) {
+  rig_ = rig;
   for (const KeyFrameId id : keyframes_.ids()) {
     KeyFrame& keyframe = keyframes_.at(id);
     keyframe.features =
-        std::make_shared<const FrameFeatures>(keyframe.features->with_disparity_offset(offset));
+        std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig.correction));
     touch(id);
   }
 }
@@ -515,7 +516,7 @@ KeyFrameView Map::view(KeyFrameId id) const {
 
 ChangeSet Map::take_changes() {
   ChangeSet changes;
-  changes.disparity_offset = disparity_offset_;
+  changes.rig = rig();
   changes.scale = scale_;
   changes.moved = std::exchange(moved_, false);
   sort_unique(dirty_landmarks_);

@@ -84,9 +84,11 @@ class Map {
   /// Merges the sub-map of `joint` into that of `onto`: `joint` becomes the root of its tree and a
   /// child of `onto`. Poses and points must be in the common frame already.
   void join_submaps(KeyFrameId joint, KeyFrameId onto);
-  /// Sets the offset (px) added to the disparities of all keyframes, present and future.
-  void set_disparity_offset(float offset);
-  [[nodiscard]] float disparity_offset() const { return disparity_offset_; }
+  /// Sets the correction of what all keyframes measure, present and future ones. The first keyframe
+  /// brings its own.
+  void set_rig(const RigEstimate& rig);
+  [[nodiscard]] const RigCorrection& rig() const { return rig_.correction; }
+  [[nodiscard]] const RigEstimate& rig_estimate() const { return rig_; }
   /// After a correction of the scale of the whole map by `factor`: multiplies the translations
   /// T_c_parent of culled keyframes by it, and publishes that the map moved.
   void note_rescaling(double factor);
@@ -176,8 +178,8 @@ class Map {
 
   StereoCamera camera_;
   ScaleLevels scales_;
-  bool moved_ = false;          // many keyframes together, since the last change set
-  float disparity_offset_ = 0;  // px
+  bool moved_ = false;  // many keyframes together, since the last change set
+  RigEstimate rig_;
   double scale_ = 1;
   bool keeps_beliefs_ = false;
   std::map<std::int32_t, InstanceBelief> beliefs_;  // of the instances of this run

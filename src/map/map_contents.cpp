@@ -43,7 +43,9 @@ void check_shared(const MapContents& contents) {
     if (!(s > 0) || !std::isfinite(s)) fail("a scale level is not a positive number");
   }
   if (!std::isfinite(contents.scales.log_factor)) fail("the scale factor is not finite");
-  if (!std::isfinite(contents.disparity_offset)) fail("the disparity offset is not finite");
+  if (!contents.rig.correction.parameters().allFinite() || !contents.rig.covariance.allFinite()) {
+    fail("the correction of its cameras is not finite");
+  }
   // The largest number means "none".
   if (contents.keyframe_id_end == KeyFrameId::kNone ||
       contents.landmark_id_end == LandmarkId::kNone) {
@@ -53,8 +55,8 @@ void check_shared(const MapContents& contents) {
 
 void check_features(const KeyFrame& keyframe, const MapContents& contents) {
   if (!keyframe.features) fail(name(keyframe.id) + " has no features");
-  if (keyframe.features->disparity_offset() != contents.disparity_offset) {
-    fail(name(keyframe.id) + " has another disparity offset than the map");
+  if (keyframe.features->rig() != contents.rig.correction) {
+    fail(name(keyframe.id) + " has another correction of the cameras than the map");
   }
   const auto levels = contents.scales.scale.size();
   for (const Keypoint& k : keyframe.features->keypoints()) {
@@ -73,7 +75,7 @@ bool MapContents::has_priors() const {
 }
 
 MapContents Map::contents() const {
-  MapContents contents{camera_,           scales_,           disparity_offset_, {}, {}, {},
+  MapContents contents{camera_,           scales_,           rig_, {}, {}, {},
                        keyframe_id_end(), landmark_id_end(), keeps_beliefs_};
   contents.keyframes.reserve(keyframes_.size());
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
@@ -100,7 +102,7 @@ MapContents Map::contents() const {
 Map::Map(MapContents contents)
     : camera_(contents.camera),
       scales_(contents.scales),
-      disparity_offset_(contents.disparity_offset) {
+      rig_(contents.rig) {
   check_shared(contents);
   check_ids(contents.keyframes, contents.keyframe_id_end);
   check_ids(contents.culled, contents.keyframe_id_end);

@@ -18,7 +18,7 @@ namespace kys_slam {
 struct MapContents {
   StereoCamera camera;
   ScaleLevels scales;
-  float disparity_offset = 0;          ///< px
+  RigEstimate rig;
   std::vector<KeyFrame> keyframes;     ///< by id
   std::vector<CulledKeyFrame> culled;  ///< by id
   std::vector<Landmark> landmarks;     ///< by id

@@ -45,7 +45,11 @@ void write_shared(ByteWriter& out, const MapContents& contents, std::string_view
   out.u32(static_cast<std::uint32_t>(camera.width));
   out.u32(static_cast<std::uint32_t>(camera.height));
   for (const double x : {camera.fx, camera.fy, camera.cx, camera.cy, camera.baseline}) out.f64(x);
-  out.f32(contents.disparity_offset);
+  out.u8(static_cast<std::uint8_t>(RigCorrection::kSize));
+  for (const double x : contents.rig.correction.parameters()) out.f64(x);
+  for (int c = 0; c < RigCorrection::kSize; ++c) {
+    for (int r = c; r < RigCorrection::kSize; ++r) out.f64(contents.rig.covariance(r, c));
+  }
   out.f32(contents.scales.log_factor);
   out.u32(static_cast<std::uint32_t>(contents.scales.scale.size()));
   for (const float s : contents.scales.scale) out.f32(s);
@@ -59,13 +63,15 @@ void write_features(ByteWriter& out, const FrameFeatures& features) {
   const std::size_t n = features.size();
   out.u32(static_cast<std::uint32_t>(n));
   const bool aligned = !features.aligned().empty();
+  const bool rows = features.measures_rows();
   out.u8(static_cast<std::uint8_t>((features.priors().empty() ? 0 : mf::kHasPriors) |
-                                   (aligned ? mf::kHasAligned : 0)));
-  column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).x; });
-  column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).y; });
+                                   (aligned ? mf::kHasAligned : 0) | (rows ? mf::kHasRows : 0)));
+  column_f32(out, n, [&](std::size_t i) { return features.measured(i).u; });
+  column_f32(out, n, [&](std::size_t i) { return features.measured(i).v; });
   column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).angle; });
   column_f32(out, n, [&](std::size_t i) { return features.keypoint(i).response; });
-  column_f32(out, n, [&](std::size_t i) { return features.u_right(i); });
+  column_f32(out, n, [&](std::size_t i) { return features.measured(i).u_right; });
+  if (rows) column_f32(out, n, [&](std::size_t i) { return features.measured(i).v_right; });
   for (std::size_t i = 0; i < n; ++i) out.u8(features.keypoint(i).octave);
   for (std::size_t i = 0; i < n; ++i) write_descriptor(out, features.descriptor(i));
   for (const std::uint8_t flag : features.aligned()) out.u8(flag);

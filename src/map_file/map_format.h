@@ -7,7 +7,7 @@
 
 #include "util/byte_stream.h"
 
-/// Constants of the map file format, version 1, which README.md describes byte by byte.
+/// Constants of the map file format, version 2, which README.md describes byte by byte.
 namespace kys_slam::map_format {
 
 using byte_stream::ByteReader;
@@ -16,7 +16,7 @@ using byte_stream::Damage;
 using byte_stream::require;
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
-inline constexpr std::uint16_t kVersion = 1;
+inline constexpr std::uint16_t kVersion = 2;
 inline constexpr std::size_t kHeaderSize = 40;
 inline constexpr std::size_t kAtVersion = 8;
 inline constexpr std::size_t kAtHeaderSize = 10;
@@ -36,6 +36,7 @@ inline constexpr double kMaxMetres = 1e9;        ///< of any coordinate
 inline constexpr std::uint32_t kHasBeliefs = 1;  ///< flag of the header
 inline constexpr std::uint8_t kHasPriors = 1;    ///< flag of a keyframe
 inline constexpr std::uint8_t kHasAligned = 2;   ///< flag of a keyframe
+inline constexpr std::uint8_t kHasRows = 4;      ///< flag of a keyframe
 inline constexpr std::uint8_t kMoves = 1;        ///< flag of a prior
 inline constexpr std::uint8_t kNotJudged = 2;    ///< flag of a prior
 /// Limit of ids beyond the number of objects in the file, because tables are allocated by the

@@ -90,6 +90,28 @@ kys::Descriptor read_descriptor(ByteReader& in) {
   return descriptor;
 }
 
+RigEstimate read_rig(ByteReader& in, const StereoCamera& camera) {
+  constexpr double kMost = 1e4;  // of any parameter; px
+  require(in.u8() == RigCorrection::kSize, "has a correction of the cameras of another size");
+  RigCorrection::Parameters parameters;
+  for (double& x : parameters) {
+    x = in.f64();
+    require(std::abs(x) <= kMost, "has no valid correction of the cameras");
+  }
+  require(parameters[static_cast<int>(RigParameter::kFocal)] > -0.5,
+          "has no valid correction of the cameras");
+  RigEstimate rig;
+  rig.correction = RigCorrection(camera, parameters);
+  for (int c = 0; c < RigCorrection::kSize; ++c) {
+    for (int r = c; r < RigCorrection::kSize; ++r) {
+      rig.covariance(r, c) = rig.covariance(c, r) = in.f64();
+      require(std::abs(rig.covariance(r, c)) <= kMost * kMost,
+              "has no valid covariance of the cameras");
+    }
+  }
+  return rig;
+}
+
 /// The first chunk. \returns the name of the label space
 std::string read_shared(ByteReader in, MapContents& contents) {
   StereoCamera& camera = contents.camera;
@@ -103,7 +125,7 @@ std::string read_shared(ByteReader in, MapContents& contents) {
     require(std::abs(*x) <= 1e6, "has a camera that makes no sense");
   }
   require(camera.is_valid(), "has a camera that makes no sense");
-  contents.disparity_offset = read_f32(in, -1000, 1000, "has no valid disparity offset");
+  contents.rig = read_rig(in, camera);
   contents.scales.log_factor = read_f32(in, -100, 100, "has no valid scale factor");
   const std::size_t levels = in.count(4);
   require(levels >= 1 && levels <= mf::kMaxLevels, "has no valid number of scale levels");
@@ -124,10 +146,13 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   const std::size_t n = in.count(kFeatureSize);
   require(n <= std::numeric_limits<std::uint16_t>::max(), "has a keyframe of too many features");
   const std::uint8_t flags = in.u8();
-  require((flags & ~(mf::kHasPriors | mf::kHasAligned)) == 0, "has a keyframe with unknown flags");
+  require((flags & ~(mf::kHasPriors | mf::kHasAligned | mf::kHasRows)) == 0,
+          "has a keyframe with unknown flags");
   const bool with_priors = (flags & mf::kHasPriors) != 0;
   const bool with_aligned = (flags & mf::kHasAligned) != 0;
-  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) + (with_aligned ? 1 : 0)),
+  const bool with_rows = (flags & mf::kHasRows) != 0;
+  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) +
+                            (with_aligned ? 1 : 0) + (with_rows ? sizeof(float) : 0)),
           "has a keyframe of wrong size");
   FeatureSet set;
   set.keypoints.resize(n);
@@ -140,15 +165,16 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   column(&Keypoint::y);
   column(&Keypoint::angle);
   column(&Keypoint::response);
-  std::vector<float> u_right(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    u_right[i] = in.f32();
-    require(std::isnan(u_right[i]) || std::abs(u_right[i]) <= mf::kMaxPixel,
-            "has a stereo match out of range");
-    const double disparity = set.keypoints[i].x - u_right[i];
-    require(!(disparity > 0) || contents.camera.bf() / disparity < 1e30,
-            "has a stereo match out of range");
-  }
+  RightPositions right;
+  const auto read_right = [&](std::vector<float>& positions) {
+    positions.resize(n);
+    for (float& x : positions) {
+      x = in.f32();
+      require(std::isnan(x) || std::abs(x) <= mf::kMaxPixel, "has a stereo match out of range");
+    }
+  };
+  read_right(right.u);
+  if (with_rows) read_right(right.v);
   for (Keypoint& k : set.keypoints) k.octave = in.u8();
   set.descriptors.reserve(n);
   for (std::size_t i = 0; i < n; ++i) set.descriptors.push_back(read_descriptor(in));
@@ -159,9 +185,16 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   }
   std::vector<kys::Prior> priors;
   for (std::size_t i = 0; with_priors && i < n; ++i) priors.push_back(read_prior(in));
-  return std::make_shared<const FrameFeatures>(
-      FrameFeatures::restore(contents.camera, std::move(set), std::move(u_right), std::move(priors),
-                             std::move(aligned), contents.disparity_offset));
+  auto features = std::make_shared<const FrameFeatures>(
+      FrameFeatures::restore(contents.camera, std::move(set), std::move(right), std::move(priors),
+                             std::move(aligned), contents.rig.correction));
+  for (std::size_t i = 0; i < n; ++i) {
+    const bool sound = !features->has_stereo(i) || features->depth(i) < 1e30F;
+    require(sound && std::isfinite(features->keypoint(i).x) &&
+                std::isfinite(features->keypoint(i).y),
+            "has a stereo match out of range");
+  }
+  return features;
 }
 
 KeyFrame read_keyframe(ByteReader in, const MapContents& contents) {

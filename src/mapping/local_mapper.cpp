@@ -27,7 +27,7 @@ void LocalMapper::continue_map(const Map& map) {
   landmark_ids_.continue_after(map.landmark_id_end());
   thinning_.continue_map(map);
   options_.calibration.enabled = false;
-  calibration_ = StereoCalibration(options_.calibration);
+  calibration_ = RigCalibration(options_.calibration);
 }
 
 LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,

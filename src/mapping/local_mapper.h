@@ -11,7 +11,7 @@
 #include "mapping/culling.h"
 #include "mapping/fusion.h"
 #include "mapping/local_bundle.h"
-#include "mapping/stereo_calibration.h"
+#include "mapping/rig_calibration.h"
 #include "mapping/thinning.h"
 #include "mapping/triangulation.h"
 
@@ -23,7 +23,7 @@ struct LocalMapperOptions {
   FusionOptions fusion;
   LocalBundleOptions bundle;
   KeyFrameCullingOptions keyframe_culling;
-  StereoCalibrationOptions calibration;
+  RigCalibrationOptions calibration;
   ThinningOptions thinning;
   double mover_patience = 1;  ///< s, after which landmarks on moving instances are erased
 };
@@ -70,7 +70,7 @@ class LocalMapper {
   LocalMapperOptions options_;
   const kys::DistanceModel* model_;
   RecentLandmarks recent_;
-  StereoCalibration calibration_;
+  RigCalibration calibration_;
   Thinning thinning_;
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kBackEnd};
 };

@@ -44,29 +44,33 @@ patch::Window make_window() {
 }
 
 /// Whether all pixels that the alignment reads are in both images.
-bool fits(const GrayImage& left, const GrayImage& right, const Eigen::Vector2f& at, float start) {
+bool fits(const GrayImage& left, const GrayImage& right, const Eigen::Vector2f& at,
+          const Eigen::Vector2f& start) {
   // As floats: a conversion of what is far off or no number is not defined.
   const auto within = [](float x, float last) { return x >= 0 && x <= last; };
   const auto width = static_cast<float>(std::min(left.width(), right.width()) - 1);
   const auto height = static_cast<float>(std::min(left.height(), right.height()) - 1);
   return within(at.x() - kHalf - 1, width - 2 * kHalf - 3) &&
          within(at.y() - kHalf, height - 2 * kHalf - 1) &&
-         within(start - kHalf - 1, width - 2 * kHalf - 2);
+         within(start.x() - kHalf - 1, width - 2 * kHalf - 2) &&
+         within(start.y() - kHalf, height - 2 * kHalf - 1);
 }
 
 patch::Source source_of(const GrayImage& left, const GrayImage& right, const Eigen::Vector2f& at,
-                        float start) {
+                        const Eigen::Vector2f& start) {
   const int x = static_cast<int>(at.x()) - kHalf - 1;
   const int y = static_cast<int>(at.y()) - kHalf;
+  const int right_y = static_cast<int>(start.y()) - kHalf;
   return {left.row(y) + x,
           left.width(),
           left.width() - x,
-          right.row(y),
+          right.row(right_y),
           right.width(),
           right.width(),
-          static_cast<int>(start) - patch::kReach,
+          static_cast<int>(start.x()) - patch::kReach,
           at.x() - std::floor(at.x()),
-          at.y() - std::floor(at.y())};
+          at.y() - std::floor(at.y()),
+          start.y() - std::floor(start.y())};
 }
 
 /// Step of column and slants by the normal equations, the mean of the differences eliminated.
@@ -88,14 +92,15 @@ Eigen::Vector3f step_of(const patch::Sums& s, const PatchAlignment& at) {
 }  // namespace
 
 std::optional<PatchAlignment> align_patch(const GrayImage& left, const GrayImage& right,
-                                          const Eigen::Vector2f& at, float start) {
+                                          const Eigen::Vector2f& at,
+                                          const Eigen::Vector2f& start) {
   static const patch::Window window = make_window();
   if (!fits(left, right, at, start)) return {};
   const patch::Kernels& kernels = patch::kernels();
   const patch::Source source = source_of(left, right, at, start);
   patch::Pair pair;
   kernels.prepare(source, &pair);
-  PatchAlignment result{start, 0, 0, 0};
+  PatchAlignment result{start.x(), 0, 0, 0};
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     patch::Sums sums;
     const patch::Place place{result.column - static_cast<float>(source.first), 1 + result.slant_u,
@@ -106,7 +111,7 @@ std::optional<PatchAlignment> align_patch(const GrayImage& left, const GrayImage
     result.column -= step.x();
     result.slant_u -= step.y();
     result.slant_v -= step.z();
-    const bool near = std::abs(result.column - start) <= kMaxMove &&
+    const bool near = std::abs(result.column - start.x()) <= kMaxMove &&
                       std::abs(result.slant_u) <= kMaxSlantU &&
                       std::abs(result.slant_v) <= kMaxSlantV;
     if (!near) return {};  // or not a number

@@ -15,8 +15,8 @@ struct PatchAlignment {
   float residual = 0;  ///< grey levels, weighted root mean square
 };
 
-/// Aligns the 11x11 px patch centred on `at` (sub-pixel) with the same rows of the right image,
-/// starting at column `start`, within 1.5 px. Least squares of the grey differences with their mean
+/// Aligns the 11x11 px patch centred on `at` (sub-pixel) with the rows of the right image around
+/// that of `start`, starting at its column, within 1.5 px. Least squares of the grey differences with their mean
 /// removed, over the column of the centre and its slopes along and across the rows (Lucas-Kanade
 /// with the affine motion of a plane in a rectified pair). Without slopes a patch of a road, which
 /// has 0.3 px of disparity per row, gets the disparity of its contrast and not of its centre.
@@ -25,6 +25,7 @@ struct PatchAlignment {
 /// does not bias the result. \return nothing without contrast, close to the border, or when it does
 /// not converge within 1.5 px
 std::optional<PatchAlignment> align_patch(const GrayImage& left, const GrayImage& right,
-                                          const Eigen::Vector2f& at, float start);
+                                          const Eigen::Vector2f& at,
+                                          const Eigen::Vector2f& start);
 
 }  // namespace kys_slam

@@ -39,8 +39,9 @@ struct Source {
   std::ptrdiff_t right_stride;
   int right_columns;  ///< of the image
   int first;          ///< first column of the strip; columns outside the image repeat the border
-  float fraction_x;   ///< px, of the left patch, 0..1
-  float fraction_y;   ///< px, of both
+  float fraction_x;  ///< px, of the left patch, 0..1
+  float fraction_y;  ///< px, of the left patch
+  float right_fraction_y;  ///< px, of the right rows
 };
 
 /// Position of the patch in the strip: pixel (dx, dy) is in column middle + dx stretch + dy shear.

@@ -40,6 +40,25 @@ const kys::Prior& prior_of(const StereoView& view, std::size_t i) {
   return view.priors.empty() ? kNoPrior : view.priors[i];
 }
 
+/// Position of a keypoint in an image of the perfect pair, px.
+struct Place {
+  float x, y;
+};
+
+std::vector<Place> places_of(const FeatureSet& features, const RigCorrection& rig, bool left) {
+  std::vector<Place> places;
+  places.reserve(features.size());
+  for (const Keypoint& k : features.keypoints) {
+    if (!rig.bends()) {
+      places.push_back({k.x, k.y});
+      continue;
+    }
+    const Eigen::Vector2f p = (left ? rig.left(k.x, k.y) : rig.right(k.x, k.y)).cast<float>();
+    places.push_back({p.x(), p.y()});
+  }
+  return places;
+}
+
 /// A right keypoint, as far as most are looked at.
 struct Candidate {
   float x;  // px
@@ -50,25 +69,26 @@ struct Candidate {
 /// Right keypoints by the image rows on which their left partners may lie.
 class RowIndex {
  public:
-  RowIndex(const FeatureSet& right, int height, const ScaleLevels& scales, float tolerance)
+  RowIndex(const FeatureSet& right, std::span<const Place> places, int height,
+           const ScaleLevels& scales, float tolerance)
       : start_(static_cast<std::size_t>(height) + 1, 0) {
-    const auto rows = [&](const Keypoint& k) {
-      const float reach = tolerance * scales.scale[k.octave];
-      return std::array<int, 2>{
-          std::clamp(static_cast<int>(std::floor(k.y - reach)), 0, height - 1),
-          std::clamp(static_cast<int>(std::ceil(k.y + reach)), 0, height - 1)};
+    const auto rows = [&](std::size_t i) {
+      const float reach = tolerance * scales.scale[right.keypoints[i].octave];
+      const float y = places[i].y;
+      return std::array<int, 2>{std::clamp(static_cast<int>(std::floor(y - reach)), 0, height - 1),
+                                std::clamp(static_cast<int>(std::ceil(y + reach)), 0, height - 1)};
     };
-    for (const Keypoint& k : right.keypoints) {
-      const auto [first, last] = rows(k);
+    for (std::size_t i = 0; i < right.size(); ++i) {
+      const auto [first, last] = rows(i);
       for (int r = first; r <= last; ++r) ++start_[static_cast<std::size_t>(r) + 1];
     }
     for (std::size_t r = 1; r < start_.size(); ++r) start_[r] += start_[r - 1];
     candidates_.resize(start_.back());
     std::vector<std::uint32_t> next(start_.begin(), start_.end() - 1);
     for (std::size_t i = 0; i < right.size(); ++i) {
-      const Keypoint& k = right.keypoints[i];
-      const Candidate candidate{k.x, static_cast<std::uint32_t>(i), k.octave};
-      const auto [first, last] = rows(k);
+      const Candidate candidate{places[i].x, static_cast<std::uint32_t>(i),
+                                right.keypoints[i].octave};
+      const auto [first, last] = rows(i);
       for (int r = first; r <= last; ++r) {
         candidates_[next[static_cast<std::size_t>(r)]++] = candidate;
       }
@@ -92,7 +112,8 @@ struct Refined {
 
 /// Slides the left keypoint's patch along the row of the right image at the left keypoint's octave
 /// and aligns it there to a fraction of a pixel.
-std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
+/// \param row of the right image where the left keypoint is seen, px
+std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float row,
                               const ImagePyramid& left_pyramid, const ImagePyramid& right_pyramid) {
   const std::size_t octave = left.octave;
   if (octave >= left_pyramid.levels.size() || octave >= right_pyramid.levels.size()) return {};
@@ -101,35 +122,39 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right,
   const Eigen::Vector2f left_at = left_pyramid.to_level(octave, left.x, left.y);
   const int xl = static_cast<int>(std::lround(left_at.x()));
   const int y = static_cast<int>(std::lround(left_at.y()));
-  const int xr =
-      static_cast<int>(std::lround(right_pyramid.to_level(octave, right.x, right.y).x()));
-  const bool fits = y - kHalf >= 0 && y + kHalf < std::min(l.height(), r.height()) &&
+  const Eigen::Vector2f right_at = right_pyramid.to_level(octave, right.x, row);
+  const int xr = static_cast<int>(std::lround(right_at.x()));
+  const int yr = static_cast<int>(std::lround(right_at.y()));
+  const bool fits = y - kHalf >= 0 && y + kHalf < l.height() && yr - kHalf >= 0 &&
+                    yr + kHalf < r.height() &&
                     xl - kHalf >= 0 && xl + kHalf < l.width() && xr - kSlide - kHalf >= 0 &&
                     xr + kSlide + kHalf < r.width();
   if (!fits) return {};
   std::array<std::int32_t, 2 * kSlide + 1> difference;
   patch::kernels().slide(l.row(y - kHalf) + xl - kHalf, l.width(),
-                         r.row(y - kHalf) + xr - kSlide - kHalf, r.width(), difference.data());
+                         r.row(yr - kHalf) + xr - kSlide - kHalf, r.width(), difference.data());
   const auto best = std::min_element(difference.begin(), difference.end()) - difference.begin();
   if (best == 0 || best == 2 * kSlide) return {};  // no minimum inside the range
   // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
   const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;
-  const std::optional<PatchAlignment> aligned = align_patch(l, r, left_at, start);
+  const std::optional<PatchAlignment> aligned =
+      align_patch(l, r, left_at, {start, right_at.y()});
   if (!aligned) return {};
   return Refined{right_pyramid.to_full(octave, aligned->column, 0).x(), aligned->residual};
 }
 
-std::int32_t nearest_candidate(std::size_t i, const StereoView& left, const StereoView& right,
-                               std::span<const Candidate> candidates, float max_disparity,
-                               const StereoOptions& options, const kys::DistanceModel& model,
-                               kys::Statistics& statistics) {
+/// \param x of the left keypoint in the perfect pair
+std::int32_t nearest_candidate(std::size_t i, float x, const StereoView& left,
+                               const StereoView& right, std::span<const Candidate> candidates,
+                               float max_disparity, const StereoOptions& options,
+                               const kys::DistanceModel& model, kys::Statistics& statistics) {
   const Keypoint& l = left.features->keypoints[i];
   float best = options.max_distance;
   std::int32_t chosen = -1;
   kys::Tier tier = kys::Tier::kBypassed;
   for (const Candidate& r : candidates) {
-    if (r.x > l.x || r.x < l.x - max_disparity) continue;
+    if (r.x > x || r.x < x - max_disparity) continue;
     if (std::abs(l.octave - r.octave) > 1) continue;
     const std::uint32_t j = r.index;
     const kys::Distance d = model.evaluate(left.features->descriptors[i], prior_of(left, i),
@@ -187,31 +212,60 @@ struct Columns {
   std::vector<float> residual;  // grey levels, -1: not aligned
 };
 
-/// Matches the left keypoints [begin, end) without those of `left_out` (flags, or empty); nothing
-/// else of `columns` is touched.
-void match_some(std::size_t begin, std::size_t end, const StereoView& left, const StereoView& right,
-                const RowIndex& rows, std::span<const std::uint8_t> left_out, float max_disparity,
-                const StereoOptions& options, const kys::DistanceModel& model,
-                kys::Statistics& statistics, Columns& columns) {
+/// What is the same for all keypoints of a pair.
+struct Pair {
+  const StereoView& left;
+  const StereoView& right;
+  const RigCorrection& rig;
+  std::vector<Place> left_places, right_places;
+  RowIndex rows;
+  std::vector<std::uint8_t> left_out;  // flags, or empty
+  float max_disparity;                 // px
+};
+
+/// The column in the right image, or nothing when the disparity is impossible.
+std::optional<float> checked_column(const Pair& pair, const Keypoint& l, float u,
+                                    const StereoOptions& options) {
+  if (pair.rig.bends()) {
+    u -= options.added_disparity;
+    const RigCorrection::Ideal ideal = pair.rig.pair({l.x, l.y, u});
+    const double disparity = ideal.u - ideal.u_right;
+    if (!(disparity >= 0 && disparity < pair.max_disparity)) return {};
+    return u;
+  }
+  const float disparity = l.x - u + options.added_disparity;
+  if (!(disparity >= 0 && disparity < pair.max_disparity)) return {};
+  // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
+  return l.x - std::max(disparity, 0.01f);
+}
+
+/// Matches the left keypoints [begin, end); nothing else of `columns` is touched.
+void match_some(std::size_t begin, std::size_t end, const Pair& pair, const StereoOptions& options,
+                const kys::DistanceModel& model, kys::Statistics& statistics, Columns& columns) {
+  const StereoView& left = pair.left;
+  const StereoView& right = pair.right;
   const bool with_images = options.refine && left.pyramid != nullptr && right.pyramid != nullptr;
   for (std::size_t i = begin; i < end; ++i) {
-    if (!left_out.empty() && left_out[i] != 0) continue;
+    if (!pair.left_out.empty() && pair.left_out[i] != 0) continue;
     const Keypoint& l = left.features->keypoints[i];
-    const std::int32_t j =
-        nearest_candidate(i, left, right, rows.at(l.y), max_disparity, options, model, statistics);
+    const Place& place = pair.left_places[i];
+    const std::int32_t j = nearest_candidate(i, place.x, left, right, pair.rows.at(place.y),
+                                             pair.max_disparity, options, model, statistics);
     if (j < 0) continue;
     const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
     float u = r.x;
     if (with_images) {
-      const std::optional<Refined> refined = refine(l, r, *left.pyramid, *right.pyramid);
+      float row = l.y;
+      if (pair.rig.bends()) {
+        const float right_x = pair.right_places[static_cast<std::size_t>(j)].x;
+        row = static_cast<float>(pair.rig.measured_right(place.x, place.y, right_x).y());
+      }
+      const std::optional<Refined> refined = refine(l, r, row, *left.pyramid, *right.pyramid);
       if (!refined) continue;
       u = refined->u_right;
       columns.residual[i] = refined->residual;
     }
-    const float disparity = l.x - u + options.added_disparity;
-    if (!(disparity >= 0 && disparity < max_disparity)) continue;
-    // A point at infinity still has a side: a hundredth of a pixel keeps its depth finite.
-    columns.u_right[i] = l.x - std::max(disparity, 0.01f);
+    if (const auto column = checked_column(pair, l, u, options)) columns.u_right[i] = *column;
   }
 }
 
@@ -241,17 +295,23 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,
                                 const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics, Worker* helper) {
+                                kys::Statistics& statistics, Worker* helper,
+                                const RigCorrection& rig) {
   const std::size_t n = left.features->size();
   Columns columns(n);
   if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);
-  const RowIndex rows(*right.features, camera.height, scales, options.row_tolerance);
-  const std::vector<std::uint8_t> left_out = unneeded(left, model, options.moving_keypoints);
-  // Nothing is nearer than the baseline.
-  const auto max_disparity = static_cast<float>(camera.fx);
+  std::vector<Place> right_places = places_of(*right.features, rig, false);
+  RowIndex rows(*right.features, right_places, camera.height, scales, options.row_tolerance);
+  const Pair pair{left,
+                  right,
+                  rig,
+                  places_of(*left.features, rig, true),
+                  std::move(right_places),
+                  std::move(rows),
+                  unneeded(left, model, options.moving_keypoints),
+                  static_cast<float>(camera.fx)};  // nothing is nearer than the baseline
   const auto match = [&](std::size_t begin, std::size_t end, kys::Statistics& counts) {
-    match_some(begin, end, left, right, rows, left_out, max_disparity, options, model, counts,
-               columns);
+    match_some(begin, end, pair, options, model, counts, columns);
   };
   if (helper != nullptr) {
     kys::Statistics others;

@@ -37,11 +37,13 @@ struct StereoView {
 /// Column of every left keypoint in the right image (ORB-SLAM2, Sec. III-A): candidates in the same
 /// row band and neighbouring octaves, least modulated distance, sub-pixel alignment of an 11x11 px
 /// patch (patch_alignment.h), and rejection of poor alignments.
+/// \param rig correction of what is measured: rows and disparities of the perfect pair are compared
 /// \param helper a thread that does half of the work, or null; the result is the same
-/// \return px, NaN where there is no match.
+/// \return px of the right image as it is, NaN where there is no match.
 std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                                 const StereoView& left, const StereoView& right,
                                 const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics, Worker* helper = nullptr);
+                                kys::Statistics& statistics, Worker* helper = nullptr,
+                                const RigCorrection& rig = {});
 
 }  // namespace kys_slam

@@ -13,6 +13,7 @@
 #include "mapping/local_mapper.h"
 #include "matching/stereo_matcher.h"
 #include "system/object_log.h"
+#include "tracking/front_end.h"
 #include "tracking/tracker_options.h"
 
 namespace kys_slam {
@@ -32,6 +33,7 @@ void describe(kys::OptionList& list, ControlOptions& options);
 struct SettingsData {
   OrbOptions orb;
   StereoOptions stereo;
+  RowOptions rows;
   TrackerOptions tracking;
   LocalMapperOptions mapping;
   LoopOptions loop;

@@ -122,7 +122,8 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   s.first_keyframe = {map.keyframe_id_end()};
   s.tracker.continue_map(map.keyframe_id_end(), map.landmark_id_end(), localize_only);
   ChangeSet changes = s.runner.continue_map(std::move(map));
-  s.front_end.set_disparity_offset(changes.disparity_offset);
+  s.front_end.set_rig(changes.rig);
+  s.front_end.hold_rig();
   s.tracker.apply(std::move(changes));
 }
 
@@ -164,7 +165,7 @@ void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& mask
 /// Steps of the back end reach the tracker, their figures the report of their keyframe.
 void System::Impl::apply(std::vector<BackEndStep> steps) {
   for (BackEndStep& step : steps) {
-    front_end.set_disparity_offset(step.changes.disparity_offset);
+    front_end.set_rig(step.changes.rig);
     const bool whole_map = step.changes.moved_landmarks.size() > kManyLandmarks;
     tracker.apply(std::move(step.changes));
     if (whole_map) return_freed_memory();
@@ -268,7 +269,7 @@ FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
   }
   // Without the lock, so that the observer may ask for the map.
   if (observer) {
-    observer({&s.seen_report, s.seen_features->keypoints(), s.seen_depths,
+    observer({&s.seen_report, s.seen_keypoints, s.seen_depths,
               s.seen_features->priors(), s.seen_landmarks, s.seen_tiers, s.seen_instances});
   }
   return report;
@@ -293,6 +294,12 @@ void System::set_observer(FrameObserver observer) {
 void System::Impl::observe(const FrameReport& report, const FrameFeatures& features,
                            std::span<const InstanceState> instances) {
   seen_report = report;
+  seen_keypoints.assign(features.keypoints().begin(), features.keypoints().end());
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    const RigCorrection::Measured m = features.measured(i);
+    seen_keypoints[i].x = m.u;
+    seen_keypoints[i].y = m.v;
+  }
   seen_depths.resize(features.size());
   seen_landmarks.assign(features.size(), -1);
   seen_tiers.assign(features.size(), kys::Tier::kSkipped);
@@ -335,6 +342,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     tracked = s.recover(frame, seen, std::move(tracked));
   }
   if (tracked.status != TrackingStatus::kLost) s.unrecognised = 0;
+  if (s.tracker.has_map()) s.front_end.hold_rig();
 
   FrameReport report;
   report.index = frame.index;

@@ -31,7 +31,7 @@ struct System::Impl {
         model(make_model(options)),
         priors(std::move(priors_in)),
         scales(options.orb.scale_factor, options.orb.levels),
-        front_end(camera, options.orb, options.stereo, model, priors.get()),
+        front_end(camera, options.orb, options.stereo, row_options(options), model, priors.get()),
         tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay),
@@ -64,6 +64,7 @@ struct System::Impl {
   // Of the frame fed last, for the observer.
   FrameReport seen_report;
   std::shared_ptr<const FrameFeatures> seen_features;
+  std::vector<Keypoint> seen_keypoints;  // where they are in the image
   std::vector<float> seen_depths;
   std::vector<std::int64_t> seen_landmarks;
   std::vector<kys::Tier> seen_tiers;

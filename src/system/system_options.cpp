@@ -41,6 +41,12 @@ kys::InitialBelief make_belief_start(const SettingsData& settings,
   }
 }
 
+RowOptions row_options(const SettingsData& settings) {
+  RowOptions options = settings.rows;
+  options.enabled = options.enabled && settings.mapping.calibration.enabled;
+  return options;
+}
+
 TrackerOptions tracker_options(const SettingsData& settings) {
   TrackerOptions options = settings.tracking;
   options.consensus.by_class = asks_what_moves(settings);

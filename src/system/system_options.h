@@ -19,6 +19,7 @@ kys::DistanceModel make_model(const SettingsData& settings);
 /// Beliefs before anything is measured; empty in modes that have none. \throws InputError
 kys::InitialBelief make_belief_start(const SettingsData& settings, const kys::DistanceModel& model);
 
+RowOptions row_options(const SettingsData& settings);
 TrackerOptions tracker_options(const SettingsData& settings);
 BackEndOptions back_end_options(const SettingsData& settings);
 

@@ -9,9 +9,15 @@
 #include <span>
 #include <string>
 
+#include "matching/row_alignment.h"
+
 namespace kys_slam {
 
 namespace {
+
+constexpr std::size_t kRowsFirst = 800;  // measured, in the frame that decides
+constexpr std::size_t kRowsLater = 250;
+constexpr std::size_t kLeastRows = 100;  // to decide
 
 /// Removes the features for which keep(index) is false; returns how many. `priors`: one per feature
 /// or none.
@@ -55,11 +61,20 @@ bool is_masked(const GrayImage& mask, const Keypoint& keypoint) {
 
 }  // namespace
 
+void describe(kys::OptionList& list, RowOptions& o) {
+  list.add("calibration.rows", o.enabled, "correct rows that differ between the images");
+  list.add("calibration.min_field", o.min_field, {0, 100}, "px",
+           "rows that differ by less (root mean square over the image) are taken for equal");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("calibration.row_frames", o.frames, {1, 1e9});
+}
+
 FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-                   const kys::DistanceModel& model, PriorProvider* priors)
+                   const RowOptions& rows, const kys::DistanceModel& model, PriorProvider* priors)
     : camera_(camera),
       scales_(orb.scale_factor, orb.levels),
       stereo_(stereo),
+      rows_(checked(rows)),
       model_(&model),
       prior_provider_(priors),
       extractors_{OrbExtractor(orb), OrbExtractor(orb)} {
@@ -98,12 +113,49 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
   return true;
 }
 
+StereoView FrontEnd::view(std::size_t side, bool from_images) const {
+  return {&features_[side], priors_[side], from_images ? &extractors_[side].pyramid() : nullptr};
+}
+
+/// Columns of the left keypoints in the right image, and rows of some.
+RightPositions FrontEnd::match(bool from_images, kys::Statistics& statistics) {
+  const StereoView left = view(0, from_images), right = view(1, from_images);
+  RightPositions positions(match_stereo(camera_, scales_, left, right, stereo_, *model_, statistics,
+                                        from_images ? &helper_ : nullptr, rig_));
+  const bool judged = row_fit_.has_value();
+  if (!from_images || !rows_.enabled || (judged && !rig_.bends()) || frames_ > rows_.frames) {
+    return positions;
+  }
+  positions.v = measure_rows(left, right, positions.u, rig_, judged ? kRowsLater : kRowsFirst);
+  return positions;
+}
+
+/// Whether rows are corrected from this frame on: decided once, by the first frame that shows
+/// enough, before there is a map.
+bool FrontEnd::judge_rows(const RightPositions& right) {
+  if (row_fit_ || has_map_ || right.v.empty()) return false;
+  std::vector<RowObservation> rows;
+  for (std::size_t i = 0; i < right.v.size(); ++i) {
+    if (std::isnan(right.v[i])) continue;
+    const Keypoint& k = features_[0].keypoints[i];
+    rows.push_back({{k.x, k.y, right.u[i], right.v[i]}, scales_.scale[k.octave]});
+  }
+  if (rows.size() < kLeastRows) return false;
+  RowFit fit = fit_rows(camera_, rows, {rig_, rig_prior()});
+  const bool bent = fit.field > rows_.min_field;
+  if (getenv("RIGDBG")) { fprintf(stderr,"ROWS n %zu before %.3f after %.3f field %.3f\n",fit.observations,fit.sigma_before,fit.sigma_after,fit.field); for(int k=0;k<RigCorrection::kSize;++k) fprintf(stderr," %s %.5f+-%.5f",rig_parameter_names()[k].name.data(),fit.rig.correction.parameters()[k],std::sqrt(fit.rig.covariance(k,k))); fprintf(stderr,"\n"); }
+  if (bent) rig_ = fit.rig.correction;
+  row_fit_ = std::move(fit);
+  return bent;
+}
+
 FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& masks) {
   FrontEndResult result;
   Stopwatch watch;
   const bool from_images = !frame.left_features;
   if (from_images) {
     extract(frame);
+    ++frames_;
     result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};
@@ -123,17 +175,15 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   }
   result.times.priors = watch.lap_ms();
 
-  const auto view = [&](std::size_t side) {
-    return StereoView{&features_[side], priors_[side],
-                      from_images ? &extractors_[side].pyramid() : nullptr};
-  };
-  std::vector<float> u_right = match_stereo(camera_, scales_, view(0), view(1), stereo_, *model_,
-                                            result.statistics, from_images ? &helper_ : nullptr);
+  RightPositions right = match(from_images, result.statistics);
+  if (judge_rows(right)) {
+    result.statistics = {};
+    right = match(from_images, result.statistics);
+  }
   result.stereo_matches = static_cast<int>(
-      std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); }));
-  result.features =
-      std::make_shared<const FrameFeatures>(camera_, std::move(features_[0]), std::move(u_right),
-                                            std::move(priors_[0]), disparity_offset_);
+      std::count_if(right.u.begin(), right.u.end(), [](float u) { return !std::isnan(u); }));
+  result.features = std::make_shared<const FrameFeatures>(
+      camera_, std::move(features_[0]), std::move(right), std::move(priors_[0]), rig_);
   features_[0] = {};
   priors_[0].clear();
   result.times.stereo = watch.lap_ms();
@@ -141,9 +191,8 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
 }
 
 void FrontEnd::renew(FrontEndResult& result) const {
-  if (result.features->disparity_offset() == disparity_offset_) return;
-  result.features = std::make_shared<const FrameFeatures>(
-      result.features->with_disparity_offset(disparity_offset_));
+  if (result.features->rig() == rig_) return;
+  result.features = std::make_shared<const FrameFeatures>(result.features->with_rig(rig_));
 }
 
 }  // namespace kys_slam

@@ -4,10 +4,12 @@
 #include <kys_slam/frame_source.h>
 #include <kys_slam/masks.h>
 #include <kys_slam/prior_provider.h>
+#include <kys_slam/rig_rows.h>
 
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -26,6 +28,15 @@ struct FrontEndTimes {
   double priors = 0;
   double stereo = 0;
 };
+
+/// Rows of stereo matches show whether the pair is rectified.
+struct RowOptions {
+  bool enabled = true;
+  double min_field = 0.1;  ///< px; what differs by less is taken for rectified
+  int frames = 40;         ///< whose rows are measured, when they differ
+};
+/// For check_options().
+void describe(kys::OptionList& list, RowOptions& options);
 
 struct FrontEndResult {
   std::shared_ptr<const FrameFeatures> features;
@@ -46,7 +57,7 @@ class FrontEnd {
  public:
   /// \param model must outlive the front end, as must `priors` (null: none)
   FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-           const kys::DistanceModel& model, PriorProvider* priors);
+           const RowOptions& rows, const kys::DistanceModel& model, PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
   /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
@@ -56,19 +67,30 @@ class FrontEnd {
     instances_raised_by_ = by;
     is_thing_ = std::move(is_thing);
   }
-  /// px, added to the disparities of later frames.
-  void set_disparity_offset(float offset) { disparity_offset_ = offset; }
-  /// A result made before that gets the offset too.
+  /// Correction of what later frames measure; the map's, once there is one.
+  void set_rig(const RigCorrection& rig) { rig_ = rig; }
+  /// From now on there is a map: rows do not change the correction any more.
+  void hold_rig() { has_map_ = true; }
+  /// A result made before that gets it too.
   void renew(FrontEndResult& result) const;
+  /// What the rows of the first frames said; nothing yet, or nothing at all without images.
+  [[nodiscard]] const std::optional<RowFit>& rows() const { return row_fit_; }
 
  private:
   void extract(const StereoFrame& frame);
   bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
+  [[nodiscard]] StereoView view(std::size_t side, bool from_images) const;
+  RightPositions match(bool from_images, kys::Statistics& statistics);
+  [[nodiscard]] bool judge_rows(const RightPositions& right);
 
   StereoCamera camera_;
   ScaleLevels scales_;
   StereoOptions stereo_;
-  float disparity_offset_ = 0;
+  RowOptions rows_;
+  RigCorrection rig_;
+  bool has_map_ = false;  // rig_ is the map's
+  int frames_ = 0;        // with images
+  std::optional<RowFit> row_fit_;
   std::int32_t instances_raised_by_ = 0;
   std::vector<std::uint8_t> is_thing_;  // by label
   const kys::DistanceModel* model_;

@@ -51,8 +51,9 @@ std::shared_ptr<const FrameFeatures> LandmarkPatches::align(const Replica& repli
     const Keypoint& k = features.keypoint(i);
     const double ratio = scales_.scale[static_cast<std::size_t>(entry->octave)] /
                          scales_.scale[static_cast<std::size_t>(k.octave)];
+    const RigCorrection::Measured m = features.measured(i);
     const auto place = align_corner(entry->patch, warp_of(camera_, R_c_r, p_c, depth_r, ratio),
-                                    pyramid, k.octave, k.x, k.y);
+                                    pyramid, k.octave, m.u, m.v);
     if (place) aligned.push_back({static_cast<std::uint32_t>(i), place->u, place->v});
   }
   return std::make_shared<const FrameFeatures>(features.with_aligned(aligned));
@@ -63,8 +64,8 @@ std::shared_ptr<const FrameFeatures> LandmarkPatches::with_origins(
   std::vector<FrameFeatures::Aligned> origins;
   for (std::size_t i = 0; i < landmarks.size(); ++i) {
     if (entries_.contains(landmarks[i])) continue;
-    const Keypoint& k = features.keypoint(i);
-    origins.push_back({static_cast<std::uint32_t>(i), k.x, k.y});
+    const RigCorrection::Measured m = features.measured(i);
+    origins.push_back({static_cast<std::uint32_t>(i), m.u, m.v});
   }
   return std::make_shared<const FrameFeatures>(features.with_aligned(origins));
 }
@@ -73,12 +74,13 @@ void LandmarkPatches::keep(KeyFrameId keyframe, std::span<const LandmarkId> land
                            const ImagePyramid& pyramid, const FrameFeatures& features) {
   for (std::size_t i = 0; i < landmarks.size(); ++i) {
     if (!landmarks[i].valid()) continue;
-    const Keypoint& k = features.keypoint(i);
+    const int octave = features.keypoint(i).octave;
     if (const Entry* entry = entries_.find(landmarks[i])) {
-      if (!features.is_aligned(i) || std::abs(entry->octave - k.octave) < 2) continue;
+      if (!features.is_aligned(i) || std::abs(entry->octave - octave) < 2) continue;
     }
-    if (const auto patch = cut_patch(pyramid, k.octave, k.x, k.y)) {
-      entries_.put(landmarks[i], {keyframe, k.octave, *patch});
+    const RigCorrection::Measured m = features.measured(i);
+    if (const auto patch = cut_patch(pyramid, octave, m.u, m.v)) {
+      entries_.put(landmarks[i], {keyframe, octave, *patch});
     }
   }
 }

@@ -1,0 +1,251 @@
+#include "mapping/rig_calibration.h"
+
+#include <kys_slam/rig_rows.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "geometry/camera_path.h"
+#include "mapping/local_bundle.h"
+#include "optimization/rig_bundle.h"
+
+namespace kys_slam {
+
+void describe(kys::OptionList& list, RigCalibrationOptions& o) {
+  list.add("calibration.enabled", o.enabled,
+           "correct the calibration by what the images show: rows and disparities");
+  list.add(
+      "calibration.keyframes", o.keyframes, {2, 1e9}, "",
+      "keyframes in the map at the first estimate; others at 2 and 8 times that, or at the end");
+  list.add("calibration.significance", o.significance, {0, 1e6}, "standard deviations",
+           "by which the offset of disparities must differ from zero to be applied alone");
+  list.add("calibration.systematic", o.systematic, {0, 100}, "px",
+           "standard deviation of its error in addition to that from noise, in a map of "
+           "calibration.keyframes; with more it falls to 0.7 times");
+  list.add("calibration.max_correction", o.max_correction, {0, 100}, "px",
+           "a larger offset is not applied");
+  const kys::OptionList::Fixed fixed(list);
+  list.add("calibration.min_observers", o.min_observers, {1, 1000});
+}
+
+namespace {
+
+constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
+constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
+// Least share of `keyframes` in the map at an estimate, for its systematic error: that of 80
+// keyframes is no smaller where all of them look along one street.
+constexpr double kLeastShare = 0.5;
+// What the last estimate must differ by from an offset that is there: standard deviations from
+// noise, since the systematic error is in both.
+constexpr double kRefinement = 2;
+// Factor on the information of disparities. That of aligned keypoints is as measured
+// (kImageInformation). Corners as they are found repeat to about 0.26 px, disparities to 0.09 px of
+// the octave. It matters here: the inverse distances that several views give are as uncertain as
+// the corners, and taken for more accurate than they are they flatten the line through (inverse
+// distance, disparity) and raise its intercept, which is the offset.
+constexpr double kWeightAligned = 1;
+constexpr double kWeightFound = 8;
+constexpr int kIterations = 10;  // of both rounds, after the disparities have changed
+constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
+constexpr std::size_t kMostKeyframes = 80;
+constexpr std::size_t kMostObservations = 30000;
+constexpr int kLeastObservations = 300;
+constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
+
+/// The newest keyframes, by id.
+std::vector<KeyFrameId> newest(const Map& map) {
+  std::vector<KeyFrameId> ids = map.keyframes().ids();
+  if (ids.size() > kMostKeyframes) {
+    ids.erase(ids.begin(), ids.end() - static_cast<std::ptrdiff_t>(kMostKeyframes));
+  }
+  return ids;
+}
+
+/// Poses and landmarks of a rig problem, by index in its arrays.
+class RigView {
+ public:
+  RigView(const Map& map, const std::vector<KeyFrameId>& poses, int min_observers) : map_(map) {
+    for (std::size_t k = 0; k < poses.size(); ++k) index_.put(poses[k], k);
+    problem.camera = map.camera();
+    problem.rig = map.rig();
+    for (const KeyFrameId id : poses) {
+      problem.T_c_w.push_back(map.keyframe(id).T_c_w);
+      problem.pose_fixed.push_back(0);
+    }
+    hold_submaps(poses);
+    std::vector<LandmarkId> chosen;
+    std::size_t observations = 0;
+    map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
+      const auto seen = static_cast<std::size_t>(
+          std::count_if(landmark.observations.begin(), landmark.observations.end(),
+                        [&](const Observation& o) { return index_.contains(o.keyframe); }));
+      if (static_cast<int>(seen) < min_observers) return;
+      chosen.push_back(id);
+      observations += seen;
+    });
+    const std::size_t every = (observations + kMostObservations - 1) / kMostObservations;
+    for (std::size_t i = 0; i < chosen.size(); i += std::max<std::size_t>(1, every)) {
+      add(map.landmarks().at(chosen[i]));
+    }
+    const bool aligned = 2 * aligned_ >= problem.observations.size();
+    problem.information_disparity *= aligned ? kWeightAligned : kWeightFound;
+  }
+
+  RigProblem problem;
+
+ private:
+  /// One keyframe of every sub-map stays.
+  void hold_submaps(const std::vector<KeyFrameId>& poses) {
+    IdTable<KeyFrameId, std::uint8_t> held;
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+      const KeyFrameId submap = map_.keyframe(poses[k]).submap;
+      if (held.contains(submap)) continue;
+      held.put(submap, 1);
+      problem.pose_fixed[k] = 1;
+    }
+  }
+
+  void add(const Landmark& landmark) {
+    problem.points.push_back(landmark.p_w);
+    problem.first.push_back(problem.first.back());
+    for (const Observation& o : landmark.observations) {
+      const std::size_t* pose = index_.find(o.keyframe);
+      if (pose == nullptr) continue;
+      const FrameFeatures& features = *map_.keyframe(o.keyframe).features;
+      const StereoPixel pixel = features.stereo_pixel(o.feature, map_.scales());
+      RigProblem::Observation seen;
+      seen.pose = static_cast<std::uint32_t>(*pose);
+      seen.scale = map_.scales().scale[features.keypoint(o.feature).octave];
+      seen.inv_sigma = pixel.inv_sigma;
+      seen.measured = features.measured(o.feature);
+      if (std::isnan(pixel.u_right) || seen.scale > kLargestScale) {
+        seen.measured.u_right = std::nanf("");
+      } else if (std::isnan(seen.measured.v_right)) {
+        const Keypoint& k = features.keypoint(o.feature);
+        seen.measured.v_right =
+            static_cast<float>(map_.rig().measured_right(k.x, k.y, pixel.u_right).y());
+      } else {
+        seen.row = true;
+      }
+      problem.information_v = pixel.ratio.v;
+      problem.information_disparity = pixel.ratio.disparity;
+      problem.observations.push_back(seen);
+      ++problem.first.back();
+      aligned_ += features.is_aligned(o.feature) ? 1 : 0;
+    }
+  }
+
+  const Map& map_;
+  IdTable<KeyFrameId, std::size_t> index_;
+  std::size_t aligned_ = 0;
+};
+
+struct Whole {
+  std::vector<KeyFrameId> poses;
+  std::vector<LandmarkId> landmarks;
+  BundleProblem problem;
+};
+
+Whole whole_map(const Map& map) {
+  Whole whole;
+  whole.problem.camera = map.camera();
+  map.keyframes().for_each([&](KeyFrameId id, const KeyFrame& keyframe) {
+    whole.poses.push_back(id);
+    whole.problem.T_c_w.push_back(keyframe.T_c_w);
+    whole.problem.pose_fixed.push_back(keyframe.parent.valid() ? 0 : 1);
+  });
+  // All landmarks, those with one stereo view as well: what stayed behind would mislead the
+  // tracker.
+  whole.landmarks = map.landmarks().ids();
+  add_landmarks(map, whole.poses, whole.landmarks, whole.problem);
+  return whole;
+}
+
+/// Adjusts the whole map after the disparities have changed.
+void adjust_whole(Map& map, const std::atomic<bool>* stop) {
+  Whole whole = whole_map(map);
+  const double before = camera_path_length(whole.problem.T_c_w);
+  BundleOptions options;
+  options.iterations = options.refine_iterations = kIterations;
+  options.stop = stop;
+  adjust_bundle(whole.problem, options);
+  if (before > 0) map.note_rescaling(camera_path_length(whole.problem.T_c_w) / before);
+  for (std::size_t k = 0; k < whole.poses.size(); ++k) {
+    if (whole.problem.pose_fixed[k] == 0) map.set_pose(whole.poses[k], whole.problem.T_c_w[k]);
+  }
+  for (std::size_t k = 0; k < whole.landmarks.size(); ++k) {
+    map.set_position(whole.landmarks[k], whole.problem.points[k]);
+  }
+  map.refresh_geometry(map.landmarks().ids());
+}
+
+constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
+
+}  // namespace
+
+std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
+                                        const std::atomic<bool>* stop) {
+  RigProblem problem = RigView(map, newest(map), options.min_observers).problem;
+  if (map.rig().bends()) {
+    problem.prior.covariance = rig_prior();
+  } else {
+    problem.prior.covariance(kAtOffset, kAtOffset) = kOffsetPrior * kOffsetPrior;
+  }
+  const RigSummary summary = adjust_rig(problem, stop);
+  if (getenv("RIGDBG")) { fprintf(stderr,"LOOK kf %zu obs %zu/%d cost %.1f -> %.1f unit %.3f it %d\n",problem.T_c_w.size(),problem.observations.size(),summary.observations,summary.initial_cost,summary.final_cost,summary.unit,summary.iterations); for(int k=0;k<RigCorrection::kSize;++k) fprintf(stderr," %s %.5f+-%.5f",rig_parameter_names()[k].name.data(),problem.rig.parameters()[k],std::sqrt(summary.covariance(k,k))); fprintf(stderr,"\n"); }
+  if (summary.stopped || summary.observations < kLeastObservations) return {};
+  if (!problem.rig.parameters().allFinite() || !summary.covariance.allFinite()) return {};
+  return RigEstimate{problem.rig, summary.covariance};
+}
+
+bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
+  if (!options_.enabled || looks_ >= kLooks.size()) return false;
+  const auto unit = static_cast<std::size_t>(options_.keyframes);
+  if (map.keyframes().size() < unit * kLooks[looks_]) return false;
+  ++looks_;
+  return look(map, looks_ == kLooks.size(), stop);
+}
+
+bool RigCalibration::finish(Map& map, const std::atomic<bool>* stop) {
+  if (looks_ == 0 || looks_ >= kLooks.size()) return false;
+  const auto keyframes = static_cast<double>(map.keyframes().size());
+  if (keyframes < kMore * static_cast<double>(seen_)) return false;
+  looks_ = kLooks.size();
+  return look(map, false, stop);
+}
+
+/// Whether an estimate of the offset alone is to be applied. Decided anew every time, with all
+/// there is to see by then: an offset that was put in on thin evidence goes again.
+bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) const {
+  const double total = found.correction.offset();
+  const double noise = std::sqrt(found.covariance(kAtOffset, kAtOffset));
+  const double share = static_cast<double>(options_.keyframes) / static_cast<double>(seen_);
+  const double systematic = options_.systematic * std::sqrt(std::clamp(share, kLeastShare, 1.0));
+  const double sigma = std::hypot(noise, systematic);
+  if (noise <= 0 || std::abs(total) > options_.max_correction) return false;
+  found.covariance(kAtOffset, kAtOffset) = sigma * sigma;
+  const double present = map.rig().offset();
+  if (std::abs(total) <= options_.significance * sigma) {
+    found.correction = {};
+    return present != 0;
+  }
+  // One that is there already is not moved by less than the estimate is sure of.
+  const double least = last ? kRefinement * noise : sigma;
+  return present == 0 || std::abs(total - present) >= least;
+}
+
+bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
+  seen_ = map.keyframes().size();
+  std::optional<RigEstimate> found = estimate_rig(map, options_, stop);
+  if (!found) return false;
+  if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
+  map.set_rig(*found);
+  adjust_whole(map, stop);
+  return true;
+}
+
+}  // namespace kys_slam

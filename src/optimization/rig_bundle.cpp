@@ -1,0 +1,386 @@
+#include "optimization/rig_bundle.h"
+
+#include <kys_slam/rig_rows.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "geometry/reprojection.h"
+#include "geometry/so3.h"
+#include "optimization/damping.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr int kRig = RigCorrection::kSize;
+constexpr int kRounds = 2;
+constexpr int kIterations = 10;  // of each round
+constexpr double kTolerance = 1e-5;
+// Square of Huber's delta: errors are about half of what the assumed deviations allow, and this
+// bends for the few per cent at depth edges, whose disparities lean towards the nearer surface.
+constexpr double kHuber = 0.5;
+constexpr double kFarOff = 25;        // chi2 beyond which an observation is left out of a round
+constexpr double kRowSigma = 0.25;    // px of the octave
+constexpr double kPointDamping = 1e-6;
+
+using Parameters = RigCorrection::Parameters;
+using RigJacobian = RigCorrection::Jacobian;
+
+struct Residual {
+  // u, v, disparity, row; px of the images as measured. In px of the perfect pair residuals would be
+  // smaller the more the correction shrinks the images, which would bias it.
+  Eigen::Vector4d e = Eigen::Vector4d::Zero();
+  Eigen::Vector3d scale = Eigen::Vector3d::Ones();  // measured over ideal
+  Eigen::Vector4d information = Eigen::Vector4d::Zero();
+  Eigen::Vector3d p_c = Eigen::Vector3d::Zero();
+
+  [[nodiscard]] double chi2() const { return e.head<3>().cwiseAbs2().dot(information.head<3>()); }
+  [[nodiscard]] double row_chi2() const { return e[3] * e[3] * information[3]; }
+};
+
+double huber(double chi2) {
+  return chi2 <= kHuber ? chi2 : 2 * std::sqrt(kHuber * chi2) - kHuber;
+}
+double huber_weight(double chi2) {
+  return chi2 <= kHuber ? 1 : std::sqrt(kHuber / chi2);
+}
+
+class RigBundle {
+ public:
+  RigBundle(RigProblem& problem, const std::atomic<bool>* stop) : p_(problem), stop_(stop) {
+    for (std::size_t k = 0; k < p_.T_c_w.size(); ++k) {
+      place_.push_back(p_.pose_fixed[k] != 0 ? -1 : 6 * free_++);
+    }
+    root_ = root_of(p_.prior.covariance);
+    const Parameters from_prior = p_.rig.parameters() - p_.prior.correction.parameters();
+    for (int k = 0; k < kRig; ++k) {
+      if (root_(k, k) > 0) x_[k] = (from_prior[k] - root_.row(k).head(k).dot(x_.head(k))) / root_(k, k);
+    }
+    update_rig();
+    size_ = 6 * free_ + kRig;
+    H_.resize(size_, size_);
+    b_.resize(size_);
+  }
+
+  RigSummary solve() {
+    RigSummary summary;
+    for (int round = 0; round < kRounds && !summary.stopped; ++round) {
+      choose();
+      minimise(summary);
+    }
+    summary.observations = static_cast<int>(std::count(active_.begin(), active_.end(), 1));
+    if (!summary.stopped) finish(summary);
+    return summary;
+  }
+
+ private:
+  [[nodiscard]] Residual residual(const RigProblem::Observation& o,
+                                  const Eigen::Vector3d& p_w) const {
+    Residual r;
+    r.p_c = p_.T_c_w[o.pose] * p_w;
+    const double unit = static_cast<double>(o.inv_sigma) * o.inv_sigma;
+    r.information.head<2>() << unit, unit * p_.information_v;
+    double u = 0, v = 0, u_right = 0;
+    if (std::isnan(o.measured.u_right)) {
+      const Eigen::Vector2d left = p_.rig.left(o.measured.u, o.measured.v);
+      u = left.x();
+      v = left.y();
+    } else {
+      const RigCorrection::Ideal ideal = p_.rig.pair(o.measured);
+      u = ideal.u;
+      v = ideal.v;
+      u_right = ideal.u_right;
+      r.information[2] = unit * p_.information_disparity;
+      if (o.row) {
+        r.e[3] = ideal.row;
+        r.information[3] = 1 / (kRowSigma * kRowSigma * o.scale * o.scale);
+      }
+    }
+    const Eigen::Vector2d stretch = p_.rig.stretch(o.measured.u, o.measured.v);
+    r.scale << 1 / stretch.x(), 1 / stretch.y(), 1 / (stretch.x() * p_.rig.focal_scale());
+    r.e.head<3>() =
+        r.scale.cwiseProduct(reprojection_error(p_.camera, r.p_c, u, v, u_right));
+    return r;
+  }
+
+  template <typename F>
+  void for_each(F&& f) const {
+    for (std::size_t k = 0; k < p_.points.size(); ++k) {
+      for (auto i = static_cast<std::size_t>(p_.first[k]);
+           i < static_cast<std::size_t>(p_.first[k + 1]); ++i) {
+        f(k, i);
+      }
+    }
+  }
+
+  /// Calls f(observation) for the active ones of a point.
+  template <typename F>
+  void for_observations(std::size_t k, F&& f) const {
+    for (auto i = static_cast<std::size_t>(p_.first[k]);
+         i < static_cast<std::size_t>(p_.first[k + 1]); ++i) {
+      if (active_[i] != 0) f(p_.observations[i]);
+    }
+  }
+
+  /// Leaves out what is far off, or behind the camera.
+  void choose() {
+    active_.assign(p_.observations.size(), 0);
+    for_each([&](std::size_t k, std::size_t i) {
+      const Residual r = residual(p_.observations[i], p_.points[k]);
+      active_[i] = r.p_c.z() > kMinDepth && r.chi2() < kFarOff ? 1 : 0;
+    });
+  }
+
+  [[nodiscard]] double cost() const {
+    double sum = x_.squaredNorm();
+    for_each([&](std::size_t k, std::size_t i) {
+      if (active_[i] == 0) return;
+      const Residual r = residual(p_.observations[i], p_.points[k]);
+      sum += huber(r.chi2()) + huber(r.row_chi2());
+    });
+    return 0.5 * sum;
+  }
+
+  struct Linear {
+    std::int32_t place;                       // of its pose among the unknowns, -1: fixed
+    Eigen::Matrix<double, 3, 6> J_pose;       // by the increment of plus_left
+    Eigen::Matrix<double, 3, 3> J_point;      // by p_w
+    Eigen::Matrix<double, 3, kRig> J_rig;     // by the whitened parameters
+    Eigen::Vector3d e, w;                     // residual and weights
+  };
+
+  /// Adds the normal equations of a point, which is eliminated.
+  void eliminate(std::size_t k, double damping) {
+    const Eigen::Vector3d& p_w = p_.points[k];
+    linear_.clear();
+    Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d g = Eigen::Vector3d::Zero();
+    for_observations(k, [&](const RigProblem::Observation& o) {
+      const Residual r = residual(o, p_w);
+      // Where the point is expected: at the measured place noise would correlate with the slopes.
+      RigCorrection::Measured expected = o.measured;
+      expected.u += static_cast<float>(r.e[0]);
+      expected.v += static_cast<float>(r.e[1]);
+      expected.u_right += static_cast<float>(r.e[0] - r.e[2]);
+      expected.v_right += static_cast<float>(r.e[1] - r.e[3]);
+      const RigJacobian J = p_.rig.jacobian(expected) * root_;
+      Linear l;
+      l.place = place_[o.pose];
+      const Eigen::Matrix3d J_c =
+          r.scale.asDiagonal() * reprojection_jacobian(p_.camera, r.p_c);
+      l.J_pose << -J_c * hat(r.p_c), J_c;
+      l.J_point = J_c * p_.T_c_w[o.pose].R();
+      l.J_rig = -(r.scale.asDiagonal() * J.topRows<3>());
+      if (r.information[2] == 0) l.J_rig.row(2).setZero();
+      l.e = r.e.head<3>();
+      l.w = huber_weight(r.chi2()) * r.information.head<3>();
+      V.noalias() += l.J_point.transpose() * l.w.asDiagonal() * l.J_point;
+      g.noalias() += l.J_point.transpose() * l.w.cwiseProduct(l.e);
+      linear_.push_back(l);
+      if (r.information[3] > 0) add_row(J.row(3), r);
+    });
+    if (linear_.size() < 2) return;
+    V.diagonal() += (damping * V.diagonal().array() + kPointDamping).matrix();
+    const Eigen::LLT<Eigen::Matrix3d> factor(V);
+    const Eigen::Matrix3d L_inverse = factor.matrixL().solve(Eigen::Matrix3d::Identity());
+    const Eigen::Vector3d y = L_inverse * g;
+    // What is left of every unknown after the point: Z = L^-1 J_point^T W J.
+    Z_.resize(linear_.size());
+    Eigen::Matrix<double, 3, kRig> Z_rig = Eigen::Matrix<double, 3, kRig>::Zero();
+    for (std::size_t a = 0; a < linear_.size(); ++a) {
+      const Linear& l = linear_[a];
+      const Eigen::Matrix3d half = L_inverse * l.J_point.transpose() * l.w.asDiagonal();
+      Z_[a] = half * l.J_pose;
+      Z_rig.noalias() += half * l.J_rig;
+    }
+    const auto rig = static_cast<Eigen::Index>(6 * free_);
+    for (std::size_t a = 0; a < linear_.size(); ++a) {
+      const Linear& l = linear_[a];
+      const Eigen::Matrix<double, 3, kRig> weighted = l.w.asDiagonal() * l.J_rig;
+      H_.block<kRig, kRig>(rig, rig).noalias() += l.J_rig.transpose() * weighted;
+      b_.segment<kRig>(rig).noalias() += weighted.transpose() * l.e;
+      if (l.place < 0) continue;
+      H_.block<6, 6>(l.place, l.place).noalias() +=
+          l.J_pose.transpose() * l.w.asDiagonal() * l.J_pose;
+      H_.block<kRig, 6>(rig, l.place).noalias() +=
+          weighted.transpose() * l.J_pose - Z_rig.transpose() * Z_[a];
+      b_.segment<6>(l.place).noalias() +=
+          l.J_pose.transpose() * l.w.cwiseProduct(l.e) - Z_[a].transpose() * y;
+      for (std::size_t c = 0; c < linear_.size(); ++c) {
+        const std::int32_t other = linear_[c].place;
+        if (other < 0 || other > l.place) continue;
+        H_.block<6, 6>(l.place, other).noalias() -= Z_[a].transpose() * Z_[c];
+      }
+    }
+    H_.block<kRig, kRig>(rig, rig).noalias() -= Z_rig.transpose() * Z_rig;
+    b_.segment<kRig>(rig).noalias() -= Z_rig.transpose() * y;
+  }
+
+  void add_row(const Eigen::Matrix<double, 1, kRig>& J, const Residual& r) {
+    const double w = huber_weight(r.row_chi2()) * r.information[3];
+    const auto rig = static_cast<Eigen::Index>(6 * free_);
+    H_.block<kRig, kRig>(rig, rig).noalias() += w * J.transpose() * J;
+    b_.segment<kRig>(rig) += w * r.e[3] * J.transpose();
+  }
+
+  /// The normal equations without the points, lower triangle.
+  void linearise(double damping) {
+    H_.setZero();
+    b_.setZero();
+    for (std::size_t k = 0; k < p_.points.size(); ++k) eliminate(k, damping);
+    const auto rig = static_cast<Eigen::Index>(6 * free_);
+    H_.block<kRig, kRig>(rig, rig) += RigCorrection::Covariance::Identity();
+    b_.segment<kRig>(rig) += x_;
+  }
+
+  /// A step of all unknowns; false when the equations have no solution.
+  bool step(double damping) {
+    linearise(damping);
+    H_.diagonal() += damping * H_.diagonal().cwiseMax(Damping::kMinDiagonal);
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(H_);
+    if (factor.info() != Eigen::Success) return false;
+    step_ = factor.solve(-b_);
+    return step_.allFinite();
+  }
+
+  void apply() {
+    for (std::size_t k = 0; k < place_.size(); ++k) {
+      if (place_[k] < 0) continue;
+      p_.T_c_w[k] = plus_left(p_.T_c_w[k], step_.segment<6>(place_[k]));
+    }
+    x_ += step_.tail<kRig>();
+    update_rig();
+  }
+
+  void update_rig() {
+    p_.rig =
+        RigCorrection(p_.camera, p_.prior.correction.parameters() + Parameters(root_ * x_));
+  }
+
+  [[nodiscard]] double point_cost(std::size_t k, const Eigen::Vector3d& p_w) const {
+    double sum = 0;
+    for_observations(k, [&](const RigProblem::Observation& o) {
+      sum += huber(residual(o, p_w).chi2());
+    });
+    return sum;
+  }
+
+  /// Every point alone to its best place, poses and rig held (embedded point iterations, Jeong et
+  /// al., 2012).
+  void move_points() {
+    constexpr int kTurns = 3;
+    for (std::size_t k = 0; k < p_.points.size(); ++k) {
+      double before = point_cost(k, p_.points[k]);
+      for (int turn = 0; turn < kTurns; ++turn) {
+        Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
+        Eigen::Vector3d g = Eigen::Vector3d::Zero();
+        for_observations(k, [&](const RigProblem::Observation& o) {
+          const Residual r = residual(o, p_.points[k]);
+          const Eigen::Matrix3d J = r.scale.asDiagonal() *
+                                    reprojection_jacobian(p_.camera, r.p_c) *
+                                    p_.T_c_w[o.pose].R();
+          const Eigen::Vector3d w = huber_weight(r.chi2()) * r.information.head<3>();
+          V.noalias() += J.transpose() * w.asDiagonal() * J;
+          g.noalias() += J.transpose() * w.cwiseProduct(r.e.head<3>());
+        });
+        V.diagonal() += (1e-4 * V.diagonal().array() + kPointDamping).matrix();
+        const Eigen::Vector3d moved = p_.points[k] - V.llt().solve(g);
+        const double after = point_cost(k, moved);
+        if (!(after < before)) break;
+        p_.points[k] = moved;
+        if (before - after < 1e-3 * before) break;
+        before = after;
+      }
+    }
+  }
+
+  void minimise(RigSummary& summary) {
+    double before = cost();
+    if (summary.iterations == 0) summary.initial_cost = before;
+    Damping damping(1e-4);
+    for (int i = 0; i < kIterations && !damping.exhausted(); ++i) {
+      if (stop_ != nullptr && stop_->load(std::memory_order_relaxed)) {
+        summary.stopped = true;
+        break;
+      }
+      ++summary.iterations;
+      if (!step(damping.value())) {
+        damping.refuse();
+        continue;
+      }
+      const auto poses = p_.T_c_w;
+      const auto points = p_.points;
+      const Parameters x = x_;
+      const RigCorrection rig = p_.rig;
+      apply();
+      move_points();
+      const double after = cost();
+      if (!(after < before)) {
+        p_.T_c_w = poses;
+        p_.points = points;
+        x_ = x;
+        p_.rig = rig;
+        damping.refuse();
+        continue;
+      }
+      const double decrease = before - after;
+      before = after;
+      damping.accept(1);
+      if (decrease < kTolerance * before) break;
+    }
+    summary.final_cost = before;
+  }
+
+  void finish(RigSummary& summary) {
+    linearise(0);
+    const auto rig = static_cast<Eigen::Index>(6 * free_);
+    // Of the parameters alone: the poses are eliminated too.
+    Eigen::MatrixXd poses = H_.topLeftCorner(rig, rig);
+    poses.diagonal().array() += Damping::kMinDiagonal;
+    const Eigen::MatrixXd mixed = H_.bottomLeftCorner(kRig, rig);
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(poses);
+    RigCorrection::Covariance left = H_.bottomRightCorner(kRig, kRig);
+    left = left.selfadjointView<Eigen::Lower>();
+    left -= mixed * factor.solve(mixed.transpose());
+    int residuals = 0;
+    double sum = 0;
+    for_each([&](std::size_t k, std::size_t i) {
+      if (active_[i] == 0) return;
+      const Residual r = residual(p_.observations[i], p_.points[k]);
+      residuals += r.information[2] > 0 ? 3 : 2;
+      sum += huber(r.chi2());
+    });
+    const int unknowns = static_cast<int>(6 * free_ + 3 * static_cast<int>(p_.points.size()));
+    summary.unit = std::sqrt(sum / std::max(1, residuals - unknowns));
+    const RigCorrection::Covariance identity = RigCorrection::Covariance::Identity();
+    // The prior is as it is; what was measured is as good as its residuals.
+    const double variance = summary.unit * summary.unit;
+    const RigCorrection::Covariance information = (left - identity) / variance + identity;
+    summary.covariance =
+        root_ * information.llt().solve(RigCorrection::Covariance(root_.transpose()));
+  }
+
+  RigProblem& p_;
+  const std::atomic<bool>* stop_;
+  std::vector<std::int32_t> place_;  // per pose: its first unknown, -1: fixed
+  int free_ = 0;
+  int size_ = 0;
+  RigCorrection::Covariance root_;  // parameters = prior + root x, x of unit prior
+  Parameters x_ = Parameters::Zero();
+  std::vector<std::uint8_t> active_;
+  std::vector<Linear> linear_;  // of the point worked on
+  std::vector<Eigen::Matrix<double, 3, 6>> Z_;
+  Eigen::MatrixXd H_;
+  Eigen::VectorXd b_, step_;
+};
+
+}  // namespace
+
+RigSummary adjust_rig(RigProblem& problem, const std::atomic<bool>* stop) {
+  return RigBundle(problem, stop).solve();
+}
+
+}  // namespace kys_slam
