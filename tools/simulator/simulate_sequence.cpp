@@ -39,13 +39,15 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
 // options. --jobs and --quiet are left out: they change nothing in the files.
 std::string command_of(const kys_slam::simulator::World& world,
                        const kys_slam::simulator::WorldOptions& world_options,
-                       const kys_slam::simulator::WriteOptions& write_options, bool images_only) {
+                       const kys_slam::simulator::WriteOptions& write_options,
+                       const std::string& rig_error, bool images_only) {
   std::string command = "simulate_sequence " + world_options.name + " --output " +
                         write_options.output.string() + " --seed " +
                         std::to_string(world_options.seed);
   if (world_options.frames > 0) command += " --frames " + std::to_string(world_options.frames);
   command += " --size " + std::to_string(world.rig.left.width()) + "x" +
              std::to_string(world.rig.left.height());
+  if (!rig_error.empty()) command += " --rig-error " + rig_error;
   if (images_only) command += " --images-only";
   if (write_options.drop_camera >= 0) {
     char text[64];
@@ -61,7 +63,7 @@ int run(int argc, char** argv) {
   using namespace kys_slam::simulator;
   WorldOptions world_options;
   WriteOptions write_options;
-  std::string size;
+  std::string size, rig_error;
   bool images_only = false;
   CLI::App app(
       "Renders a simulated stereo sequence with exact ground truth.\n\n"
@@ -80,6 +82,11 @@ int run(int argc, char** argv) {
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
+  app.add_option(
+      "--rig-error", rig_error,
+      "the true cameras differ from the calibration: a YAML file (the tree's\n"
+      "tools/simulator/README.md), kitti (as measured on KITTI), or random:N (drawn from\n"
+      "seed N); written to rig_error.yaml");
   // What the struct takes for "all" or "none" is said by leaving these out.
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
@@ -101,9 +108,11 @@ int run(int argc, char** argv) {
   if (write_options.drop_camera >= 0 && world_options.name != "hall") {
     throw kys_slam::InputError("--drop-camera: only the world 'hall' can lose frames");
   }
-  const World world = make_world(world_options);
-
-  write_options.command = command_of(world, world_options, write_options, images_only);
+  World world = make_world(world_options);
+  if (!rig_error.empty()) {
+    apply_rig_error(world, make_rig_error(rig_error, world.rectified));
+  }
+  write_options.command = command_of(world, world_options, write_options, rig_error, images_only);
   write_options.truth = !images_only;
   write_options.stop = &interrupted;
   std::signal(SIGINT, [](int) { interrupted = true; });

@@ -41,7 +41,7 @@ void set_kitti_rig(World& world, const WorldOptions& options) {
   c.cx = (607.1928 + 0.5) * sx - 0.5;
   c.cy = (185.2157 + 0.5) * sy - 0.5;
   c.baseline = 386.1448 / 718.856;
-  world.rig.left = CameraModel::pinhole(width, height, c.fx, c.fy, c.cx, c.cy);
+  world.rig.left = pinhole(c);
   world.rig.right = world.rig.left;
   world.rig.T_left_right = Rigid3(Eigen::Quaterniond::Identity(), Vec3(c.baseline, 0, 0));
   world.truth_rig = world.rig;
