@@ -171,11 +171,10 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--objects", a.objects,
                  "objects.csv of a rendered world: use its objects instead of traffic; the "
                  "trajectory must be that of the world");
-  app.add_option(
-      "--rig-error", a.rig_error,
-      "the true cameras differ from the given ones: a YAML file (the tree's\n"
-      "tools/simulator/README.md), kitti (as measured on KITTI), or random:N (drawn from\n"
-      "seed N); written to OUTPUT.rig_error.yaml");
+  app.add_option("--rig-error", a.rig_error,
+                 "the true cameras differ from the given ones: a YAML file, kitti (as measured "
+                 "there) or random:N "
+                 "(drawn from seed N); tools/simulator/README.md describes it");
   app.add_option("--width", o.width,
                  "px, width of KITTI images; scales the camera (default: 1241)");
   app.add_option("--perception", a.perception,

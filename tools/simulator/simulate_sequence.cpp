@@ -82,11 +82,10 @@ int run(int argc, char** argv) {
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
-  app.add_option(
-      "--rig-error", rig_error,
-      "the true cameras differ from the calibration: a YAML file (the tree's\n"
-      "tools/simulator/README.md), kitti (as measured on KITTI), or random:N (drawn from\n"
-      "seed N); written to rig_error.yaml");
+  app.add_option("--rig-error", rig_error,
+                 "the true cameras differ from the calibration: a YAML file, kitti (as measured "
+                 "there) or random:N "
+                 "(drawn from seed N); tools/simulator/README.md describes it");
   // What the struct takes for "all" or "none" is said by leaving these out.
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
