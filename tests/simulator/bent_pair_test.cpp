@@ -189,6 +189,49 @@ TEST(BentTruth, DisparityThatIsNotPositiveIsNone) {
   EXPECT_EQ(code.at(3, 0), 384);
 }
 
+TEST(Sensor, BlurIsAGaussianThatKeepsLight) {
+  ImageOf<float> image(61, 41, 0.0F);
+  image.at(30, 20) = 100;
+  Sensor::blur(image, 1.5);
+  double sum = 0, x2 = 0, y2 = 0;
+  for (int v = 0; v < 41; ++v) {
+    for (int u = 0; u < 61; ++u) {
+      sum += image.at(u, v);
+      x2 += image.at(u, v) * (u - 30) * (u - 30);
+      y2 += image.at(u, v) * (v - 20) * (v - 20);
+    }
+  }
+  EXPECT_NEAR(sum, 100, 1e-3);
+  EXPECT_NEAR(x2 / sum, 1.5 * 1.5, 0.02);
+  EXPECT_NEAR(y2 / sum, 1.5 * 1.5, 0.02);
+  ImageOf<float> flat(9, 5, 80.0F);
+  Sensor::blur(flat, 3);
+  EXPECT_NEAR(flat.at(0, 0), 80, 1e-3);
+  EXPECT_NEAR(flat.at(8, 4), 80, 1e-3);
+}
+
+double sharpness(const GrayImage& image) {
+  cv::Mat edges;
+  cv::Laplacian(matrix_of(image), edges, CV_64F);
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(edges, mean, deviation);
+  return deviation[0];
+}
+
+TEST(Sensor, CamerasDifferAsAsked) {
+  WorldOptions options{"street", 1, 2, 620, 188};
+  const World plain = make_world(options);
+  options.blur = {0, 1.5};
+  options.exposure_difference = 0.3;
+  const World differs = make_world(options);
+  const RenderAssets plain_assets(plain), assets(differs);
+  FrameRenderer a(plain_assets), b(assets);
+  const GrayImage left = a.image(0, 0), right = a.image(0, 1), darker = b.image(0, 1);
+  EXPECT_EQ(left, b.image(0, 0)) << "the left camera has neither";
+  EXPECT_LT(sharpness(darker), 0.5 * 0.7 * sharpness(right));
+  EXPECT_NEAR(cv::mean(matrix_of(darker))[0] / cv::mean(matrix_of(right))[0], 0.7 / 0.99, 0.01);
+}
+
 std::map<std::string, std::string> files_of(const World& world, const fs::path& folder) {
   WriteOptions options;
   options.output = folder;
@@ -275,7 +318,16 @@ TEST(BentSequence, TheProgramTakesTheErrorAndRefusesABadOne) {
     EXPECT_NE(r.error.find(bad), std::string::npos) << r.error;
     EXPECT_FALSE(fs::exists(out));
   }
-  EXPECT_EQ(run_program(program + "random:3", scratch).status, 0);
+  EXPECT_EQ(run_program(program + "random:3 --blur 0.5 --exposure-difference -0.1", scratch).status,
+            0);
+  EXPECT_NE(
+      read_all(scratch / "out" / "README").find(" --blur 0.5,0.5 --exposure-difference -0.1 "),
+      std::string::npos);
+  for (const char* bad : {"--blur -1", "--blur x", "--blur 1,2,3", "--exposure-difference 1"}) {
+    const ProgramResult r = run_program(program + "kitti " + bad, scratch);
+    EXPECT_EQ(r.status, 2) << bad;
+    EXPECT_TRUE(is_one_line(r.error)) << r.error;
+  }
   EXPECT_NE(read_all(scratch / "out" / "README").find(" --rig-error random:3 "), std::string::npos);
   EXPECT_TRUE(fs::exists(scratch / "out" / "rig_error.yaml"));
 }

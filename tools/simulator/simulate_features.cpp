@@ -173,8 +173,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "trajectory must be that of the world");
   app.add_option("--rig-error", a.rig_error,
                  "the true cameras differ from the given ones: a YAML file, kitti (as measured "
-                 "there) or random:N "
-                 "(drawn from seed N); tools/simulator/README.md describes it");
+                 "there) or random:N (drawn from seed N); tools/simulator/README.md describes it");
   app.add_option("--width", o.width,
                  "px, width of KITTI images; scales the camera (default: 1241)");
   app.add_option("--perception", a.perception,

@@ -6,6 +6,7 @@
 #include <csignal>
 #include <cstdio>
 #include <limits>
+#include <vector>
 
 #include "common/command_line.h"
 #include "simulator/images/sequence_writer.h"
@@ -35,6 +36,22 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
   options.height = static_cast<int>(*height);
 }
 
+// " --blur L,R --exposure-difference D", without those that are the defaults.
+std::string sensor_options(const kys_slam::simulator::WorldOptions& options) {
+  const kys_slam::simulator::WorldOptions defaults;
+  char text[128] = "";
+  std::string out;
+  if (options.blur != defaults.blur) {
+    std::snprintf(text, sizeof text, " --blur %.9g,%.9g", options.blur[0], options.blur[1]);
+    out += text;
+  }
+  if (options.exposure_difference != defaults.exposure_difference) {
+    std::snprintf(text, sizeof text, " --exposure-difference %.9g", options.exposure_difference);
+    out += text;
+  }
+  return out;
+}
+
 // What makes these files again. --frames is there if it was given: plans of experiments compare the
 // options. --jobs and --quiet are left out: they change nothing in the files.
 std::string command_of(const kys_slam::simulator::World& world,
@@ -48,6 +65,7 @@ std::string command_of(const kys_slam::simulator::World& world,
   command += " --size " + std::to_string(world.rig.left.width()) + "x" +
              std::to_string(world.rig.left.height());
   if (!rig_error.empty()) command += " --rig-error " + rig_error;
+  command += sensor_options(world_options);
   if (images_only) command += " --images-only";
   if (write_options.drop_camera >= 0) {
     char text[64];
@@ -64,6 +82,7 @@ int run(int argc, char** argv) {
   WorldOptions world_options;
   WriteOptions write_options;
   std::string size, rig_error;
+  std::vector<double> blur;
   bool images_only = false;
   CLI::App app(
       "Renders a simulated stereo sequence with exact ground truth.\n\n"
@@ -84,8 +103,15 @@ int run(int argc, char** argv) {
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
   app.add_option("--rig-error", rig_error,
                  "the true cameras differ from the calibration: a YAML file, kitti (as measured "
-                 "there) or random:N "
-                 "(drawn from seed N); tools/simulator/README.md describes it");
+                 "there) or random:N (drawn from seed N); tools/simulator/README.md describes it");
+  app.add_option("--blur", blur,
+                 "px, sigma of the image of a point: one value, or one of the left and one of the "
+                 "right camera: 0,1.5 (default: 0)")
+      ->delimiter(',')
+      ->expected(1, 2);
+  app.add_option("--exposure-difference", world_options.exposure_difference,
+                 "share by which right images are darker than left ones, negative: brighter")
+      ->capture_default_str();
   // What the struct takes for "all" or "none" is said by leaving these out.
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
@@ -107,6 +133,7 @@ int run(int argc, char** argv) {
   if (write_options.drop_camera >= 0 && world_options.name != "hall") {
     throw kys_slam::InputError("--drop-camera: only the world 'hall' can lose frames");
   }
+  if (!blur.empty()) world_options.blur = {blur.front(), blur.back()};
   World world = make_world(world_options);
   if (!rig_error.empty()) {
     apply_rig_error(world, make_rig_error(rig_error, world.rectified));

@@ -372,15 +372,19 @@ GrayImage FrameRenderer::image(int frame, int camera) {
   const int width = view.model->width();
   const int height = view.model->height();
   const Sensor sensor{assets_.world.seed};
-  const float exposure = Sensor::exposure(frame, camera);
-  GrayImage out(width, height);
-  std::vector<float> row(static_cast<std::size_t>(width));
+  const float exposure = Sensor::exposure(frame, camera, assets_.world.exposure_difference);
+  ImageOf<float> light(width, height);
   for (int v = 0; v < height; ++v) {
-    shade_row(view, v, row.data());
+    shade_row(view, v, &light.at(0, v));
     for (int u = 0; u < width; ++u) {
-      const float g =
-          row[static_cast<std::size_t>(u)] * exposure * Sensor::vignetting(u, v, width, height) +
-          sensor.noise(frame, camera, u, v);
+      light.at(u, v) = light.at(u, v) * exposure * Sensor::vignetting(u, v, width, height);
+    }
+  }
+  Sensor::blur(light, assets_.world.blur[static_cast<std::size_t>(camera)]);
+  GrayImage out(width, height);
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      const float g = light.at(u, v) + sensor.noise(frame, camera, u, v);
       out.at(u, v) = static_cast<std::uint8_t>(std::clamp(g, 0.0F, 255.0F) + 0.5F);
     }
   }

@@ -2,6 +2,7 @@
 
 #include <kys/option_list.h>
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -22,6 +23,8 @@ struct WorldOptions {
   int frames = 0;  ///< 0: default of the world
   int width = 0;   ///< px; 0: size of the data set
   int height = 0;
+  std::array<double, 2> blur{};       ///< px, left and right camera: sigma of the image of a point
+  double exposure_difference = 0.01;  ///< share by which right images are darker
 };
 /// For check_options(); the keys are the names of the command line.
 void describe(kys::OptionList& list, WorldOptions& options);
@@ -31,6 +34,8 @@ struct World {
   std::string name;
   std::uint64_t seed = 0;
   Layout layout = Layout::kKitti;
+  std::array<double, 2> blur{};       ///< as in WorldOptions
+  double exposure_difference = 0.01;  ///< likewise
   Scene scene;
   StereoRig rig;
   StereoCamera rectified;             ///< the pair after rectification (kKitti: as rendered)
