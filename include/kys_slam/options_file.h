@@ -5,6 +5,7 @@
 #include <kys_slam/error.h>
 
 #include <filesystem>
+#include <string>
 #include <string_view>
 
 namespace kys_slam {

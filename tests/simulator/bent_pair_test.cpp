@@ -318,6 +318,9 @@ TEST(BentSequence, TheProgramTakesTheErrorAndRefusesABadOne) {
     EXPECT_NE(r.error.find(bad), std::string::npos) << r.error;
     EXPECT_FALSE(fs::exists(out));
   }
+  const ProgramResult empty = run_program(program + "''", scratch);
+  EXPECT_EQ(empty.status, 2);
+  EXPECT_TRUE(is_one_line(empty.error)) << empty.error;
   EXPECT_EQ(run_program(program + "random:3 --blur 0.5 --exposure-difference -0.1", scratch).status,
             0);
   EXPECT_NE(

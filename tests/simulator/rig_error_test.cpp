@@ -294,7 +294,7 @@ TEST(RigErrorFile, WhatIsWrongIsSaidInOneLine) {
     EXPECT_EQ(text.find('\n'), std::string::npos) << content << ": " << text;
   }
   EXPECT_NE(message((scratch / "none.yaml").string()).find("none.yaml"), std::string::npos);
-  EXPECT_NE(message(scratch.operator/("").string()), "");
+  EXPECT_NE(message((scratch / "").string()), "");
   for (const char* name :
        {"random:", "random:x", "random:-1", "random:1.5", "random:99999999999999999999"}) {
     EXPECT_NE(message(name).find(name), std::string::npos) << message(name);

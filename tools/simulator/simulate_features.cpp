@@ -251,7 +251,7 @@ int run(int argc, char** argv) {
   o.labelled = a.perception.front() != "none";
   for (std::size_t i = 0; i < a.outputs.size(); ++i) check_output(a, i);
   const FeaturePath path = read_feature_path(a.trajectory, o);
-  if (!a.rig_error.empty()) o.rig_error = make_rig_error(a.rig_error, path.camera);
+  if (app.count("--rig-error") > 0) o.rig_error = make_rig_error(a.rig_error, path.camera);
   if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));
   Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });

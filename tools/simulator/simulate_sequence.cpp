@@ -135,7 +135,7 @@ int run(int argc, char** argv) {
   }
   if (!blur.empty()) world_options.blur = {blur.front(), blur.back()};
   World world = make_world(world_options);
-  if (!rig_error.empty()) {
+  if (app.count("--rig-error") > 0) {
     apply_rig_error(world, make_rig_error(rig_error, world.rectified));
   }
   write_options.command = command_of(world, world_options, write_options, rig_error, images_only);

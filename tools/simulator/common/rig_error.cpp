@@ -134,7 +134,7 @@ TruePair::TruePair(const StereoCamera& given, const RigError& error)
       Rigid3(turn, given.baseline / error.focal * Eigen::Vector3d(1, baseline_y_, baseline_z_));
   if (!left_.is_invertible(given.width, given.height) ||
       !right_.is_invertible(given.width, given.height)) {
-    throw InputError("the distortion is too strong for the field of view: it folds the image");
+    throw InputError("--rig-error: the distortion is too strong for the field of view");
   }
 }
 

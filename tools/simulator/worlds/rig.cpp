@@ -57,7 +57,7 @@ void check_invertible(const CameraModel& model) {
     for (int u = 0; u < model.width(); u += std::max(1, model.width() / 32)) {
       const Eigen::Vector2d d = model.ray(u, v);
       if ((model.project(d.x(), d.y()) - Eigen::Vector2d(u, v)).norm() < 1e-6) continue;
-      throw InputError("the distortion is too strong for the field of view of the raw camera");
+      throw InputError("--rig-error: the distortion is too strong for the field of view");
     }
   }
 }
