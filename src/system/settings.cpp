@@ -1,15 +1,13 @@
 #include <fmt/format.h>
 #include <kys/option_list.h>
 #include <kys_slam/error.h>
-#include <kys_slam/run_main.h>
+#include <kys_slam/options_file.h>
 #include <kys_slam/settings.h>
-#include <kys_slam/util/nearest_name.h>
 
 #include <algorithm>
 #include <cctype>
 #include <sstream>
 
-#include "io/yaml_file.h"
 #include "system/settings_data.h"
 
 namespace kys_slam {
@@ -49,21 +47,6 @@ kys::OptionList list_of(SettingsData& data) {
   return list;
 }
 
-/// Throws InputError when `text` is not a value of the option's type, or out of its range.
-void set_from_text(const kys::Option& option, std::string_view text) {
-  const auto fail = [&](const std::string& what) {
-    throw InputError("setting " + option.key + ": '" + std::string(text.substr(0, 80)) +
-                     "' is not " + what);
-  };
-  constexpr std::size_t kLongest = 2000;  // bytes
-  if (printable(text, kLongest) != text) fail("a line of at most 2000 printable characters");
-  const std::string before = option.text();
-  if (!option.parse(text)) fail(option.expected());
-  if (option.complaint().empty()) return;
-  (void)option.parse(before);
-  fail("from " + option.range_text());
-}
-
 /// A value as YAML reads it back: texts with anything but letters, digits and a few more in quotes.
 std::string yaml_value(const std::string& value) {
   const bool plain = std::all_of(value.begin(), value.end(), [](unsigned char c) {
@@ -76,20 +59,6 @@ std::string yaml_value(const std::string& value) {
     quoted += c;
   }
   return quoted + "\"";
-}
-
-void flatten(const YAML::Node& node, const std::string& prefix, const std::string& file,
-             std::vector<std::pair<std::string, std::string>>& entries) {
-  for (const auto& entry : node) {
-    const std::string key = prefix + entry.first.as<std::string>();
-    if (entry.second.IsMap()) {
-      flatten(entry.second, key + ".", file, entries);
-    } else if (entry.second.IsScalar()) {
-      entries.emplace_back(key, entry.second.as<std::string>());
-    } else {
-      throw InputError(fmt::format("{}: setting {} has no single value", file, key));
-    }
-  }
 }
 
 }  // namespace
@@ -126,13 +95,7 @@ void Settings::assign(std::string_view assignment) {
 }
 
 void Settings::set(std::string_view key, std::string_view value) {
-  std::vector<std::string> known;
-  for (const kys::OptionList list = list_of(*data_); const kys::Option& option : list.options()) {
-    if (!option.settable) continue;
-    if (option.key == key) return set_from_text(option, value);
-    known.push_back(option.key);
-  }
-  throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
+  set_option(list_of(*data_), key, value);
 }
 
 std::string Settings::get(std::string_view key) const {
@@ -143,21 +106,7 @@ std::string Settings::get(std::string_view key) const {
 }
 
 void Settings::load(const std::filesystem::path& file) {
-  std::vector<std::pair<std::string, std::string>> entries;
-  try {
-    const YAML::Node root = load_yaml(file);
-    if (!root.IsNull() && !root.IsMap()) {
-      throw InputError(file.string() + ": is not a list of settings");
-    };
-    if (root.IsMap()) flatten(root, "", file.string(), entries);
-  } catch (const YAML::Exception& error) {
-    throw InputError(file.string() + ": " + error.what());
-  }
-  try {
-    for (const auto& [key, value] : entries) set(key, value);
-  } catch (const InputError& error) {
-    throw InputError(file.string() + ": " + error.what());
-  }
+  load_option_list(file, list_of(*data_));
   // What is set later may put it right.
   file_ = file.string();
   contradiction_ = kys::complaint_about(*data_);

@@ -112,6 +112,74 @@ TEST(FeatureWorld, ErrorsOfALensStayTheSame) {
   EXPECT_LT((mean_error(50) - first).norm(), 0.25 * first.norm());
 }
 
+FeatureOptions exact() {
+  FeatureOptions options = few();
+  options.pixel_noise = options.wander = options.lens = 0;
+  return options;
+}
+
+TEST(FeatureWorld, KeypointsAreWhereTheTrueCamerasSeeTheirLandmarks) {
+  const FeaturePath path = circle(12);
+  FeatureOptions options = exact();
+  for (const char* name : {"kitti", "random:3"}) {
+    options.rig_error = make_rig_error(name, path.camera);
+    const TruePair pair(path.camera, *options.rig_error);
+    const FeatureWorld world(path, options);
+    const FeatureFrame f = world.frame(10);
+    const Rigid3 T_c_w = path.poses[10].T_w_c.inverse();
+    const RigError& e = *options.rig_error;
+    // How far the true right camera is from the given one, at most, in baselines.
+    const double apart =
+        std::abs(1 / e.focal - 1) + std::abs(e.baseline_y) + std::abs(e.baseline_z);
+    int checked = 0;
+    double moved = 0;
+    for (const int camera : {0, 1}) {
+      const FeatureSet& set = camera == 0 ? f.left : f.right;
+      const auto& ids = camera == 0 ? f.left_landmarks : f.right_landmarks;
+      for (std::size_t i = 0; i < set.size(); ++i) {
+        if (ids[i] < 0) continue;
+        const Eigen::Vector3d p_c = T_c_w * world.landmark_position(ids[i]);
+        const Eigen::Vector2d seen = pair.observe(p_c).segment<2>(2 * camera);
+        const Eigen::Vector3d uvr = path.camera.project_stereo(p_c);
+        const Eigen::Vector2d given(camera == 0 ? uvr.x() : uvr.z(), uvr.y());
+        const Eigen::Vector2d k(set.keypoints[i].x, set.keypoints[i].y);
+        EXPECT_LT((k - seen).norm(), 2e-4);
+        EXPECT_LT((world.ideal_pixel(camera, k.x(), k.y()) - given).norm(),
+                  camera * (uvr.x() - uvr.z()) * 1.02 * apart + 2e-3);
+        moved = std::max(moved, (k - given).norm());
+        ++checked;
+      }
+    }
+    EXPECT_GT(checked, 500);
+    EXPECT_GT(moved, 2.0) << "px";
+  }
+}
+
+TEST(FeatureWorld, AnErrorOfZeroChangesNothing) {
+  FeatureOptions options = few();
+  const FeatureFrame plain = FeatureWorld(circle(6), options).frame(5);
+  options.rig_error = RigError{};
+  const FeatureFrame zero = FeatureWorld(circle(6), options).frame(5);
+  ASSERT_EQ(plain.right.size(), zero.right.size());
+  for (std::size_t i = 0; i < plain.right.size(); ++i) {
+    EXPECT_EQ(plain.right.keypoints[i].x, zero.right.keypoints[i].x);
+    EXPECT_EQ(plain.right.keypoints[i].y, zero.right.keypoints[i].y);
+  }
+}
+
+// Perception looks there, so that it has to be in the image.
+TEST(FeatureWorld, IdealPixelsAreInTheImage) {
+  const FeaturePath path = circle(2);
+  FeatureOptions options = few();
+  RigError error;
+  error.cx = 200;
+  error.cy = -200;
+  options.rig_error = error;
+  const FeatureWorld world(path, options);
+  EXPECT_EQ(world.ideal_pixel(1, 20, 359), Eigen::Vector2d(0, 375));
+  EXPECT_EQ(world.ideal_pixel(0, 20, 359).x(), 20);
+}
+
 TEST(FeatureWorld, SameLandmarkLooksAlikeAndOthersDoNot) {
   FeatureOptions options = few();
   options.repeats = 0;
@@ -219,8 +287,8 @@ class FeatureFile : public testing::Test {
 };
 
 TEST(FeatureOptions, EveryNumberIsChecked) {
-  // The seed, the traffic, its objects and labels have no range.
-  kys_slam::test::expect_every_number_checked<FeatureOptions>(4);
+  // The seed, the traffic, its objects and labels have no range; the error of the rig has its own.
+  kys_slam::test::expect_every_number_checked<FeatureOptions>(5);
   FeatureOptions options;
   options.near = 5;
   options.far = 4;
@@ -378,6 +446,22 @@ TEST(SimulateFeatures, BadTrajectoriesAreRefused) {
   expect_refused(good, " --every 0");
   expect_refused(good, " --wander nan");
   expect_refused(good, " --lens -1");
+  expect_refused(good, " --rig-error random:x");
+  expect_refused(good, " --rig-error " + (scratch / "none.yaml").string());
+}
+
+TEST(SimulateFeatures, TheErrorOfTheRigIsWrittenBesideTheFile) {
+  const ScratchFolder scratch("featurerig");
+  std::ofstream(scratch / "t.txt") << "1 0 0 0 0 1 0 0 0 0 1 0\n";
+  const std::string out = (scratch / "out").string();
+  const ProgramResult r =
+      run_program(std::string(KYS_BIN_DIR) + "/simulate_features " + (scratch / "t.txt").string() +
+                      " --rig-error random:4" + " --output " + out,
+                  scratch);
+  EXPECT_EQ(r.status, 0) << r.error;
+  const StereoCamera kitti = circle(1).camera;
+  const RigError error = make_rig_error(out + ".rig_error.yaml", kitti);
+  EXPECT_NEAR(error.yaw, make_rig_error("random:4", kitti).yaw, 1e-12);
 }
 
 // Poses along a straight line, of a TUM file with `file_hz` and stamps that are off by 0.1 ms.

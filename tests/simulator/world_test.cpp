@@ -245,7 +245,7 @@ TEST(Street, NearlyEveryCellHoldsACorner) {
 }
 
 TEST(Worlds, EveryNumberOfTheirOptionsIsChecked) {
-  kys_slam::test::expect_every_number_checked<WorldOptions>(2);  // the name, the seed
+  kys_slam::test::expect_every_number_checked<WorldOptions>(1);  // the name, the seed; blur is two
   // Folder, command, truth, quiet, stop.
   kys_slam::test::expect_every_number_checked<WriteOptions>(5);
 }

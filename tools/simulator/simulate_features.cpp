@@ -125,6 +125,7 @@ struct Arguments {
   std::string traffic = "none";
   std::vector<std::string> perception{"none"};
   std::string objects;
+  std::string rig_error;
   bool quiet = false;
 };
 
@@ -170,6 +171,9 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--objects", a.objects,
                  "objects.csv of a rendered world: use its objects instead of traffic; the "
                  "trajectory must be that of the world");
+  app.add_option("--rig-error", a.rig_error,
+                 "the true cameras differ from the given ones: a YAML file, kitti (as measured "
+                 "there) or random:N (drawn from seed N); tools/simulator/README.md describes it");
   app.add_option("--width", o.width,
                  "px, width of KITTI images; scales the camera (default: 1241)");
   app.add_option("--perception", a.perception,
@@ -247,10 +251,14 @@ int run(int argc, char** argv) {
   o.labelled = a.perception.front() != "none";
   for (std::size_t i = 0; i < a.outputs.size(); ++i) check_output(a, i);
   const FeaturePath path = read_feature_path(a.trajectory, o);
+  if (app.count("--rig-error") > 0) o.rig_error = make_rig_error(a.rig_error, path.camera);
   if (!a.objects.empty()) o.objects = read_objects(a.objects, poses_in(a.trajectory, o));
   Progress progress(a.quiet);
   const FeatureWorld world(path, o, [&](double share) { progress("landmarks", share); });
   write_frames(world, o, a.perception, a.outputs, progress);
+  for (const std::string& output : a.outputs) {
+    if (o.rig_error) write_file_atomic(output + ".rig_error.yaml", to_yaml(*o.rig_error));
+  }
   return 0;
 }
 

@@ -6,6 +6,7 @@
 #include <csignal>
 #include <cstdio>
 #include <limits>
+#include <vector>
 
 #include "common/command_line.h"
 #include "simulator/images/sequence_writer.h"
@@ -35,17 +36,36 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
   options.height = static_cast<int>(*height);
 }
 
+// " --blur L,R --exposure-difference D", without those that are the defaults.
+std::string sensor_options(const kys_slam::simulator::WorldOptions& options) {
+  const kys_slam::simulator::WorldOptions defaults;
+  char text[128] = "";
+  std::string out;
+  if (options.blur != defaults.blur) {
+    std::snprintf(text, sizeof text, " --blur %.9g,%.9g", options.blur[0], options.blur[1]);
+    out += text;
+  }
+  if (options.exposure_difference != defaults.exposure_difference) {
+    std::snprintf(text, sizeof text, " --exposure-difference %.9g", options.exposure_difference);
+    out += text;
+  }
+  return out;
+}
+
 // What makes these files again. --frames is there if it was given: plans of experiments compare the
 // options. --jobs and --quiet are left out: they change nothing in the files.
 std::string command_of(const kys_slam::simulator::World& world,
                        const kys_slam::simulator::WorldOptions& world_options,
-                       const kys_slam::simulator::WriteOptions& write_options, bool images_only) {
+                       const kys_slam::simulator::WriteOptions& write_options,
+                       const std::string& rig_error, bool images_only) {
   std::string command = "simulate_sequence " + world_options.name + " --output " +
                         write_options.output.string() + " --seed " +
                         std::to_string(world_options.seed);
   if (world_options.frames > 0) command += " --frames " + std::to_string(world_options.frames);
   command += " --size " + std::to_string(world.rig.left.width()) + "x" +
              std::to_string(world.rig.left.height());
+  if (!rig_error.empty()) command += " --rig-error " + rig_error;
+  command += sensor_options(world_options);
   if (images_only) command += " --images-only";
   if (write_options.drop_camera >= 0) {
     char text[64];
@@ -61,7 +81,8 @@ int run(int argc, char** argv) {
   using namespace kys_slam::simulator;
   WorldOptions world_options;
   WriteOptions write_options;
-  std::string size;
+  std::string size, rig_error;
+  std::vector<double> blur;
   bool images_only = false;
   CLI::App app(
       "Renders a simulated stereo sequence with exact ground truth.\n\n"
@@ -80,6 +101,17 @@ int run(int argc, char** argv) {
   auto* frames =
       app.add_option("--frames", world_options.frames, "number of frames (default: the world's)");
   app.add_option("--size", size, "WxH in px (default: the data set's; the calibration is scaled)");
+  app.add_option("--rig-error", rig_error,
+                 "the true cameras differ from the calibration: a YAML file, kitti (as measured "
+                 "there) or random:N (drawn from seed N); tools/simulator/README.md describes it");
+  app.add_option("--blur", blur,
+                 "px, sigma of the image of a point: one value, or one of the left and one of the "
+                 "right camera: 0,1.5 (default: 0)")
+      ->delimiter(',')
+      ->expected(1, 2);
+  app.add_option("--exposure-difference", world_options.exposure_difference,
+                 "share by which right images are darker than left ones, negative: brighter")
+      ->capture_default_str();
   // What the struct takes for "all" or "none" is said by leaving these out.
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
@@ -101,9 +133,12 @@ int run(int argc, char** argv) {
   if (write_options.drop_camera >= 0 && world_options.name != "hall") {
     throw kys_slam::InputError("--drop-camera: only the world 'hall' can lose frames");
   }
-  const World world = make_world(world_options);
-
-  write_options.command = command_of(world, world_options, write_options, images_only);
+  if (!blur.empty()) world_options.blur = {blur.front(), blur.back()};
+  World world = make_world(world_options);
+  if (app.count("--rig-error") > 0) {
+    apply_rig_error(world, make_rig_error(rig_error, world.rectified));
+  }
+  write_options.command = command_of(world, world_options, write_options, rig_error, images_only);
   write_options.truth = !images_only;
   write_options.stop = &interrupted;
   std::signal(SIGINT, [](int) { interrupted = true; });

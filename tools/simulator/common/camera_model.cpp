@@ -1,57 +1,17 @@
 #include "simulator/common/camera_model.h"
 
+#include <utility>
+
 namespace kys_slam::simulator {
-namespace {
 
-Eigen::Vector2d distort(const std::array<double, 4>& k, double x, double y) {
-  const double r2 = x * x + y * y;
-  const double radial = 1 + r2 * (k[0] + r2 * k[1]);
-  return {x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x),
-          y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y};
-}
+CameraModel::CameraModel(int width, int height, const Lens& lens)
+    : CameraModel(
+          width, height, [lens](double u, double v) { return lens.ray(u, v); },
+          [lens](double x, double y) { return lens.project(x, y); }) {}
 
-}  // namespace
-
-CameraModel CameraModel::pinhole(int width, int height, double f_x, double f_y, double c_x,
-                                 double c_y) {
-  CameraModel m;
-  m.width_ = width;
-  m.height_ = height;
-  m.fx_ = f_x;
-  m.fy_ = f_y;
-  m.cx_ = c_x;
-  m.cy_ = c_y;
-  m.tabulate();
-  return m;
-}
-
-CameraModel CameraModel::radtan(int width, int height, double f_x, double f_y, double c_x,
-                                double c_y, const std::array<double, 4>& distortion) {
-  CameraModel m = pinhole(width, height, f_x, f_y, c_x, c_y);
-  m.distortion_ = distortion;
-  m.distorted_ = true;
-  m.tabulate();
-  return m;
-}
-
-Eigen::Vector2d CameraModel::undistort(double x, double y) const {
-  if (!distorted_) return {x, y};
-  Eigen::Vector2d p(x, y);
-  for (int i = 0; i < 60; ++i) {
-    const Eigen::Vector2d error = Eigen::Vector2d(x, y) - distort(distortion_, p.x(), p.y());
-    p += error;
-    if (error.squaredNorm() < 1e-26) break;
-  }
-  return p;
-}
-
-Eigen::Vector2d CameraModel::ray(double u, double v) const {
-  return undistort((u - cx_) / fx_, (v - cy_) / fy_);
-}
-
-Eigen::Vector2d CameraModel::project(double x, double y) const {
-  const Eigen::Vector2d d = distorted_ ? distort(distortion_, x, y) : Eigen::Vector2d(x, y);
-  return {fx_ * d.x() + cx_, fy_ * d.y() + cy_};
+CameraModel::CameraModel(int width, int height, Mapping ray, Mapping project)
+    : width_(width), height_(height), ray_(std::move(ray)), project_(std::move(project)) {
+  tabulate();
 }
 
 void CameraModel::tabulate() {
@@ -66,6 +26,10 @@ void CameraModel::tabulate() {
           static_cast<float>(du.y()), static_cast<float>(dv.x()), static_cast<float>(dv.y())};
     }
   }
+}
+
+CameraModel pinhole(const StereoCamera& k) {
+  return {k.width, k.height, Lens{k.fx, k.fy, k.cx, k.cy, {}}};
 }
 
 }  // namespace kys_slam::simulator

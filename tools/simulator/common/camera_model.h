@@ -3,8 +3,10 @@
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
-#include <array>
+#include <functional>
 #include <vector>
+
+#include "simulator/common/lens.h"
 
 namespace kys_slam::simulator {
 
@@ -12,16 +14,17 @@ namespace kys_slam::simulator {
 /// frame (x right, y down, z forward) and its change per pixel.
 class CameraModel {
  public:
+  using Mapping = std::function<Eigen::Vector2d(double, double)>;
+
   CameraModel() = default;
-  static CameraModel pinhole(int width, int height, double f_x, double f_y, double c_x, double c_y);
-  /// Pinhole with radial-tangential distortion (k1, k2, p1, p2), inverted by iteration.
-  static CameraModel radtan(int width, int height, double f_x, double f_y, double c_x, double c_y,
-                            const std::array<double, 4>& distortion);
+  CameraModel(int width, int height, const Lens& lens);
+  /// \param ray  direction (x, y, 1) through a pixel  \param project  its inverse
+  CameraModel(int width, int height, Mapping ray, Mapping project);
 
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
   /// Direction through (u, v) px; fractions are measured from the nearest pixel's centre.
-  [[nodiscard]] Eigen::Vector2d ray(double u, double v) const;
+  [[nodiscard]] Eigen::Vector2d ray(double u, double v) const { return ray_(u, v); }
   struct Ray {
     float x, y;      ///< direction (x, y, 1)
     float x_u, y_u;  ///< d(x, y)/du
@@ -31,18 +34,18 @@ class CameraModel {
     return rays_[static_cast<std::size_t>(v) * width_ + u];
   }
   /// Pixel of a direction.
-  [[nodiscard]] Eigen::Vector2d project(double x, double y) const;
+  [[nodiscard]] Eigen::Vector2d project(double x, double y) const { return project_(x, y); }
 
  private:
   void tabulate();
-  [[nodiscard]] Eigen::Vector2d undistort(double x, double y) const;
 
   int width_ = 0, height_ = 0;
-  double fx_ = 1, fy_ = 1, cx_ = 0, cy_ = 0;
-  std::array<double, 4> distortion_{};
-  bool distorted_ = false;
+  Mapping ray_, project_;
   std::vector<Ray> rays_;
 };
+
+/// The ideal camera of a rectified pair.
+CameraModel pinhole(const StereoCamera& camera);
 
 /// The cameras of a world.
 struct StereoRig {

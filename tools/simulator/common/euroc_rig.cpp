@@ -34,28 +34,23 @@ const Calibration& calibration(int camera) {
 
 }  // namespace
 
-EurocCalibration euroc_calibration(int camera, int width, int height) {
+Lens euroc_lens(int camera, int width, int height) {
   const Calibration& k = calibration(camera);
   const double sx = static_cast<double>(width) / kEurocWidth;
   const double sy = static_cast<double>(height) / kEurocHeight;
   return {k.f_u * sx, k.f_v * sy, (k.c_u + 0.5) * sx - 0.5, (k.c_v + 0.5) * sy - 0.5, k.distortion};
 }
 
-CameraModel euroc_camera(int camera, int width, int height) {
-  const EurocCalibration s = euroc_calibration(camera, width, height);
-  return CameraModel::radtan(width, height, s.f_u, s.f_v, s.c_u, s.c_v, s.distortion);
-}
-
 StereoRectifier euroc_rectifier(int width, int height) {
   RawCamera raw[2];
   for (int i = 0; i < 2; ++i) {
-    const EurocCalibration k = euroc_calibration(i, width, height);
+    const Lens k = euroc_lens(i, width, height);
     raw[i] = {width,
               height,
-              k.f_u,
-              k.f_v,
-              k.c_u,
-              k.c_v,
+              k.f_x,
+              k.f_y,
+              k.c_x,
+              k.c_y,
               std::vector<double>(k.distortion.begin(), k.distortion.end()),
               euroc_extrinsics(i)};
   }
@@ -71,7 +66,7 @@ Rigid3 euroc_extrinsics(int camera) {
 
 std::string euroc_sensor_yaml(int camera, int width, int height) {
   const Calibration& k = calibration(camera);
-  const EurocCalibration s = euroc_calibration(camera, width, height);
+  const Lens s = euroc_lens(camera, width, height);
   const double* m = k.T_BS;
   char text[1600];
   std::snprintf(text, sizeof text,
@@ -86,7 +81,7 @@ std::string euroc_sensor_yaml(int camera, int width, int height) {
                 "distortion_model: radial-tangential\n"
                 "distortion_coefficients: [%.9g, %.9g, %.9g, %.9g]\n",
                 camera, m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11],
-                width, height, s.f_u, s.f_v, s.c_u, s.c_v, k.distortion[0], k.distortion[1],
+                width, height, s.f_x, s.f_y, s.c_x, s.c_y, k.distortion[0], k.distortion[1],
                 k.distortion[2], k.distortion[3]);
   return text;
 }

@@ -4,22 +4,15 @@
 
 #include <string>
 
-#include "simulator/common/camera_model.h"
+#include "simulator/common/lens.h"
 
 namespace kys_slam::simulator {
 
 inline constexpr int kEurocWidth = 752;   // px
 inline constexpr int kEurocHeight = 480;  // px
 
-/// Intrinsics of a EuRoC camera (px) and its radial-tangential distortion (k1 k2 p1 p2).
-struct EurocCalibration {
-  double f_u, f_v, c_u, c_v;
-  std::array<double, 4> distortion;
-};
-EurocCalibration euroc_calibration(int camera, int width = kEurocWidth, int height = kEurocHeight);
-
-/// The calibration of EuRoC's two cameras (the same in all its sequences), scaled to a size.
-CameraModel euroc_camera(int camera, int width, int height);
+/// Intrinsics of EuRoC's two cameras (the same in all its sequences), scaled to a size.
+Lens euroc_lens(int camera, int width = kEurocWidth, int height = kEurocHeight);
 /// Both cameras, rectified as the reader of EuRoC sequences does.
 StereoRectifier euroc_rectifier(int width = kEurocWidth, int height = kEurocHeight);
 /// T_body_camera.

@@ -4,8 +4,11 @@
 #include <kys_slam/feature_file.h>
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "simulator/common/rig_error.h"
 
 namespace kys_slam::simulator {
 
@@ -34,6 +37,7 @@ struct FeatureOptions {
   Traffic traffic = Traffic::kNone;    ///< moving and parked objects
   std::vector<FeatureObject> objects;  ///< replace the traffic; same frames (read_objects)
   int width = 0;                       ///< px, of KITTI images; scales the camera; 0: 1241
+  std::optional<RigError> rig_error;   ///< of the cameras that take the pictures
   bool labelled = false;  ///< every landmark has a class, for perception; traffic implies it
 };
 /// For check_options(); the keys are the names of the command line.

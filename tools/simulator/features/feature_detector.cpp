@@ -50,11 +50,12 @@ OctaveCounts feature_quota(const FeaturePath& path, const FeatureOptions& option
 
 FeatureDetector::FeatureDetector(const FeaturePath& path, const FeatureOptions& options,
                                  const std::vector<FeatureObject>& objects,
-                                 const LandmarkMap& landmarks)
+                                 const LandmarkMap& landmarks, const TruePair* pair)
     : path_(path),
       options_(options),
       objects_(objects),
       landmarks_(landmarks),
+      pair_(pair),
       quota_(feature_quota(path, options)) {
   for (std::size_t camera = 0; camera < 2; ++camera) {
     Rng rng(hash_of(options.seed, 9, camera));
@@ -127,8 +128,9 @@ void FeatureDetector::measure(std::size_t frame, int camera, const std::vector<S
         static_cast<std::uint8_t>(std::clamp(static_cast<int>(level), 0, kFeatureLevels - 1));
     const double sigma = options_.pixel_noise * std::pow(kFeatureScale, k.octave);
     const Eigen::Vector3d shift = wander(s);
-    const Eigen::Vector2d p(camera == 0 ? s.pixel.x() + shift.x() : s.pixel.z() + shift.z(),
-                            s.pixel.y() + shift.y());
+    const Eigen::Vector2d image = image_of(s, camera);
+    const Eigen::Vector2d p(image.x() + (camera == 0 ? shift.x() : shift.z()),
+                            image.y() + shift.y());
     const Eigen::Vector2d bent = p + lens_error(camera, p);
     const double u = bent.x() + sigma * rng.gaussian();
     const double v = bent.y() + sigma * rng.gaussian();
@@ -187,6 +189,13 @@ Eigen::Vector3d FeatureDetector::wander(const Sight& sight) const {
   const double u = size * wave();
   const double v = size * wave();
   return {u, v, u + 0.3 * size * wave()};
+}
+
+// Pixel of a landmark in the true cameras.
+Eigen::Vector2d FeatureDetector::image_of(const Sight& sight, int camera) const {
+  if (pair_ == nullptr) return {camera == 0 ? sight.pixel.x() : sight.pixel.z(), sight.pixel.y()};
+  const Eigen::Vector4d seen = pair_->observe(sight.p_c);
+  return camera == 0 ? Eigen::Vector2d(seen.head<2>()) : Eigen::Vector2d(seen.tail<2>());
 }
 
 // What calibration leaves of a lens' distortion at a pixel, px.

@@ -30,8 +30,10 @@ struct FeatureColumns {
 class FeatureDetector {
  public:
   /// Keeps references to all arguments.
+  /// \param pair  moves the keypoints; null: the cameras are those of the path
   FeatureDetector(const FeaturePath& path, const FeatureOptions& options,
-                  const std::vector<FeatureObject>& objects, const LandmarkMap& landmarks);
+                  const std::vector<FeatureObject>& objects, const LandmarkMap& landmarks,
+                  const TruePair* pair = nullptr);
 
   /// The features of one image, outliers included.
   /// \param by_strength  landmarks in view, strongest first
@@ -47,6 +49,7 @@ class FeatureDetector {
                FeatureColumns out) const;
   [[nodiscard]] kys::Descriptor look(std::int32_t id, FeatureLook& origin) const;
   [[nodiscard]] Eigen::Vector3d wander(const Sight& sight) const;
+  [[nodiscard]] Eigen::Vector2d image_of(const Sight& sight, int camera) const;
   [[nodiscard]] Eigen::Vector2d lens_error(int camera, const Eigen::Vector2d& p) const;
   void add_outliers(int count, Rng& rng, const BoxRaster* raster, FeatureColumns out) const;
 
@@ -54,6 +57,7 @@ class FeatureDetector {
   const FeatureOptions& options_;
   const std::vector<FeatureObject>& objects_;
   const LandmarkMap& landmarks_;
+  const TruePair* pair_;
   OctaveCounts quota_;
   std::array<Eigen::Matrix<double, 2, 6>, 2> lenses_;  ///< px: quadratics over the image, -1 to 1
 };

@@ -45,6 +45,14 @@ std::vector<Sight> strongest_first(const std::vector<Sight>& sights, const Landm
   return sorted;
 }
 
+// None when there is no error: then keypoints have the very bytes they have without the option.
+std::optional<TruePair> true_pair(const FeaturePath& path, const FeatureOptions& options) {
+  if (!options.rig_error) return {};
+  TruePair pair(path.camera, *options.rig_error);
+  if (*options.rig_error == RigError{}) return {};
+  return pair;
+}
+
 }  // namespace
 
 struct FeatureWorld::Impl {
@@ -53,8 +61,9 @@ struct FeatureWorld::Impl {
       : path(path_given),
         options(checked(options_given)),
         objects(objects_along(path, options)),
+        pair(true_pair(path, options)),
         landmarks(make_landmarks(path, options, objects, progress)),
-        detector(path, options, objects, landmarks) {
+        detector(path, options, objects, landmarks, pair ? &*pair : nullptr) {
     if (has_labels(options)) label();
   }
   void label();
@@ -65,6 +74,7 @@ struct FeatureWorld::Impl {
   FeaturePath path;
   FeatureOptions options;
   std::vector<FeatureObject> objects;
+  std::optional<TruePair> pair;  ///< if the rig has an error
   LandmarkMap landmarks;
   FeatureDetector detector;
   std::optional<Scenery> scenery;           ///< of a labelled world
@@ -126,6 +136,13 @@ const Scenery& FeatureWorld::scenery() const {
 }
 const FeaturePath& FeatureWorld::path() const {
   return impl_->path;
+}
+Eigen::Vector2d FeatureWorld::ideal_pixel(int camera, double u, double v) const {
+  const std::optional<TruePair>& pair = impl_->pair;
+  if (!pair) return {u, v};
+  const StereoCamera& k = impl_->path.camera;
+  const Eigen::Vector2d ideal = camera == 0 ? pair->left_ideal(u, v) : pair->right_ideal_far(u, v);
+  return {std::clamp(ideal.x(), 0.0, k.width - 1.0), std::clamp(ideal.y(), 0.0, k.height - 1.0)};
 }
 FrameScene FeatureWorld::scene(std::size_t index) const {
   const Impl& w = *impl_;

@@ -27,6 +27,9 @@ class Scenery;
 /// Traffic adds objects: solid boxes that occlude landmarks behind and inside them. Each has its
 /// own landmarks on its faces, with the image density of the static world. The static landmarks are
 /// those of the world without traffic.
+///
+/// With an error of the rig, landmarks are detected where the given cameras see them, and their
+/// keypoints are where the true cameras see them.
 class FeatureWorld {
  public:
   /// `progress(done)` is called with the share of frames done.
@@ -47,6 +50,10 @@ class FeatureWorld {
   [[nodiscard]] const std::vector<FeatureObject>& objects() const;
   [[nodiscard]] const Scenery& scenery() const;  ///< of a labelled world
   [[nodiscard]] const FeaturePath& path() const;
+  /// Where the given cameras see what the true ones see at an observed pixel, within the image. In
+  /// the right image that of a point at infinity: nearer ones differ by their disparity times the
+  /// relative error of the baseline.
+  [[nodiscard]] Eigen::Vector2d ideal_pixel(int camera, double u, double v) const;
   [[nodiscard]] FrameScene scene(std::size_t index) const;
   [[nodiscard]] FeatureTruth truth() const;
   /// The features of a frame; depends on the seed and the frame alone.

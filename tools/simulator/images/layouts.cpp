@@ -139,6 +139,16 @@ std::string readme_text(const World& world, const std::string& command, bool wit
           k.width, k.height, k.fx, k.cx, k.cy, k.baseline);
     }
   }
+  if (world.rig_error) {
+    text +=
+        "rig_error.yaml       how the true cameras differ from the calibration: the pair is not\n"
+        "                     perfectly rectified. Poses are those of the true left camera\n";
+  }
+  if (with_truth && world.rig_error) {
+    text +=
+        "What follows is in the pixels of the images as they are. Disparity is the difference of\n"
+        "columns, and not exactly f baseline / depth.\n";
+  }
   if (with_truth) {
     text +=
         "disparity            exact, of the left image: 16-bit PNG, value / 256 px, 0 = none "

@@ -90,6 +90,8 @@ struct FrameRenderer::View {
   std::vector<Rigid3> T_next_now;  ///< camera frame now -> camera frame next, by instance
   Rigid3 T_next_now_static;
   bool has_next = false;
+  const CameraModel* other = nullptr;  ///< the pair's other camera, if the pair is not rectified
+  Rigid3 T_other_c;
 };
 
 FrameRenderer::FrameRenderer(const RenderAssets& assets)
@@ -118,6 +120,10 @@ FrameRenderer::View FrameRenderer::make_view(int frame, int camera, bool truth) 
     next = instance_poses(world, frame + 1);
     T_next_w = camera_pose(world, frame + 1, camera, truth).inverse();
     view.T_next_now_static = T_next_w * view.T_w_c;
+  }
+  if (truth && !world.is_rectified()) {
+    view.other = camera == 0 ? &rig.right : &rig.left;
+    view.T_other_c = camera == 0 ? rig.T_left_right.inverse() : rig.T_left_right;
   }
   const Rigid3 T_c_w = view.T_w_c.inverse();
   const auto& poses = scene_.poses();
@@ -296,6 +302,14 @@ void FrameRenderer::shade_row(const View& view, int v, float* row) const {
   }
 }
 
+/// Column in the left image - column in the right one of the point p_c, seen in column u.
+float FrameRenderer::disparity_between(const View& view, int u, const Eigen::Vector3d& p_c) {
+  const Eigen::Vector3d p = view.T_other_c * p_c;
+  if (p_c.z() <= 0 || p.z() <= 0) return std::numeric_limits<float>::quiet_NaN();
+  const double in_other = view.other->project(p.x() / p.z(), p.y() / p.z()).x();
+  return static_cast<float>(view.camera == 0 ? u - in_other : in_other - u);
+}
+
 void FrameRenderer::truth_row(const View& view, int v, ViewTruth& truth) const {
   const Scene& scene = assets_.world.scene;
   const int width = view.model->width();
@@ -320,7 +334,7 @@ void FrameRenderer::truth_row(const View& view, int v, ViewTruth& truth) const {
       const Eigen::Vector3d d(xy.x(), xy.y(), 1);
       truth.instance.at(u, v) = rays.instance[k];
       double depth = 0;
-      Eigen::Vector3d p_next;
+      Eigen::Vector3d p_next = Eigen::Vector3d::Zero();
       if (rays.instance[k] >= 0) {
         const auto i = static_cast<std::size_t>(rays.instance[k]);
         const SurfaceTriangle& s =
@@ -337,6 +351,9 @@ void FrameRenderer::truth_row(const View& view, int v, ViewTruth& truth) const {
         p_next = view.T_next_now_static.rotation * d;
       }
       truth.depth.at(u, v) = static_cast<float>(depth);
+      if (view.other != nullptr) {
+        truth.disparity.at(u, v) = disparity_between(view, u, d * depth);
+      }
       if (!view.has_next) continue;
       Eigen::Vector2f flow = Eigen::Vector2f::Constant(std::numeric_limits<float>::quiet_NaN());
       if (p_next.z() > 1e-2) {
@@ -355,15 +372,19 @@ GrayImage FrameRenderer::image(int frame, int camera) {
   const int width = view.model->width();
   const int height = view.model->height();
   const Sensor sensor{assets_.world.seed};
-  const float exposure = Sensor::exposure(frame, camera);
-  GrayImage out(width, height);
-  std::vector<float> row(static_cast<std::size_t>(width));
+  const float exposure = Sensor::exposure(frame, camera, assets_.world.exposure_difference);
+  ImageOf<float> light(width, height);
   for (int v = 0; v < height; ++v) {
-    shade_row(view, v, row.data());
+    shade_row(view, v, &light.at(0, v));
     for (int u = 0; u < width; ++u) {
-      const float g =
-          row[static_cast<std::size_t>(u)] * exposure * Sensor::vignetting(u, v, width, height) +
-          sensor.noise(frame, camera, u, v);
+      light.at(u, v) = light.at(u, v) * exposure * Sensor::vignetting(u, v, width, height);
+    }
+  }
+  Sensor::blur(light, assets_.world.blur[static_cast<std::size_t>(camera)]);
+  GrayImage out(width, height);
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      const float g = light.at(u, v) + sensor.noise(frame, camera, u, v);
       out.at(u, v) = static_cast<std::uint8_t>(std::clamp(g, 0.0F, 255.0F) + 0.5F);
     }
   }
@@ -378,6 +399,7 @@ ViewTruth FrameRenderer::truth(int frame, int camera) {
   ViewTruth out;
   out.instance = ImageOf<std::int32_t>(width, height, -1);
   out.depth = ImageOf<float>(width, height);
+  if (view.other != nullptr) out.disparity = ImageOf<float>(width, height);
   if (view.has_next) out.flow = ImageOf<Eigen::Vector2f>(width, height, Eigen::Vector2f::Zero());
   for (int v = 0; v < height; ++v) truth_row(view, v, out);
   return out;

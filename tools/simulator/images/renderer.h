@@ -36,6 +36,9 @@ struct ViewTruth {
   ImageOf<std::int32_t> instance;  ///< index into Scene::instances, -1 sky
   ImageOf<float> depth;            ///< m along the optical axis, 0 sky
   ImageOf<Eigen::Vector2f> flow;   ///< px to the next frame, NaN where undefined; may be empty
+  /// px, column in the left image - column in the right one, NaN in the sky and where the other
+  /// camera is behind; empty for a rectified pair, where it follows from the depth.
+  ImageOf<float> disparity;
 };
 
 /// Renders the frames of a world, one at a time; one instance per thread. The result depends on the
@@ -65,6 +68,7 @@ class FrameRenderer {
                                               const SurfaceTriangle& surface,
                                               const Eigen::Vector3f& step_u,
                                               const Eigen::Vector3f& step_v) const;
+  static float disparity_between(const View& view, int u, const Eigen::Vector3d& p_c);
   void truth_row(const View& view, int v, ViewTruth& truth) const;
   [[nodiscard]] float sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
                           const Eigen::Vector3f& d_v) const;

@@ -97,7 +97,10 @@ Image16 encode_disparity(const ViewTruth& truth, double bf) {
   for (std::size_t i = 0; i < out.size(); ++i) {
     const double depth = truth.depth.data()[i];
     if (depth <= 0) continue;
-    const double value = std::floor(256.0 * bf / depth + 0.5);
+    const double disparity =
+        truth.disparity.empty() ? 256.0 * bf / depth : 256.0 * truth.disparity.data()[i];
+    if (!(disparity > 0)) continue;
+    const double value = std::floor(disparity + 0.5);
     if (value <= 65535) out.data()[i] = static_cast<std::uint16_t>(std::max(value, 1.0));
   }
   return out;

@@ -31,7 +31,8 @@ std::vector<bool> moving_objects(const World& world, int frame);
 Panoptic make_panoptic(const World& world, const ViewTruth& truth, int frame, int camera,
                        const std::vector<bool>& moving);
 
-/// KITTI disparity PNG values: round(256 d), 0 where there is none (sky, or nearer than 256 px).
+/// KITTI disparity PNG values: round(256 d), 0 where there is none (sky, nearer than 256 px, or not
+/// positive because of an error of the rig).
 Image16 encode_disparity(const ViewTruth& truth, double bf);
 /// KITTI flow PNG values. Valid wherever the flow is known, also where its end is occluded or
 /// outside the image, except beyond the range of the format (512 px).

@@ -182,6 +182,7 @@ class Writer {
 
   void write_covering_files(const SequenceFigures& figures) {
     write_layout_files(world_, folder_, options_.drop_camera, options_.drop_share);
+    if (world_.rig_error) write_file_atomic(folder_ / "rig_error.yaml", to_yaml(*world_.rig_error));
     if (truth_) {
       std::string table = "frame,camera,segment_id,object,class,category_id,isthing,moving,area\n";
       for (const FrameRecord& r : records_) table += r.table;

@@ -414,7 +414,12 @@ void Perception::add_priors(std::size_t index, FeatureFrame& frame) {
     auto& priors = camera == 0 ? frame.left_priors : frame.right_priors;
     priors.clear();
     for (std::size_t i = 0; i < set.size() && !missing; ++i) {
-      priors.push_back(prior_of(index, camera, view, late, set.keypoints[i], ids[i], i));
+      // The scene is known as the given cameras see it.
+      Keypoint k = set.keypoints[i];
+      const Eigen::Vector2d ideal = world_.ideal_pixel(camera, k.x, k.y);
+      k.x = static_cast<float>(ideal.x());
+      k.y = static_cast<float>(ideal.y());
+      priors.push_back(prior_of(index, camera, view, late, k, ids[i], i));
     }
   }
   frame.has_priors = !missing;

@@ -266,12 +266,13 @@ World make_hall(const WorldOptions& options) {
   const int width = options.width > 0 ? options.width : kEurocWidth;
   const int height = options.height > 0 ? options.height : kEurocHeight;
   const Rigid3 T_b_l = euroc_extrinsics(0);
-  world.rig = {euroc_camera(0, width, height), euroc_camera(1, width, height),
+  world.rig = {CameraModel(width, height, euroc_lens(0, width, height)),
+               CameraModel(width, height, euroc_lens(1, width, height)),
                T_b_l.inverse() * euroc_extrinsics(1)};
   const StereoRectifier rectifier = euroc_rectifier(width, height);
   const StereoCamera& k = rectifier.camera();
   world.rectified = k;
-  world.truth_rig.left = CameraModel::pinhole(k.width, k.height, k.fx, k.fy, k.cx, k.cy);
+  world.truth_rig.left = pinhole(k);
   world.truth_rig.right = world.truth_rig.left;
   world.truth_rig.T_left_right = Rigid3(Eigen::Quaterniond::Identity(), Vec3(k.baseline, 0, 0));
 

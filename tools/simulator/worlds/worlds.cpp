@@ -24,6 +24,9 @@ void describe(kys::OptionList& list, WorldOptions& o) {
   list.add("--frames", o.frames, {0, kMaxFrames});
   list.add("--size width", o.width, {0, 8192}, "px");
   list.add("--size height", o.height, {0, 8192}, "px");
+  list.add("--blur left", o.blur[0], {0, 20}, "px");
+  list.add("--blur right", o.blur[1], {0, 20}, "px");
+  list.add("--exposure-difference", o.exposure_difference, {-0.9, 0.9});
   const bool sized = o.width != 0 || o.height != 0;
   list.require(!sized || (o.width >= 64 && o.height >= 48),
                "--size must be between 64x48 and 8192x8192");
@@ -41,7 +44,7 @@ void set_kitti_rig(World& world, const WorldOptions& options) {
   c.cx = (607.1928 + 0.5) * sx - 0.5;
   c.cy = (185.2157 + 0.5) * sy - 0.5;
   c.baseline = 386.1448 / 718.856;
-  world.rig.left = CameraModel::pinhole(width, height, c.fx, c.fy, c.cx, c.cy);
+  world.rig.left = pinhole(c);
   world.rig.right = world.rig.left;
   world.rig.T_left_right = Rigid3(Eigen::Quaterniond::Identity(), Vec3(c.baseline, 0, 0));
   world.truth_rig = world.rig;
@@ -60,6 +63,8 @@ World make_world(const WorldOptions& options) {
                 : options.name == "jam"     ? make_jam(options)
                 : options.name == "block"   ? make_block(options)
                                             : make_hall(options);
+  world.blur = options.blur;
+  world.exposure_difference = options.exposure_difference;
   if (world.T_w_truth.empty()) world.T_w_truth = world.T_w_c;
   return world;
 }
