@@ -8,6 +8,7 @@
 #include <kys_slam/object.h>
 #include <kys_slam/prior_provider.h>
 #include <kys_slam/report.h>
+#include <kys_slam/rig_rows.h>
 #include <kys_slam/settings.h>
 
 #include <filesystem>
@@ -27,6 +28,12 @@ enum class Schedule : std::uint8_t {
 /// \throws InputError for an unknown name.
 Schedule parse_schedule(std::string_view name);
 const char* to_string(Schedule schedule);
+
+/// The calibration as the images show it.
+struct RigReport {
+  RigEstimate applied;         ///< to all measurements; zero covariance: not estimated
+  std::optional<RowFit> rows;  ///< of the first frame that shows enough; nothing without images
+};
 
 /// The SLAM system. Feed rectified stereo frames in order and get poses; get trajectory and map at
 /// the end. With the schedules `sequential` and `pipelined` the results depend on the input and the
@@ -50,6 +57,11 @@ class System {
   /// Saves the whole map for `load_map`. Call it after `finish`. \throws InputError when the file
   /// cannot be written.
   void save_map(const std::filesystem::path& file) const;
+
+  /// Begins with a correction of the given calibration and what it is worth, as
+  /// `kys-slam calibrate` finds it, in place of none. Call it before the first frame.
+  /// \throws LogicError after the first frame or a map, which has its own
+  void start_rig(const RigEstimate& rig);
 
   /// Tracks the next frame. Images and masks must have the size of the camera. \throws InputError
   /// when they do not, or when time stamps do not increase
@@ -82,6 +94,8 @@ class System {
   [[nodiscard]] std::vector<Eigen::Vector3d> landmarks() const;
   /// A copy of the whole map.
   [[nodiscard]] MapSnapshot snapshot() const;
+  /// What the images said about the calibration, and the correction that is applied.
+  [[nodiscard]] RigReport rig() const;
   /// Number of sub-maps. Each has its own world frame; those that meet at a known place are merged.
   [[nodiscard]] std::size_t submaps() const;
   /// Reports of all frames fed. Results of the back end are included as far as its steps have

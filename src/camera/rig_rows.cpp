@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <vector>
 
 namespace kys_slam {
@@ -47,6 +48,21 @@ RigCorrection::Covariance rig_prior() {
   set(RigParameter::kBaselineY, 0.005);
   set(RigParameter::kBaselineZ, 0.005);
   set(RigParameter::kFocal, 0.005);
+  if (const char* off = getenv("RIGPRIOR")) {  // "name=sigma,name=sigma"
+    std::string text(off);
+    for (std::size_t from = 0; from < text.size();) {
+      const std::size_t to = std::min(text.find(',', from), text.size());
+      const std::string item = text.substr(from, to - from);
+      const std::size_t eq = item.find('=');
+      for (int k = 0; k < RigCorrection::kSize; ++k) {
+        if (rig_parameter_names()[k].name != item.substr(0, eq)) continue;
+        const double f = std::stod(item.substr(eq + 1)) / std::sqrt(prior(k, k));
+        prior.row(k) *= f;
+        prior.col(k) *= f;
+      }
+      from = to + 1;
+    }
+  }
   return prior;
 }
 

@@ -64,6 +64,7 @@ class LocalMapper {
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
                             const std::atomic<bool>* stop = nullptr);
   /// At the end of a run: the last estimate of the disparity offset.
+  void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
   void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
 
  private:

@@ -1,7 +1,5 @@
 #include "mapping/rig_calibration.h"
 
-#include <kys_slam/rig_rows.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -93,6 +91,7 @@ class RigView {
     }
     const bool aligned = 2 * aligned_ >= problem.observations.size();
     problem.information_disparity *= aligned ? kWeightAligned : kWeightFound;
+    if (const char* w = getenv("RIGW")) problem.information_disparity *= atof(w);
   }
 
   RigProblem problem;
@@ -188,10 +187,10 @@ constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 }  // namespace
 
 std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
-                                        const std::atomic<bool>* stop) {
+                                        const RigEstimate& prior, const std::atomic<bool>* stop) {
   RigProblem problem = RigView(map, newest(map), options.min_observers).problem;
   if (map.rig().bends()) {
-    problem.prior.covariance = rig_prior();
+    problem.prior = prior;
   } else {
     problem.prior.covariance(kAtOffset, kAtOffset) = kOffsetPrior * kOffsetPrior;
   }
@@ -240,7 +239,7 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) con
 
 bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   seen_ = map.keyframes().size();
-  std::optional<RigEstimate> found = estimate_rig(map, options_, stop);
+  std::optional<RigEstimate> found = estimate_rig(map, options_, prior_, stop);
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
   map.set_rig(*found);

@@ -2,9 +2,11 @@
 
 #include <kys/option_list.h>
 #include <kys_slam/check_options.h>
+#include <kys_slam/rig_rows.h>
 
 #include <atomic>
 #include <cstddef>
+#include <optional>
 
 #include "map/map.h"
 
@@ -34,8 +36,9 @@ void describe(kys::OptionList& list, RigCalibrationOptions& options);
 /// estimate is that of a bundle adjustment with these parameters (rig_bundle.h), of at most the
 /// newest 80 keyframes. Disparities of fine octaves count only: at depth edges patches contain two
 /// surfaces, with a bias to the nearer one that grows with the octave.
-/// \return nothing without enough to see, or when stopped
+/// \param prior of all parameters \return nothing without enough to see, or when stopped
 std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
+                                        const RigEstimate& prior,
                                         const std::atomic<bool>* stop = nullptr);
 
 /// Decides when to estimate, applies the estimate to the map, and adjusts the whole map then. It
@@ -45,6 +48,8 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
 class RigCalibration {
  public:
   explicit RigCalibration(const RigCalibrationOptions& options) : options_(checked(options)) {}
+  /// The correction before anything is seen, and what it is worth, in place of none.
+  void start_rig(const RigEstimate& rig) { prior_ = rig; }
   /// Returns whether the map was changed.
   bool update(Map& map, const std::atomic<bool>* stop = nullptr);
   /// At the end of a run: one more estimate, unless the third was made or the map has hardly grown
@@ -57,6 +62,7 @@ class RigCalibration {
   [[nodiscard]] bool is_worth(const Map& map, RigEstimate& found, bool last) const;
 
   RigCalibrationOptions options_;
+  RigEstimate prior_{{}, rig_prior()};
   std::size_t looks_ = 0;
   std::size_t seen_ = 0;  ///< keyframes at the latest estimate
 };

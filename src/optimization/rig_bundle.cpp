@@ -335,6 +335,18 @@ class RigBundle {
   }
 
   void finish(RigSummary& summary) {
+    if (getenv("RIGDBG")) {
+      std::vector<double> e[4][4];
+      for_each([&](std::size_t k, std::size_t i) {
+        if (active_[i] == 0) return;
+        const Residual r = residual(p_.observations[i], p_.points[k]);
+        const double d = std::isnan(p_.observations[i].measured.u_right) ? 0 : p_.observations[i].measured.u - p_.observations[i].measured.u_right;
+        const int band = d == 0 ? 3 : d > 40 ? 0 : d > 12 ? 1 : 2;
+        const float s = p_.observations[i].scale;
+        for (int c = 0; c < 4; ++c) if (r.information[c] > 0) e[band][c].push_back(r.e[c] / s);
+      });
+      for (int b = 0; b < 4; ++b) { fprintf(stderr, "LOOKBAND %d", b); for (int c = 0; c < 4; ++c) { auto v = e[b][c]; if (v.empty()) continue; std::nth_element(v.begin(), v.begin()+v.size()/2, v.end()); double m = v[v.size()/2]; for (auto& x : v) x = std::abs(x - m); std::nth_element(v.begin(), v.begin()+v.size()/2, v.end()); fprintf(stderr, "  %zu med %.3f sig %.3f", v.size(), m, 1.4826*v[v.size()/2]); } fprintf(stderr, "\n"); }
+    }
     linearise(0);
     const auto rig = static_cast<Eigen::Index>(6 * free_);
     // Of the parameters alone: the poses are eliminated too.

@@ -53,6 +53,8 @@ class BackEnd {
   /// Continues a loaded map; call it before the first keyframe. Returns a change set with the whole
   /// map.
   ChangeSet continue_map(Map map);
+  /// Begins with a correction and what it is worth; call it before the first keyframe.
+  void start_rig(const RigEstimate& rig) { mapper_.start_rig(rig); }
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
   /// Waits for full bundle adjustment, applies its result, and corrects the disparities a last
   /// time.
@@ -92,6 +94,7 @@ class BackEndRunner {
 
   /// Before the first message.
   ChangeSet continue_map(Map map) { return back_end_.continue_map(std::move(map)); }
+  void start_rig(const RigEstimate& rig) { back_end_.start_rig(rig); }
   void submit(KeyFrameMessage message);
   /// Steps that are due before frame `frame_index` is tracked, in order. Where a step failed, those
   /// before it; the next call throws what it threw.

@@ -127,6 +127,17 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   s.tracker.apply(std::move(changes));
 }
 
+void System::start_rig(const RigEstimate& rig) {
+  Impl& s = *impl_;
+  const std::lock_guard lock(s.mutex);
+  if (s.count > 0 || s.map_loaded) {
+    throw LogicError("a correction of the rig is given before the first frame and any map");
+  }
+  const RigEstimate own{RigCorrection(s.camera, rig.correction.parameters()), rig.covariance};
+  s.front_end.start_rig(own);
+  s.runner.start_rig(own);
+}
+
 void System::save_map(const std::filesystem::path& file) const {
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");

@@ -94,6 +94,11 @@ std::vector<Eigen::Vector3d> System::landmarks() const {
   return points;
 }
 
+RigReport System::rig() const {
+  std::unique_lock lock(impl_->mutex);
+  return {impl_->quiet_map(lock).rig_estimate(), impl_->front_end.rows()};
+}
+
 std::size_t System::submaps() const {
   const std::unique_lock lock(impl_->mutex);
   const Map& map = impl_->quiet_map(lock);

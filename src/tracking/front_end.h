@@ -69,6 +69,11 @@ class FrontEnd {
   }
   /// Correction of what later frames measure; the map's, once there is one.
   void set_rig(const RigCorrection& rig) { rig_ = rig; }
+  /// Begins with a correction and what it is worth, in place of none.
+  void start_rig(const RigEstimate& rig) {
+    rig_ = rig.correction;
+    prior_ = rig.covariance;
+  }
   /// From now on there is a map: rows do not change the correction any more.
   void hold_rig() { has_map_ = true; }
   /// A result made before that gets it too.
@@ -88,6 +93,7 @@ class FrontEnd {
   StereoOptions stereo_;
   RowOptions rows_;
   RigCorrection rig_;
+  RigCorrection::Covariance prior_ = rig_prior();
   bool has_map_ = false;  // rig_ is the map's
   int frames_ = 0;        // with images
   std::optional<RowFit> row_fit_;
