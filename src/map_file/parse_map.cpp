@@ -151,8 +151,8 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   const bool with_priors = (flags & mf::kHasPriors) != 0;
   const bool with_aligned = (flags & mf::kHasAligned) != 0;
   const bool with_rows = (flags & mf::kHasRows) != 0;
-  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) +
-                            (with_aligned ? 1 : 0) + (with_rows ? sizeof(float) : 0)),
+  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) + (with_aligned ? 1 : 0) +
+                            (with_rows ? sizeof(float) : 0)),
           "has a keyframe of wrong size");
   FeatureSet set;
   set.keypoints.resize(n);
@@ -190,9 +190,9 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
                              std::move(aligned), contents.rig.correction));
   for (std::size_t i = 0; i < n; ++i) {
     const bool sound = !features->has_stereo(i) || features->depth(i) < 1e30F;
-    require(sound && std::isfinite(features->keypoint(i).x) &&
-                std::isfinite(features->keypoint(i).y),
-            "has a stereo match out of range");
+    require(
+        sound && std::isfinite(features->keypoint(i).x) && std::isfinite(features->keypoint(i).y),
+        "has a stereo match out of range");
   }
   return features;
 }
@@ -266,7 +266,7 @@ void check_id_ends(const MapContents& contents) {
           "has ids out of all proportion");
 }
 
-Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
+Map parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label_space) {
   const Header header = check_header(bytes);
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
@@ -280,9 +280,9 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
   require(file.left() == 0, "has bytes too many");
   bytes = {};
   check_id_ends(contents);
-  if (stored_space != label_space && contents.has_priors()) {
+  if (label_space && stored_space != *label_space && contents.has_priors()) {
     throw mf::Damage("contains priors of label space '" + stored_space + "', configured is '" +
-                     std::string(label_space) + "'");
+                     std::string(*label_space) + "'");
   }
   return Map(std::move(contents));
 }
@@ -290,7 +290,7 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
 }  // namespace
 
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
-              std::string_view label_space) {
+              std::optional<std::string_view> label_space) {
   try {
     return parse(std::move(bytes), label_space);
   } catch (const mf::Damage& damage) {

@@ -9,6 +9,7 @@
 
 #include "geometry/camera_path.h"
 #include "mapping/local_bundle.h"
+#include "mapping/rig_view.h"
 #include "optimization/rig_bundle.h"
 
 namespace kys_slam {
@@ -40,108 +41,11 @@ constexpr double kLeastShare = 0.5;
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
-// Factor on the information of disparities. That of aligned keypoints is as measured
-// (kImageInformation). Corners as they are found repeat to about 0.26 px, disparities to 0.09 px of
-// the octave. It matters here: the inverse distances that several views give are as uncertain as
-// the corners, and taken for more accurate than they are they flatten the line through (inverse
-// distance, disparity) and raise its intercept, which is the offset.
-constexpr double kWeightAligned = 1;
-constexpr double kWeightFound = 8;
 constexpr int kIterations = 10;  // of both rounds, after the disparities have changed
-constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 constexpr std::size_t kMostKeyframes = 80;
 constexpr std::size_t kMostObservations = 30000;
 constexpr int kLeastObservations = 300;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
-
-/// The newest keyframes, by id.
-std::vector<KeyFrameId> newest(const Map& map) {
-  std::vector<KeyFrameId> ids = map.keyframes().ids();
-  if (ids.size() > kMostKeyframes) {
-    ids.erase(ids.begin(), ids.end() - static_cast<std::ptrdiff_t>(kMostKeyframes));
-  }
-  return ids;
-}
-
-/// Poses and landmarks of a rig problem, by index in its arrays.
-class RigView {
- public:
-  RigView(const Map& map, const std::vector<KeyFrameId>& poses, int min_observers) : map_(map) {
-    for (std::size_t k = 0; k < poses.size(); ++k) index_.put(poses[k], k);
-    problem.camera = map.camera();
-    problem.rig = map.rig();
-    for (const KeyFrameId id : poses) {
-      problem.T_c_w.push_back(map.keyframe(id).T_c_w);
-      problem.pose_fixed.push_back(0);
-    }
-    hold_submaps(poses);
-    std::vector<LandmarkId> chosen;
-    std::size_t observations = 0;
-    map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
-      const auto seen = static_cast<std::size_t>(
-          std::count_if(landmark.observations.begin(), landmark.observations.end(),
-                        [&](const Observation& o) { return index_.contains(o.keyframe); }));
-      if (static_cast<int>(seen) < min_observers) return;
-      chosen.push_back(id);
-      observations += seen;
-    });
-    const std::size_t every = (observations + kMostObservations - 1) / kMostObservations;
-    for (std::size_t i = 0; i < chosen.size(); i += std::max<std::size_t>(1, every)) {
-      add(map.landmarks().at(chosen[i]));
-    }
-    const bool aligned = 2 * aligned_ >= problem.observations.size();
-    problem.information_disparity *= aligned ? kWeightAligned : kWeightFound;
-    if (const char* w = getenv("RIGW")) problem.information_disparity *= atof(w);
-  }
-
-  RigProblem problem;
-
- private:
-  /// One keyframe of every sub-map stays.
-  void hold_submaps(const std::vector<KeyFrameId>& poses) {
-    IdTable<KeyFrameId, std::uint8_t> held;
-    for (std::size_t k = 0; k < poses.size(); ++k) {
-      const KeyFrameId submap = map_.keyframe(poses[k]).submap;
-      if (held.contains(submap)) continue;
-      held.put(submap, 1);
-      problem.pose_fixed[k] = 1;
-    }
-  }
-
-  void add(const Landmark& landmark) {
-    problem.points.push_back(landmark.p_w);
-    problem.first.push_back(problem.first.back());
-    for (const Observation& o : landmark.observations) {
-      const std::size_t* pose = index_.find(o.keyframe);
-      if (pose == nullptr) continue;
-      const FrameFeatures& features = *map_.keyframe(o.keyframe).features;
-      const StereoPixel pixel = features.stereo_pixel(o.feature, map_.scales());
-      RigProblem::Observation seen;
-      seen.pose = static_cast<std::uint32_t>(*pose);
-      seen.scale = map_.scales().scale[features.keypoint(o.feature).octave];
-      seen.inv_sigma = pixel.inv_sigma;
-      seen.measured = features.measured(o.feature);
-      if (std::isnan(pixel.u_right) || seen.scale > kLargestScale) {
-        seen.measured.u_right = std::nanf("");
-      } else if (std::isnan(seen.measured.v_right)) {
-        const Keypoint& k = features.keypoint(o.feature);
-        seen.measured.v_right =
-            static_cast<float>(map_.rig().measured_right(k.x, k.y, pixel.u_right).y());
-      } else {
-        seen.row = true;
-      }
-      problem.information_v = pixel.ratio.v;
-      problem.information_disparity = pixel.ratio.disparity;
-      problem.observations.push_back(seen);
-      ++problem.first.back();
-      aligned_ += features.is_aligned(o.feature) ? 1 : 0;
-    }
-  }
-
-  const Map& map_;
-  IdTable<KeyFrameId, std::size_t> index_;
-  std::size_t aligned_ = 0;
-};
 
 struct Whole {
   std::vector<KeyFrameId> poses;
@@ -188,14 +92,23 @@ constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 
 std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
                                         const RigEstimate& prior, const std::atomic<bool>* stop) {
-  RigProblem problem = RigView(map, newest(map), options.min_observers).problem;
+  RigProblem problem = rig_problem(map, newest_keyframes(map, kMostKeyframes),
+                                   options.min_observers, kMostObservations);
   if (map.rig().bends()) {
     problem.prior = prior;
   } else {
     problem.prior.covariance(kAtOffset, kAtOffset) = kOffsetPrior * kOffsetPrior;
   }
   const RigSummary summary = adjust_rig(problem, stop);
-  if (getenv("RIGDBG")) { fprintf(stderr,"LOOK kf %zu obs %zu/%d cost %.1f -> %.1f unit %.3f it %d\n",problem.T_c_w.size(),problem.observations.size(),summary.observations,summary.initial_cost,summary.final_cost,summary.unit,summary.iterations); for(int k=0;k<RigCorrection::kSize;++k) fprintf(stderr," %s %.5f+-%.5f",rig_parameter_names()[k].name.data(),problem.rig.parameters()[k],std::sqrt(summary.covariance(k,k))); fprintf(stderr,"\n"); }
+  if (getenv("RIGDBG")) {
+    fprintf(stderr, "LOOK kf %zu obs %zu/%d cost %.1f -> %.1f unit %.3f it %d\n",
+            problem.T_c_w.size(), problem.observations.size(), summary.observations,
+            summary.initial_cost, summary.final_cost, summary.unit, summary.iterations);
+    for (int k = 0; k < RigCorrection::kSize; ++k)
+      fprintf(stderr, " %s %.5f+-%.5f", rig_parameter_names()[k].name.data(),
+              problem.rig.parameters()[k], std::sqrt(summary.covariance(k, k)));
+    fprintf(stderr, "\n");
+  }
   if (summary.stopped || summary.observations < kLeastObservations) return {};
   if (!problem.rig.parameters().allFinite() || !summary.covariance.allFinite()) return {};
   return RigEstimate{problem.rig, summary.covariance};
