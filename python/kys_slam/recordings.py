@@ -49,6 +49,7 @@ class Recording:
             raise InputError(f"{name}: holds no stereo pair" + (f" at {start} (start)" if start else ""))
         height, width = self._first[2].shape[:2]
         rig.set_image_size(width, height)
+        self.rig = rig
         camera = rig.rectified()
         self._rectifier = None if camera else StereoRectifier(rig)
         self.camera: StereoCamera = camera or self._rectifier.camera

@@ -1,5 +1,6 @@
 // calibrate_rig: the correction of a rig's calibration from the maps of several recordings.
 #include <fmt/format.h>
+#include <glog/logging.h>
 #include <kys_slam/error.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/rig_rows.h>
@@ -123,21 +124,17 @@ struct Line {
 std::vector<Line> lines_of(const CalibrationResult& result, const CalibrationOptions& options,
                            const std::vector<Recording>& recordings) {
   std::vector<Line> lines;
-  const auto add = [&](int place, const std::string& of, double after, double sigma) {
+  const auto add = [&](int place, const std::string& of, const RigEstimate& rig) {
     const RigParameterName& name = rig_parameter_names().at(static_cast<std::size_t>(place));
-    lines.push_back({std::string(name.name) + of, std::string(name.unit), 0, after, sigma,
+    lines.push_back({std::string(name.name) + of, std::string(name.unit), 0,
+                     rig.correction.parameters()[place],
+                     std::sqrt(std::max(0.0, rig.covariance(place, place))),
                      std::sqrt(options.prior(place, place))});
   };
-  for (int k = 0; k < kShape; ++k) {
-    add(shape_places().at(static_cast<std::size_t>(k)), "", result.shape[k],
-        std::sqrt(std::max(0.0, result.shape_covariance(k, k))));
-  }
+  for (const int place : shape_places()) add(place, "", result.recordings.front().rig);
   for (std::size_t m = 0; m < recordings.size(); ++m) {
-    for (int k = 0; k < kOwn; ++k) {
-      add(own_places().at(static_cast<std::size_t>(k)),
-          " of " + fs::path(recordings[m].name).filename().string(), result.recordings[m].own[k],
-          result.recordings[m].own_sigma[k]);
-    }
+    const std::string of = " of " + fs::path(recordings[m].name).filename().string();
+    for (const int place : own_places()) add(place, of, result.recordings[m].rig);
   }
   return lines;
 }
@@ -228,11 +225,11 @@ int run(const Arguments& a) {
     };
     result = calibrate(recordings, options);
   }
-  if (!result.shape.allFinite() || !result.shape_covariance.allFinite()) {
+  const RigEstimate estimate = result.estimate(camera, options.prior);
+  if (!estimate.correction.parameters().allFinite() || !estimate.covariance.allFinite()) {
     throw InputError("the maps do not determine a calibration");
   }
   const std::vector<Line> lines = lines_of(result, options, recordings);
-  const RigEstimate estimate = result.estimate(camera, options.prior);
   write_file_atomic(a.output, to_yaml(rig) + to_yaml(CorrectionFile{camera, estimate}));
   if (!a.json.empty()) {
     write_file_atomic(a.json, figures(lines, result, recordings).dump(2) + "\n");
@@ -245,6 +242,7 @@ int run(const Arguments& a) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  FLAGS_minloglevel = google::GLOG_FATAL;  // Ceres tells of every step that it refuses
   return kys_slam::run_main("calibrate_rig", [&] {
     Arguments arguments;
     CLI::App app(

@@ -1,6 +1,5 @@
 #include "calibration.h"
 
-#include <ceres/crs_matrix.h>
 #include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
 #include <ceres/normal_prior.h>
@@ -25,10 +24,12 @@ namespace {
 constexpr double kHuber = 0.7;  // delta: errors are about half of what the deviations allow
 constexpr double kFarOff = 25;  // chi2 beyond which an observation is left out of a round
 constexpr double kGaussian = 1.4826;
-constexpr int kRounds = 2;
-constexpr int kIterationsGiven = 10;  // with the given calibration
-constexpr int kIterations = 20;       // of each round
-constexpr int kLeastObservers = 2;    // of a landmark, without those held out
+// The first round has all: with the given calibration what is far off need not be wrong.
+constexpr double kAll = 1e30;
+constexpr int kIterationsGiven = 10;              // with the given calibration
+constexpr std::array kIterations = {30, 15, 15};  // of rounds with the rig free
+constexpr int kMostIterations = kIterationsGiven + 30 + 15 + 15;
+constexpr int kLeastObservers = 2;  // of a landmark, without those held out
 
 /// A recording in the form that Ceres works on.
 struct Work {
@@ -41,10 +42,10 @@ struct Work {
 
 class Iterations final : public ceres::IterationCallback {
  public:
-  Iterations(const CalibrationOptions& options, std::string what, int done, int most)
-      : options_(options), what_(std::move(what)), done_(done), most_(most) {}
+  Iterations(const CalibrationOptions& options, std::string what, int done)
+      : options_(options), what_(std::move(what)), done_(done) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (options_.progress) options_.progress(done_ + summary.iteration, most_, what_);
+    if (options_.progress) options_.progress(done_ + summary.iteration, kMostIterations, what_);
     const bool stop = options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed);
     return stop ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
   }
@@ -52,7 +53,7 @@ class Iterations final : public ceres::IterationCallback {
  private:
   const CalibrationOptions& options_;
   std::string what_;
-  int done_, most_;
+  int done_;
 };
 
 template <typename Cost>
@@ -116,13 +117,13 @@ class Calibration {
   CalibrationResult run() {
     CalibrationResult result;
     result.recordings.resize(works_.size());
-    solve("given calibration", false, kIterationsGiven, result);
+    solve("given calibration", false, kAll, kIterationsGiven, result);
     for (std::size_t m = 0; m < works_.size(); ++m) {
       result.recordings[m].before = held_out(works_[m]);
     }
     start_rig();
-    for (int round = 0; round < kRounds && !result.stopped; ++round) {
-      solve("calibration", true, kIterations, result);
+    for (std::size_t round = 0; round < kIterations.size() && !result.stopped; ++round) {
+      solve("calibration", true, round == 0 ? kAll : kFarOff, kIterations.at(round), result);
     }
     finish(result);
     return result;
@@ -155,7 +156,7 @@ class Calibration {
   }
 
   /// Leaves out what is far off, behind the camera, or of a landmark that few views remain of.
-  void choose(Work& work) const {
+  void choose(Work& work, double far_off) const {
     const RigCorrection rig = this->rig(work);
     const MapObservations& map = *work.map;
     work.active.assign(map.observations.size(), 0);
@@ -165,7 +166,7 @@ class Calibration {
       e = e.cwiseProduct(inverse_deviations(map, map.observations[i]));
       if (!std::isfinite(e[0])) return;
       const double disparity = std::isfinite(e[2]) ? e[2] * e[2] : 0;
-      work.active[i] = e.head<2>().squaredNorm() + disparity < kFarOff ? 1 : 0;
+      work.active[i] = e.head<2>().squaredNorm() + disparity < far_off ? 1 : 0;
     });
     for (std::size_t k = 0; k < map.landmarks.size(); ++k) {
       const auto begin = work.active.begin() + map.first[k];
@@ -201,7 +202,7 @@ class Calibration {
   }
 
   /// Builds the problem of this round.
-  void build(bool rig_free) {
+  void build(bool rig_free, double far_off) {
     ceres::Problem::Options ours;
     ours.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     ours.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -210,7 +211,7 @@ class Calibration {
     problem_->AddParameterBlock(shape_.data(), kShape);
     for (std::size_t m = 0; m < works_.size(); ++m) {
       Work& work = works_[m];
-      choose(work);
+      choose(work, far_off);
       problem_->AddParameterBlock(work.own.data(), kOwn);
       add(work, *problem_, ids_[m]);
       if (!rig_free) problem_->SetParameterBlockConstant(work.own.data());
@@ -237,10 +238,10 @@ class Calibration {
     return ordering;
   }
 
-  void solve(const std::string& what, bool rig_free, int iterations, CalibrationResult& result) {
-    build(rig_free);
-    const int most = kIterationsGiven + kRounds * kIterations;
-    Iterations callback(options_, what, result.iterations, most);
+  void solve(const std::string& what, bool rig_free, double far_off, int iterations,
+             CalibrationResult& result) {
+    build(rig_free, far_off);
+    Iterations callback(options_, what, result.iterations);
     ceres::Solver::Options solver;
     solver.logging_type = ceres::SILENT;
     solver.num_threads = 1;
@@ -291,7 +292,7 @@ class Calibration {
       chi2 += information.back().chi2;
       freedom += information.back().freedom;
       RecordingResult& r = result.recordings[m];
-      r.own = work.own;
+      r.rig.correction = rig(work);
       r.after = held_out(work);
       r.keyframes = work.poses.size();
       r.landmarks = work.map->landmarks.size();
@@ -300,7 +301,6 @@ class Calibration {
         work.map->T_c_w[k] = to_pose(work.poses[k].data());
       }
     }
-    result.shape = shape_;
     result.unit = std::sqrt(chi2 / static_cast<double>(std::max<std::int64_t>(1, freedom)));
     const auto size = static_cast<Eigen::Index>(kShape + kOwn * works_.size());
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(size, size);
@@ -317,12 +317,30 @@ class Calibration {
     }
     if (options_.keep_shape) sum.topLeftCorner<kShape, kShape>().diagonal().array() += 1e18;
     const Eigen::MatrixXd covariance = sum.llt().solve(Eigen::MatrixXd::Identity(size, size));
-    result.shape_covariance = covariance.topLeftCorner<kShape, kShape>();
     for (std::size_t m = 0; m < works_.size(); ++m) {
-      const auto own = static_cast<Eigen::Index>(kShape + kOwn * m);
-      result.recordings[m].own_sigma =
-          covariance.diagonal().segment<kOwn>(own).cwiseMax(0).cwiseSqrt();
+      result.recordings[m].rig.covariance = of_recording(covariance, m);
     }
+  }
+
+  /// The covariance of all parameters in one recording.
+  [[nodiscard]] static RigCorrection::Covariance of_recording(const Eigen::MatrixXd& covariance,
+                                                              std::size_t recording) {
+    std::array<Eigen::Index, RigCorrection::kSize> from{};  // by place
+    for (int k = 0; k < kShape; ++k) {
+      from.at(static_cast<std::size_t>(shape_places().at(static_cast<std::size_t>(k)))) = k;
+    }
+    for (std::size_t k = 0; k < own_places().size(); ++k) {
+      from.at(static_cast<std::size_t>(own_places().at(k))) =
+          static_cast<Eigen::Index>(kShape + kOwn * recording + k);
+    }
+    RigCorrection::Covariance result;
+    for (int a = 0; a < RigCorrection::kSize; ++a) {
+      for (int b = 0; b < RigCorrection::kSize; ++b) {
+        result(a, b) =
+            covariance(from.at(static_cast<std::size_t>(a)), from.at(static_cast<std::size_t>(b)));
+      }
+    }
+    return result;
   }
 
   void add_prior(Eigen::MatrixXd& sum) const {
@@ -354,19 +372,21 @@ class Calibration {
 
 RigEstimate CalibrationResult::estimate(const StereoCamera& given,
                                         const RigCorrection::Covariance& prior) const {
-  Own mean = Own::Zero();
-  for (const RecordingResult& r : recordings) {
-    mean += r.own / static_cast<double>(recordings.size());
-  }
-  RigEstimate result{RigCorrection(given, join(shape.data(), mean.data())), {}};
-  result.covariance.setZero();
-  for (int a = 0; a < kShape; ++a) {
-    for (int b = 0; b < kShape; ++b) {
-      result.covariance(shape_places().at(static_cast<std::size_t>(a)),
-                        shape_places().at(static_cast<std::size_t>(b))) = shape_covariance(a, b);
+  const RigEstimate& one = recordings.front().rig;
+  RigCorrection::Parameters parameters = one.correction.parameters();
+  RigEstimate result;
+  result.covariance = one.covariance;
+  for (const int place : own_places()) {
+    parameters[place] = 0;
+    for (const RecordingResult& r : recordings) {
+      parameters[place] += r.rig.correction.parameters()[place];
     }
+    parameters[place] /= static_cast<double>(recordings.size());
+    result.covariance.row(place).setZero();
+    result.covariance.col(place).setZero();
+    result.covariance(place, place) = prior(place, place);
   }
-  for (const int place : own_places()) result.covariance(place, place) = prior(place, place);
+  result.correction = RigCorrection(given, parameters);
   return result;
 }
 

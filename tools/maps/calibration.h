@@ -38,18 +38,14 @@ struct HeldOut {
 };
 
 struct RecordingResult {
-  Own own = Own::Zero();        ///< pitch, roll, offset, row of this recording
-  Own own_sigma = Own::Zero();  ///< posterior standard deviations
-  HeldOut before;               ///< with the given calibration, poses and points fitted to it
+  RigEstimate rig;  ///< the shape, and what this recording has of its own
+  HeldOut before;   ///< with the given calibration, poses and points fitted to it
   HeldOut after;
   std::size_t keyframes = 0, landmarks = 0, observations = 0;
 };
 
 struct CalibrationResult {
   std::vector<RecordingResult> recordings;
-  Shape shape = Shape::Zero();
-  Eigen::Matrix<double, kShape, kShape> shape_covariance =
-      Eigen::Matrix<double, kShape, kShape>::Zero();
   double unit = 1;  ///< standard deviation of a residual over the assumed one
   int iterations = 0;
   bool stopped = false;
