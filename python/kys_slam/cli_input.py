@@ -1,7 +1,7 @@
 """Input of `kys-slam run`: the recording and the settings that the command line names."""
 
 from pathlib import Path
-from typing import Optional
+from typing import List, Optional
 
 import kys_slam
 from kys_slam import InputError
@@ -78,6 +78,14 @@ def open_recording(args):
     sequence = kys_slam.open_sequence(path, pair=args.pair, **part, **_pairing(args))
     _check_tolerance(args, path, sequence, f"images of {sequence.layout} are paired by number")
     return sequence
+
+
+def needs_calibration(paths: List[Path]) -> bool:
+    """Whether recordings of this kind bring no calibration, or (bags) need not."""
+    from kys_slam import recordings
+    path = paths[0]
+    return (len(paths) == 2 or _pair_inside(path) is not None or (path / "metadata.yaml").exists()
+            or path.suffix.lower() in recordings.VIDEO_SUFFIXES | recordings.BAG_SUFFIXES)
 
 
 def _pairing(args) -> dict:
