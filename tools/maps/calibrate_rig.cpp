@@ -26,6 +26,8 @@ constexpr std::size_t kMostPerMap = 30000;
 constexpr std::size_t kLeastObservations = 300;
 constexpr double kDetermined = 0.5;  // posterior over prior deviation below which data tell
 
+constexpr std::array kMeasured = {"u", "v", "disparity", "row"};
+
 struct Arguments {
   std::vector<fs::path> maps;
   fs::path output;
@@ -155,9 +157,14 @@ std::string table(const std::vector<Line>& lines, const CalibrationResult& resul
     text += fmt::format("{}: {} keyframes, {} landmarks, {} observations\n",
                         printable(recordings[m].name), r.keyframes, r.landmarks, r.observations);
     for (const auto& [name, held] : {std::pair("before", &r.before), {"after", &r.after}}) {
-      text += fmt::format("  {:<7} u {:.3f}  v {:.3f}  disparity {:.3f}  row {:.3f}  (of {})\n",
-                          name, held->sigma[0], held->sigma[1], held->sigma[2], held->sigma[3],
-                          held->count[0]);
+      text += fmt::format("  {:<7}", name);
+      for (std::size_t c = 0; c < 4; ++c) {
+        text += fmt::format(" {} {}", kMeasured.at(c),
+                            held->count.at(c) == 0
+                                ? "-"
+                                : fmt::format("{:.3f}", held->sigma[static_cast<Eigen::Index>(c)]));
+      }
+      text += fmt::format("  (of {})\n", held->count[0]);
     }
   }
   return text;
@@ -185,10 +192,10 @@ nlohmann::json figures(const std::vector<Line>& lines, const CalibrationResult& 
                        {"landmarks", r.landmarks},
                        {"observations", r.observations},
                        {"held_out", r.after.count[0]}};
-    const char* names[] = {"u", "v", "disparity", "row"};
-    for (int c = 0; c < 4; ++c) {
-      one["before"][names[c]] = r.before.sigma[c];
-      one["after"][names[c]] = r.after.sigma[c];
+    for (std::size_t c = 0; c < 4; ++c) {
+      if (r.after.count.at(c) == 0) continue;
+      one["before"][kMeasured.at(c)] = r.before.sigma[static_cast<Eigen::Index>(c)];
+      one["after"][kMeasured.at(c)] = r.after.sigma[static_cast<Eigen::Index>(c)];
     }
     json["maps"].push_back(one);
   }
