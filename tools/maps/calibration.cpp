@@ -131,11 +131,11 @@ class Calibration {
 
  private:
   void start_rig() {
-    for (int k = 0; k < kShape; ++k) {
+    for (int k = 0; k < kShapeSize; ++k) {
       shape_[k] = options_.start[shape_places().at(static_cast<std::size_t>(k))];
     }
     for (Work& work : works_) {
-      for (int k = 0; k < kOwn; ++k) {
+      for (int k = 0; k < kOwnSize; ++k) {
         work.own[k] = options_.start[own_places().at(static_cast<std::size_t>(k))];
       }
     }
@@ -208,19 +208,20 @@ class Calibration {
     ours.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     problem_ = std::make_unique<ceres::Problem>(ours);
     ids_.assign(works_.size(), {});
-    problem_->AddParameterBlock(shape_.data(), kShape);
+    problem_->AddParameterBlock(shape_.data(), kShapeSize);
     for (std::size_t m = 0; m < works_.size(); ++m) {
       Work& work = works_[m];
       choose(work, far_off);
-      problem_->AddParameterBlock(work.own.data(), kOwn);
+      problem_->AddParameterBlock(work.own.data(), kOwnSize);
       add(work, *problem_, ids_[m]);
       if (!rig_free) problem_->SetParameterBlockConstant(work.own.data());
-      problem_->AddResidualBlock(prior_cost<kOwn>(options_.prior, options_.start, own_places()),
+      problem_->AddResidualBlock(prior_cost<kOwnSize>(options_.prior, options_.start, own_places()),
                                  nullptr, work.own.data());
     }
     if (!rig_free || options_.keep_shape) problem_->SetParameterBlockConstant(shape_.data());
-    problem_->AddResidualBlock(prior_cost<kShape>(options_.prior, options_.start, shape_places()),
-                               nullptr, shape_.data());
+    problem_->AddResidualBlock(
+        prior_cost<kShapeSize>(options_.prior, options_.start, shape_places()), nullptr,
+        shape_.data());
   }
 
   std::shared_ptr<ceres::ParameterBlockOrdering> points_first() {
@@ -302,20 +303,20 @@ class Calibration {
       }
     }
     result.unit = std::sqrt(chi2 / static_cast<double>(std::max<std::int64_t>(1, freedom)));
-    const auto size = static_cast<Eigen::Index>(kShape + kOwn * works_.size());
+    const auto size = static_cast<Eigen::Index>(kShapeSize + kOwnSize * works_.size());
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(size, size);
     add_prior(sum);
     // The prior is as it is; what was measured is as good as its residuals.
     const double variance = result.unit * result.unit;
     for (std::size_t m = 0; m < works_.size(); ++m) {
-      const auto own = static_cast<Eigen::Index>(kShape + kOwn * m);
+      const auto own = static_cast<Eigen::Index>(kShapeSize + kOwnSize * m);
       const RigCorrection::Covariance H = information[m].H / variance;
-      sum.topLeftCorner<kShape, kShape>() += H.topLeftCorner<kShape, kShape>();
-      sum.block<kShape, kOwn>(0, own) += H.topRightCorner<kShape, kOwn>();
-      sum.block<kOwn, kShape>(own, 0) += H.bottomLeftCorner<kOwn, kShape>();
-      sum.block<kOwn, kOwn>(own, own) += H.bottomRightCorner<kOwn, kOwn>();
+      sum.topLeftCorner<kShapeSize, kShapeSize>() += H.topLeftCorner<kShapeSize, kShapeSize>();
+      sum.block<kShapeSize, kOwnSize>(0, own) += H.topRightCorner<kShapeSize, kOwnSize>();
+      sum.block<kOwnSize, kShapeSize>(own, 0) += H.bottomLeftCorner<kOwnSize, kShapeSize>();
+      sum.block<kOwnSize, kOwnSize>(own, own) += H.bottomRightCorner<kOwnSize, kOwnSize>();
     }
-    if (options_.keep_shape) sum.topLeftCorner<kShape, kShape>().diagonal().array() += 1e18;
+    if (options_.keep_shape) sum.topLeftCorner<kShapeSize, kShapeSize>().diagonal().array() += 1e18;
     const Eigen::MatrixXd covariance = sum.llt().solve(Eigen::MatrixXd::Identity(size, size));
     for (std::size_t m = 0; m < works_.size(); ++m) {
       result.recordings[m].rig.covariance = of_recording(covariance, m);
@@ -326,12 +327,12 @@ class Calibration {
   [[nodiscard]] static RigCorrection::Covariance of_recording(const Eigen::MatrixXd& covariance,
                                                               std::size_t recording) {
     std::array<Eigen::Index, RigCorrection::kSize> from{};  // by place
-    for (int k = 0; k < kShape; ++k) {
+    for (int k = 0; k < kShapeSize; ++k) {
       from.at(static_cast<std::size_t>(shape_places().at(static_cast<std::size_t>(k)))) = k;
     }
     for (std::size_t k = 0; k < own_places().size(); ++k) {
       from.at(static_cast<std::size_t>(own_places().at(k))) =
-          static_cast<Eigen::Index>(kShape + kOwn * recording + k);
+          static_cast<Eigen::Index>(kShapeSize + kOwnSize * recording + k);
     }
     RigCorrection::Covariance result;
     for (int a = 0; a < RigCorrection::kSize; ++a) {
@@ -355,7 +356,7 @@ class Calibration {
     };
     put(shape_places(), 0);
     for (std::size_t m = 0; m < works_.size(); ++m) {
-      put(own_places(), static_cast<Eigen::Index>(kShape + kOwn * m));
+      put(own_places(), static_cast<Eigen::Index>(kShapeSize + kOwnSize * m));
     }
   }
 

@@ -19,9 +19,9 @@ bool is_own(int place) {
 
 }  // namespace
 
-const std::array<int, kShape>& shape_places() {
-  static const std::array<int, kShape> kPlaces = [] {
-    std::array<int, kShape> places{};
+const std::array<int, kShapeSize>& shape_places() {
+  static const std::array<int, kShapeSize> kPlaces = [] {
+    std::array<int, kShapeSize> places{};
     int n = 0;
     for (int k = 0; k < RigCorrection::kSize; ++k) {
       if (!is_own(k)) places.at(static_cast<std::size_t>(n++)) = k;
@@ -31,9 +31,9 @@ const std::array<int, kShape>& shape_places() {
   return kPlaces;
 }
 
-const std::array<int, kOwn>& own_places() {
-  static const std::array<int, kOwn> kPlaces = [] {
-    std::array<int, kOwn> places{};
+const std::array<int, kOwnSize>& own_places() {
+  static const std::array<int, kOwnSize> kPlaces = [] {
+    std::array<int, kOwnSize> places{};
     std::transform(kOwnParameters.begin(), kOwnParameters.end(), places.begin(),
                    [](RigParameter p) { return static_cast<int>(p); });
     return places;
@@ -132,8 +132,8 @@ bool MeasuredCost<kRows>::Evaluate(double const* const* parameters, double* resi
       by.col(static_cast<Eigen::Index>(k)) = by_rig.col(places[k]);
     }
   };
-  if (jacobians[2] != nullptr) pick(JacobianMap<kRows, kShape>{jacobians[2]}, shape_places());
-  if (jacobians[3] != nullptr) pick(JacobianMap<kRows, kOwn>{jacobians[3]}, own_places());
+  if (jacobians[2] != nullptr) pick(JacobianMap<kRows, kShapeSize>{jacobians[2]}, shape_places());
+  if (jacobians[3] != nullptr) pick(JacobianMap<kRows, kOwnSize>{jacobians[3]}, own_places());
   return true;
 }
 

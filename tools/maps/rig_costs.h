@@ -15,14 +15,14 @@ namespace kys_slam {
 /// temperature. The rest, the shape, stays.
 inline constexpr std::array kOwnParameters = {RigParameter::kPitch, RigParameter::kRoll,
                                               RigParameter::kOffset, RigParameter::kRow};
-inline constexpr int kOwn = static_cast<int>(kOwnParameters.size());
-inline constexpr int kShape = RigCorrection::kSize - kOwn;
-using Shape = Eigen::Matrix<double, kShape, 1>;
-using Own = Eigen::Matrix<double, kOwn, 1>;
+inline constexpr int kOwnSize = static_cast<int>(kOwnParameters.size());
+inline constexpr int kShapeSize = RigCorrection::kSize - kOwnSize;
+using Shape = Eigen::Matrix<double, kShapeSize, 1>;
+using Own = Eigen::Matrix<double, kOwnSize, 1>;
 
 /// Places of the shape's parameters among all, and of a recording's own ones.
-const std::array<int, kShape>& shape_places();
-const std::array<int, kOwn>& own_places();
+const std::array<int, kShapeSize>& shape_places();
+const std::array<int, kOwnSize>& own_places();
 RigCorrection::Parameters join(const double* shape, const double* own);
 
 /// A pose for Ceres: a unit quaternion (x, y, z, w) and a translation (m), T_c_w.
@@ -48,7 +48,8 @@ class PoseManifold final : public ceres::Manifold {
 /// Both in px of the images as measured: predicted places, in which the derivatives are taken, have
 /// no noise in them. Blocks: pose, p_w, shape, a recording's own parameters.
 template <int kRows>
-class MeasuredCost final : public ceres::SizedCostFunction<kRows, kPoseSize, 3, kShape, kOwn> {
+class MeasuredCost final
+    : public ceres::SizedCostFunction<kRows, kPoseSize, 3, kShapeSize, kOwnSize> {
  public:
   MeasuredCost(const StereoCamera* given, const RigCorrection::Measured& measured,
                const Eigen::Vector4d& inv_sigma);
