@@ -27,8 +27,8 @@ constexpr double kGaussian = 1.4826;
 // The first round has all: with the given calibration what is far off need not be wrong.
 constexpr double kAll = 1e30;
 constexpr int kIterationsGiven = 10;              // with the given calibration
-constexpr std::array kIterations = {30, 15, 15};  // of rounds with the rig free
-constexpr int kMostIterations = kIterationsGiven + 30 + 15 + 15;
+constexpr std::array kIterations = {60, 20, 20};  // of rounds with the rig free
+constexpr int kMostIterations = kIterationsGiven + 60 + 20 + 20;
 constexpr int kLeastObservers = 2;  // of a landmark, without those held out
 
 /// A recording in the form that Ceres works on.
