@@ -90,6 +90,10 @@ def calibrate(args) -> int:
     if args.given or all(is_recording(file) for file in args.files):
         return calibrate_recordings(args)
     rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
+    corrected = any(kys_slam.has_rig_correction(file) for file in args.files)
+    if corrected and args.output:
+        raise InputError(f"{rig.name}: has a correction, which a copy would lose; it is our YAML already "
+                         "(export_rig writes it for other programs)")
     width, height = rig.size
     if args.size:
         width, height = args.size
@@ -101,7 +105,7 @@ def calibrate(args) -> int:
           + (", rectified already" if camera else ""))
     camera = camera or kys_slam.StereoRectifier(rig).camera
     print(f"  rectified    fx {camera.fx:.3f} px, cx {camera.cx:.3f} px, cy {camera.cy:.3f} px, "
-          f"baseline {camera.baseline:.5f} m")
+          f"baseline {camera.baseline:.5f} m" + (", with a correction" if corrected else ""))
     if args.output:
         must_be_new(args.output, "--output", args)
         Path(args.output).write_text(rig.to_yaml())

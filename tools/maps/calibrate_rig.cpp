@@ -122,6 +122,10 @@ struct Line {
   [[nodiscard]] bool determined() const { return sigma < kDetermined * prior; }
 };
 
+std::string file_name(const Recording& recording) {
+  return fs::path(recording.name).filename().string();
+}
+
 /// The shape's parameters, then those of every recording.
 std::vector<Line> lines_of(const CalibrationResult& result, const CalibrationOptions& options,
                            const std::vector<Recording>& recordings) {
@@ -135,7 +139,7 @@ std::vector<Line> lines_of(const CalibrationResult& result, const CalibrationOpt
   };
   for (const int place : shape_places()) add(place, "", result.recordings.front().rig);
   for (std::size_t m = 0; m < recordings.size(); ++m) {
-    const std::string of = " of " + fs::path(recordings[m].name).filename().string();
+    const std::string of = " of " + file_name(recordings[m]);
     for (const int place : own_places()) add(place, of, result.recordings[m].rig);
   }
   return lines;
@@ -154,8 +158,9 @@ std::string table(const std::vector<Line>& lines, const CalibrationResult& resul
   text += "\nrobust standard deviations of observations that were not used, px of their octave\n";
   for (std::size_t m = 0; m < recordings.size(); ++m) {
     const RecordingResult& r = result.recordings[m];
-    text += fmt::format("{}: {} keyframes, {} landmarks, {} observations\n",
-                        printable(recordings[m].name), r.keyframes, r.landmarks, r.observations);
+    text +=
+        fmt::format("{}: {} keyframes, {} landmarks, {} observations\n",
+                    printable(file_name(recordings[m])), r.keyframes, r.landmarks, r.observations);
     for (const auto& [name, held] : {std::pair("before", &r.before), {"after", &r.after}}) {
       text += fmt::format("  {:<7}", name);
       for (std::size_t c = 0; c < 4; ++c) {
