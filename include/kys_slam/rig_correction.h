@@ -129,6 +129,11 @@ struct RigEstimate {
   RigCorrection correction;
   RigCorrection::Covariance covariance = RigCorrection::Covariance::Zero();
 
+  RigEstimate() = default;
+  RigEstimate(const RigCorrection& known) : correction(known) {}
+  RigEstimate(const RigCorrection& mean, const RigCorrection::Covariance& around)
+      : correction(mean), covariance(around) {}
+
   /// Standard deviations (px) of (u, v, disparity, row) by the covariance, at a place.
   [[nodiscard]] Eigen::Vector4d sigma(const RigCorrection::Measured& m) const;
 };

@@ -209,6 +209,7 @@ struct Columns {
       : u_right(n, std::numeric_limits<float>::quiet_NaN()), residual(n, -1) {}
 
   std::vector<float> u_right;   // px, NaN: no match
+  std::vector<float> rows;      // px, of right keypoints; empty: with images
   std::vector<float> residual;  // grey levels, -1: not aligned
 };
 
@@ -265,7 +266,10 @@ void match_some(std::size_t begin, std::size_t end, const Pair& pair, const Ster
       u = refined->u_right;
       columns.residual[i] = refined->residual;
     }
-    if (const auto column = checked_column(pair, l, u, options)) columns.u_right[i] = *column;
+    const auto column = checked_column(pair, l, u, options);
+    if (!column) continue;
+    columns.u_right[i] = *column;
+    if (!columns.rows.empty()) columns.rows[i] = r.y;
   }
 }
 
@@ -292,14 +296,17 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
 
 }  // namespace
 
-std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
-                                const StereoView& left, const StereoView& right,
-                                const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics, Worker* helper,
-                                const RigCorrection& rig) {
+RightPositions match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
+                            const StereoView& left, const StereoView& right,
+                            const StereoOptions& options, const kys::DistanceModel& model,
+                            kys::Statistics& statistics, Worker* helper,
+                            const RigCorrection& rig) {
   const std::size_t n = left.features->size();
   Columns columns(n);
   if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);
+  if (left.pyramid == nullptr || right.pyramid == nullptr) {
+    columns.rows.assign(n, std::numeric_limits<float>::quiet_NaN());
+  }
   std::vector<Place> right_places = places_of(*right.features, rig, false);
   RowIndex rows(*right.features, right_places, camera.height, scales, options.row_tolerance);
   const Pair pair{left,
@@ -321,7 +328,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
     match(0, n, statistics);
   }
   cut_poor(left, options, model, columns);
-  return std::move(columns.u_right);
+  return {std::move(columns.u_right), std::move(columns.rows)};
 }
 
 }  // namespace kys_slam

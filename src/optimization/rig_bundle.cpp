@@ -16,7 +16,7 @@ namespace kys_slam {
 namespace {
 
 constexpr int kRig = RigCorrection::kSize;
-constexpr int kRounds = 2;
+constexpr int kRounds = 3;
 constexpr int kIterations = 10;  // of each round
 constexpr double kTolerance = 1e-5;
 // Square of Huber's delta: errors are about half of what the assumed deviations allow, and this

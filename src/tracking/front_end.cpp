@@ -120,13 +120,14 @@ StereoView FrontEnd::view(std::size_t side, bool from_images) const {
 /// Columns of the left keypoints in the right image, and rows of some.
 RightPositions FrontEnd::match(bool from_images, kys::Statistics& statistics) {
   const StereoView left = view(0, from_images), right = view(1, from_images);
-  RightPositions positions(match_stereo(camera_, scales_, left, right, stereo_, *model_, statistics,
-                                        from_images ? &helper_ : nullptr, rig_));
+  RightPositions positions = match_stereo(camera_, scales_, left, right, stereo_, *model_,
+                                          statistics, from_images ? &helper_ : nullptr, rig_);
   const bool judged = row_fit_.has_value();
-  if (!from_images || !rows_.enabled || (judged && !rig_.bends()) || frames_ > rows_.frames) {
-    return positions;
+  if (!rows_.enabled || (judged && !rig_.bends()) || frames_ > rows_.frames) {
+    positions.v.clear();
+  } else if (from_images) {
+    positions.v = measure_rows(left, right, positions.u, rig_, judged ? kRowsLater : kRowsFirst);
   }
-  positions.v = measure_rows(left, right, positions.u, rig_, judged ? kRowsLater : kRowsFirst);
   return positions;
 }
 
@@ -155,13 +156,13 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   const bool from_images = !frame.left_features;
   if (from_images) {
     extract(frame);
-    ++frames_;
     result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};
   }
   result.fault = camera_faults_.check(features_[0], features_[1], camera_.width, camera_.height);
   result.repeated = camera_faults_.left_repeated();
+  ++frames_;
   result.times.extract = watch.lap_ms();
 
   const bool with_priors = attach_priors(frame, result);

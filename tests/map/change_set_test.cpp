@@ -67,7 +67,8 @@ class RandomEditor {
         break;
       case 15:
         if (random_() % 10 == 0) {
-          map_.set_disparity_offset(0.05f * static_cast<float>(random_() % 10));
+          const double offset = 0.05 * static_cast<double>(random_() % 10);
+          map_.set_rig(RigCorrection::of_offset(map_.camera(), offset));
         } else if (random_() % 3 == 0) {
           const KeyFrameId a = any_keyframe();
           const KeyFrameId b = any_keyframe();

@@ -42,7 +42,8 @@ class PatchKernels : public ::testing::Test {
             right_.width(),
             first,
             0.3f,
-            0.7f};
+            0.7f,
+            0.2f};
   }
   /// Grey level between the pixels of two columns and two rows.
   [[nodiscard]] static double between(const GrayImage& image, double x, double y) {
@@ -87,7 +88,7 @@ TEST_F(PatchKernels, PairsAreTheBlendedPixels) {
                         (between(left_, u + 1, v) - between(left_, u - 1, v)) / 2, 1e-3);
           }
           for (int k = 0; k < patch::kStrip; ++k) {
-            ASSERT_NEAR(pair.strip[r][k], between(right_, first + k, 5 + r + 0.7), 1e-3);
+            ASSERT_NEAR(pair.strip[r][k], between(right_, first + k, 5 + r + 0.2), 1e-3);
           }
         }
       }

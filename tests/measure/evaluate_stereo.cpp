@@ -146,7 +146,8 @@ std::vector<Match> judge_sequence(const Arguments& a) {
     kys::Statistics statistics;
     const std::vector<float> u_right =
         match_stereo(sequence->camera(), scales, {&l, {}, &left.pyramid()},
-                     {&r, {}, &right.pyramid()}, a.stereo, model, statistics);
+                     {&r, {}, &right.pyramid()}, a.stereo, model, statistics)
+            .u;
     for (std::size_t k = 0; k < l.size(); ++k) {
       if (std::isnan(u_right[k])) continue;
       Match m;

@@ -81,7 +81,7 @@ TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
   for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
   map_of(system).check_consistency();
-  EXPECT_NEAR(map_of(system).disparity_offset(), -0.4, 0.1);
+  EXPECT_NEAR(map_of(system).rig().offset(), -0.4, 0.1);
   const auto estimates = system.trajectory();
   // Frame to frame: the correction has to move landmarks and last frame together.
   for (std::size_t i = 1; i < kFrames; ++i) {
