@@ -128,8 +128,7 @@ void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.submap.valid()) keyframe.submap = id;
   if (keyframes_.empty() && keyframe_id_end() == 0) rig_.correction = keyframe.features->rig();
   if (keyframe.features->rig() != rig()) {
-    keyframe.features =
-        std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
+    keyframe.features = std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
   }
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();

@@ -159,8 +159,8 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, std::uint16_t
   const bool with_priors = (flags & mf::kHasPriors) != 0;
   const bool with_aligned = (flags & mf::kHasAligned) != 0;
   const bool with_rows = (flags & mf::kHasRows) != 0;
-  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) +
-                            (with_aligned ? 1 : 0) + (with_rows ? sizeof(float) : 0)),
+  require(in.left() == n * (kFeatureSize + (with_priors ? kPriorSize : 0) + (with_aligned ? 1 : 0) +
+                            (with_rows ? sizeof(float) : 0)),
           "has a keyframe of wrong size");
   FeatureSet set;
   set.keypoints.resize(n);
@@ -201,9 +201,9 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, std::uint16_t
                              std::move(aligned), contents.rig.correction));
   for (std::size_t i = 0; i < n; ++i) {
     const bool sound = !features->has_stereo(i) || features->depth(i) < 1e30F;
-    require(sound && std::isfinite(features->keypoint(i).x) &&
-                std::isfinite(features->keypoint(i).y),
-            "has a stereo match out of range");
+    require(
+        sound && std::isfinite(features->keypoint(i).x) && std::isfinite(features->keypoint(i).y),
+        "has a stereo match out of range");
   }
   return features;
 }
@@ -282,7 +282,8 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
   contents.beliefs = (header.flags & mf::kHasBeliefs) != 0;
-  const std::string stored_space = read_shared(ByteReader(mf::take_chunk(file)), header.version, contents);
+  const std::string stored_space =
+      read_shared(ByteReader(mf::take_chunk(file)), header.version, contents);
   while (contents.keyframes.size() < header.keyframes) {
     contents.keyframes.push_back(
         read_keyframe(ByteReader(mf::take_chunk(file)), header.version, contents));

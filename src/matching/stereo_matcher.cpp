@@ -126,9 +126,8 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float
   const int xr = static_cast<int>(std::lround(right_at.x()));
   const int yr = static_cast<int>(std::lround(right_at.y()));
   const bool fits = y - kHalf >= 0 && y + kHalf < l.height() && yr - kHalf >= 0 &&
-                    yr + kHalf < r.height() &&
-                    xl - kHalf >= 0 && xl + kHalf < l.width() && xr - kSlide - kHalf >= 0 &&
-                    xr + kSlide + kHalf < r.width();
+                    yr + kHalf < r.height() && xl - kHalf >= 0 && xl + kHalf < l.width() &&
+                    xr - kSlide - kHalf >= 0 && xr + kSlide + kHalf < r.width();
   if (!fits) return {};
   std::array<std::int32_t, 2 * kSlide + 1> difference;
   patch::kernels().slide(l.row(y - kHalf) + xl - kHalf, l.width(),
@@ -138,8 +137,7 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float
   // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
   const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;
-  const std::optional<PatchAlignment> aligned =
-      align_patch(l, r, left_at, {start, right_at.y()});
+  const std::optional<PatchAlignment> aligned = align_patch(l, r, left_at, {start, right_at.y()});
   if (!aligned) return {};
   return Refined{right_pyramid.to_full(octave, aligned->column, 0).x(), aligned->residual};
 }
@@ -299,8 +297,7 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
 RightPositions match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
                             const StereoView& left, const StereoView& right,
                             const StereoOptions& options, const kys::DistanceModel& model,
-                            kys::Statistics& statistics, Worker* helper,
-                            const RigCorrection& rig) {
+                            kys::Statistics& statistics, Worker* helper, const RigCorrection& rig) {
   const std::size_t n = left.features->size();
   Columns columns(n);
   if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);

@@ -280,8 +280,8 @@ FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
   }
   // Without the lock, so that the observer may ask for the map.
   if (observer) {
-    observer({&s.seen_report, s.seen_keypoints, s.seen_depths,
-              s.seen_features->priors(), s.seen_landmarks, s.seen_tiers, s.seen_instances});
+    observer({&s.seen_report, s.seen_keypoints, s.seen_depths, s.seen_features->priors(),
+              s.seen_landmarks, s.seen_tiers, s.seen_instances});
   }
   return report;
 }

@@ -144,7 +144,6 @@ bool FrontEnd::judge_rows(const RightPositions& right) {
   if (rows.size() < kLeastRows) return false;
   RowFit fit = fit_rows(camera_, rows, {rig_, prior_});
   const bool bent = fit.field > rows_.min_field;
-  if (getenv("RIGDBG")) { fprintf(stderr,"ROWS n %zu before %.3f after %.3f field %.3f\n",fit.observations,fit.sigma_before,fit.sigma_after,fit.field); for(int k=0;k<RigCorrection::kSize;++k) fprintf(stderr," %s %.5f+-%.5f",rig_parameter_names()[k].name.data(),fit.rig.correction.parameters()[k],std::sqrt(fit.rig.covariance(k,k))); fprintf(stderr,"\n"); }
   if (bent) rig_ = fit.rig.correction;
   row_fit_ = std::move(fit);
   return bent;

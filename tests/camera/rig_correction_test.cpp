@@ -47,11 +47,13 @@ TEST(RigCorrection, EveryParameterByHand) {
   };
   const double f = 700;
   const Case cases[] = {
-      {RigParameter::kLeftK1, 1e-3, {-f * 1e-3 * r2 * 0.5, f * 1e-3 * r2 * 0.25,
-                                     -f * 1e-3 * r2 * 0.5, -f * 1e-3 * r2 * 0.25}},
+      {RigParameter::kLeftK1,
+       1e-3,
+       {-f * 1e-3 * r2 * 0.5, f * 1e-3 * r2 * 0.25, -f * 1e-3 * r2 * 0.5, -f * 1e-3 * r2 * 0.25}},
       {RigParameter::kRightK1, 1e-3, {0, 0, f * 1e-3 * right_r2 * 0.4, f * 1e-3 * right_r2 * 0.25}},
-      {RigParameter::kRightP2, 1e-3, {0, 0, f * 1e-3 * (right_r2 + 2 * 0.16),
-                                      -f * 1e-3 * 2 * 0.4 * -0.25}},
+      {RigParameter::kRightP2,
+       1e-3,
+       {0, 0, f * 1e-3 * (right_r2 + 2 * 0.16), -f * 1e-3 * 2 * 0.4 * -0.25}},
       {RigParameter::kYaw, 1e-3, {0, 0, -f * 1e-3 * 0.16, f * 1e-3 * 0.4 * -0.25}},
       {RigParameter::kPitch, 1e-3, {0, 0, f * 1e-3 * 0.4 * -0.25, -f * 1e-3 * 0.0625}},
       {RigParameter::kRoll, 1e-3, {0, 0, -f * 1e-3 * 0.25, f * 1e-3 * 0.4}},
@@ -83,9 +85,9 @@ TEST(RigCorrection, WhatIsMeasuredComesBack) {
         const Eigen::Vector2d left = rig.measured_left(u, v);
         const Eigen::Vector2d right = rig.measured_right(u, v, u - disparity);
         EXPECT_LT((rig.left(left.x(), left.y()) - Eigen::Vector2d(u, v)).norm(), 1e-6);
-        const RigCorrection::Ideal ideal = rig.pair(
-            {static_cast<float>(left.x()), static_cast<float>(left.y()),
-             static_cast<float>(right.x()), static_cast<float>(right.y())});
+        const RigCorrection::Ideal ideal =
+            rig.pair({static_cast<float>(left.x()), static_cast<float>(left.y()),
+                      static_cast<float>(right.x()), static_cast<float>(right.y())});
         EXPECT_NEAR(ideal.u, u, 2e-4);  // of pixels in floats
         EXPECT_NEAR(ideal.u_right, u - disparity, 4e-4);
         EXPECT_NEAR(ideal.row, 0, 4e-4);
@@ -113,12 +115,11 @@ TEST(RigCorrection, DerivativesAreThoseOfThePair) {
     RigCorrection::Parameters above = bent_rig(camera).parameters(), below = above;
     above[k] += kStep;
     below[k] -= kStep;
-    const Eigen::Vector4d slope =
-        (values({camera, above}) - values({camera, below})) / (2 * kStep);
+    const Eigen::Vector4d slope = (values({camera, above}) - values({camera, below})) / (2 * kStep);
     // Of first order in the parameters, which are some per cent.
     EXPECT_LT((J.col(k) - slope).norm(), 0.08 * slope.norm() + 0.03)
-        << rig_parameter_names()[static_cast<std::size_t>(k)].name << ": "
-        << J.col(k).transpose() << " not " << slope.transpose();
+        << rig_parameter_names()[static_cast<std::size_t>(k)].name << ": " << J.col(k).transpose()
+        << " not " << slope.transpose();
   }
 }
 

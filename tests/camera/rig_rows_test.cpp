@@ -26,10 +26,10 @@ std::vector<RowObservation> matches_of(const RigCorrection& rig, double noise, i
     const Eigen::Vector2d left = rig.measured_left(u, v);
     const Eigen::Vector2d right = rig.measured_right(u, v, u - disparity);
     const double wrong = i % 20 == 0 ? 3 * (unit(random) - 0.5) : 0;
-    rows.push_back({{static_cast<float>(left.x()), static_cast<float>(left.y()),
-                     static_cast<float>(right.x()),
-                     static_cast<float>(right.y() + normal(random) + wrong)},
-                    1});
+    rows.push_back(
+        {{static_cast<float>(left.x()), static_cast<float>(left.y()), static_cast<float>(right.x()),
+          static_cast<float>(right.y() + normal(random) + wrong)},
+         1});
   }
   return rows;
 }
@@ -69,8 +69,7 @@ TEST(RigRows, ParametersWithoutVarianceStay) {
   known.covariance(row, row) = 1;
   RigCorrection::Parameters moved = truth.parameters();
   moved[row] += 0.4;
-  const RowFit fit =
-      fit_rows(kitti_like(), matches_of({kitti_like(), moved}, 0.1, 400, 4), known);
+  const RowFit fit = fit_rows(kitti_like(), matches_of({kitti_like(), moved}, 0.1, 400, 4), known);
   EXPECT_NEAR(fit.rig.correction.parameters()[row], moved[row], 0.02);
   RigCorrection::Parameters found = fit.rig.correction.parameters();
   found[row] = truth.parameters()[row];

@@ -274,7 +274,8 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   EXPECT_EQ(shifted.keypoints().size(), 3u);
 
   // An offset given at once, and one replaced by another, are the same.
-  const FrameFeatures direct(camera, set, RightPositions({90, testing::kNoStereo, 500.5f}), {}, offset(0.75));
+  const FrameFeatures direct(camera, set, RightPositions({90, testing::kNoStereo, 500.5f}), {},
+                             offset(0.75));
   const FrameFeatures again = plain.with_rig(offset(0.25)).with_rig(offset(0.75));
   for (std::size_t i : {0u, 2u}) {
     EXPECT_FLOAT_EQ(direct.u_right(i), shifted.u_right(i));
@@ -306,7 +307,8 @@ TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
   EXPECT_EQ(found.stereo_pixel(0, scales).ratio.v, 1);
   EXPECT_EQ(found.stereo_pixel(0, scales).ratio.disparity, 1);
   const std::vector<std::uint8_t> second{0, 1};
-  const FrameFeatures restored = FrameFeatures::restore(camera, set, RightPositions({90, 250}), {}, {1, 0}, {});
+  const FrameFeatures restored =
+      FrameFeatures::restore(camera, set, RightPositions({90, 250}), {}, {1, 0}, {});
   for (const FrameFeatures& f : {found.with_image_noise(), aligned, aligned.subset(second),
                                  aligned.with_priors({}), restored}) {
     EXPECT_EQ(f.stereo_pixel(0, scales).ratio.v, kImageInformation.v);

@@ -257,8 +257,8 @@ TEST(MapFile, FilesThatCannotBe) {
 class FileOfVersion : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(FileOfVersion, StillOpens) {
-  const Map map = load_map(std::string(KYS_SOURCE_DIR "/tests/map_file/data/") + GetParam(),
-                           kSampleLabelSpace);
+  const Map map =
+      load_map(std::string(KYS_SOURCE_DIR "/tests/map_file/data/") + GetParam(), kSampleLabelSpace);
   map.check_consistency();
   EXPECT_EQ(map.camera(), testing::kitti_camera());
   EXPECT_EQ(map.scales().levels(), 8);

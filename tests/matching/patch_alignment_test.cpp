@@ -49,7 +49,8 @@ TEST(PatchAlignment, FindsColumnAndSlantsOfAPlane) {
     for (const double slant_v : {-0.3, 0.0, 0.35}) {
       for (const double fraction : {0.0, 0.25, 0.5, 0.75}) {
         const Plane plane{{40.3, 39.6}, 35 + fraction, slant_u, slant_v};
-        const auto found = align_patch(left, plane.right(texture), plane.at.cast<float>(), {35.4f, 39.6f});
+        const auto found =
+            align_patch(left, plane.right(texture), plane.at.cast<float>(), {35.4f, 39.6f});
         ASSERT_TRUE(found) << slant_u << " " << slant_v << " " << fraction;
         EXPECT_NEAR(found->column, plane.column, 0.03) << slant_u << " " << slant_v;
         EXPECT_NEAR(found->slant_u, slant_u, 0.04);

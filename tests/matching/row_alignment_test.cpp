@@ -84,8 +84,7 @@ TEST(RowAlignment, MeasuresNoMoreThanAsked) {
   std::vector<float> u_right;
   for (const Keypoint& k : features.keypoints) u_right.push_back(k.x);
   u_right[7] = std::nanf("");
-  const auto rows =
-      measure_rows({&features, {}, &left}, {nullptr, {}, &left}, u_right, {}, 40);
+  const auto rows = measure_rows({&features, {}, &left}, {nullptr, {}, &left}, u_right, {}, 40);
   const auto count =
       std::count_if(rows.begin(), rows.end(), [](float row) { return !std::isnan(row); });
   EXPECT_LE(count, 40);

@@ -134,10 +134,11 @@ TEST_F(StereoMatcher, IsRepeatable) {
   EXPECT_EQ(once, bytes(match()));
   Worker helper;
   kys::Statistics statistics;
-  EXPECT_EQ(once, bytes(match_stereo(
-                      pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
-                      {&pair_->right, {}, &pair_->right_pyramid}, {}, model_, statistics, &helper)
-                            .u))
+  EXPECT_EQ(once,
+            bytes(match_stereo(pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
+                               {&pair_->right, {}, &pair_->right_pyramid}, {}, model_, statistics,
+                               &helper)
+                      .u))
       << "in two threads";
   EXPECT_EQ(statistics, counted);
 }
@@ -221,10 +222,11 @@ TEST(StereoMatching, ThingsCalledMovingGetFewDisparitiesInModeVerified) {
     kys::ModeOptions mode_options;
     mode_options.mode = mode;
     kys::Statistics statistics;
-    const auto u_right = match_stereo(
-        world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, priors, nullptr},
-        {&*frame.right_features, right, nullptr}, options, {mode_options, space}, statistics)
-        .u;
+    const auto u_right =
+        match_stereo(world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, priors, nullptr},
+                     {&*frame.right_features, right, nullptr}, options, {mode_options, space},
+                     statistics)
+            .u;
     int count = 0;
     for (std::size_t i = 0; i < u_right.size(); ++i) {
       if (priors[i].instance == instance && !std::isnan(u_right[i])) ++count;

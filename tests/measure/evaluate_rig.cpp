@@ -26,8 +26,8 @@ void report(const Map& map, const simulator::TruePair& truth) {
       const RigCorrection::Measured seen = features.measured(i);
       const Eigen::Vector2d ideal = truth.left_ideal(seen.u, seen.v);
       const double disparity = features.keypoint(i).x - features.u_right(i);
-      const Eigen::Vector4d at = truth.observe(
-          camera.back_project(ideal.x(), ideal.y(), camera.bf() / disparity));
+      const Eigen::Vector4d at =
+          truth.observe(camera.back_project(ideal.x(), ideal.y(), camera.bf() / disparity));
       const RigCorrection::Measured exact{static_cast<float>(at[0]), static_cast<float>(at[1]),
                                           static_cast<float>(at[2]), static_cast<float>(at[3])};
       const RigCorrection::Ideal found = rig.correction.pair(exact);

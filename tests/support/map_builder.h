@@ -102,9 +102,8 @@ inline SeenFeatures see(const FeatureWorld& world, std::int64_t index, const Rig
     k.x = left.x();
     k.y = left.y();
   }
-  seen.features =
-      std::make_shared<const FrameFeatures>(world.camera(), std::move(*frame.left_features),
-                                            std::move(right), std::vector<kys::Prior>{});
+  seen.features = std::make_shared<const FrameFeatures>(
+      world.camera(), std::move(*frame.left_features), std::move(right), std::vector<kys::Prior>{});
   return seen;
 }
 
