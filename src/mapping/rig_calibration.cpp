@@ -60,9 +60,10 @@ constexpr double kRefinement = 2;
 constexpr double kWeightAligned = 1;
 constexpr double kWeightFound = 8;
 constexpr int kIterations = 10;        // of both rounds, after the disparities have changed
+constexpr int kFewIterations = 4;      // the same, from the poses of the estimate
 constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 constexpr std::size_t kMostKeyframes = 80;
-constexpr std::size_t kMostObservations = 30000;
+constexpr std::size_t kMostObservations = 20000;
 constexpr int kLeastObservations = 300;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
 
@@ -78,7 +79,7 @@ std::vector<KeyFrameId> newest(const Map& map) {
 /// Poses and landmarks of a rig problem, by index in its arrays.
 class RigView {
  public:
-  RigView(const Map& map, const std::vector<KeyFrameId>& poses, int min_observers) : map_(map) {
+  RigView(const Map& map, int min_observers) : poses(newest(map)), map_(map) {
     for (std::size_t k = 0; k < poses.size(); ++k) index_.put(poses[k], k);
     problem.camera = map.camera();
     problem.rig = map.rig();
@@ -86,7 +87,7 @@ class RigView {
       problem.T_c_w.push_back(map.keyframe(id).T_c_w);
       problem.pose_fixed.push_back(0);
     }
-    hold_submaps(poses);
+    hold_submaps();
     std::vector<LandmarkId> chosen;
     std::size_t observations = 0;
     map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
@@ -99,6 +100,7 @@ class RigView {
     });
     const std::size_t every = (observations + kMostObservations - 1) / kMostObservations;
     for (std::size_t i = 0; i < chosen.size(); i += std::max<std::size_t>(1, every)) {
+      landmarks.push_back(chosen[i]);
       add(map.landmarks().at(chosen[i]));
     }
     const bool aligned = 2 * aligned_ >= problem.observations.size();
@@ -106,10 +108,22 @@ class RigView {
   }
 
   RigProblem problem;
+  std::vector<KeyFrameId> poses;      // of the problem
+  std::vector<LandmarkId> landmarks;  // of its points
+
+  /// Moves keyframes and landmarks to where the solved problem has them.
+  void write_to(Map& map) const {
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+      if (problem.pose_fixed[k] == 0) map.set_pose(poses[k], problem.T_c_w[k]);
+    }
+    for (std::size_t k = 0; k < landmarks.size(); ++k) {
+      map.set_position(landmarks[k], problem.points[k]);
+    }
+  }
 
  private:
   /// One keyframe of every sub-map stays.
-  void hold_submaps(const std::vector<KeyFrameId>& poses) {
+  void hold_submaps() {
     IdTable<KeyFrameId, std::uint8_t> held;
     for (std::size_t k = 0; k < poses.size(); ++k) {
       const KeyFrameId submap = map_.keyframe(poses[k]).submap;
@@ -176,11 +190,11 @@ Whole whole_map(const Map& map) {
 }
 
 /// Adjusts the whole map after the disparities have changed.
-void adjust_whole(Map& map, const std::atomic<bool>* stop) {
+/// \param before length of the camera's path until then, m
+void adjust_whole(Map& map, double before, int iterations, const std::atomic<bool>* stop) {
   Whole whole = whole_map(map);
-  const double before = camera_path_length(whole.problem.T_c_w);
   BundleOptions options;
-  options.iterations = options.refine_iterations = kIterations;
+  options.iterations = options.refine_iterations = iterations;
   options.stop = stop;
   adjust_bundle(whole.problem, options);
   if (before > 0) map.note_rescaling(camera_path_length(whole.problem.T_c_w) / before);
@@ -195,12 +209,11 @@ void adjust_whole(Map& map, const std::atomic<bool>* stop) {
 
 constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 
-}  // namespace
-
-std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
-                                        const RigEstimate& prior, const std::atomic<bool>* stop) {
-  RigProblem problem = RigView(map, newest(map), options.min_observers).problem;
-  if (map.rig().bends()) {
+/// Solves the problem of a view. \return nothing without enough to see, or when stopped
+std::optional<RigEstimate> solve(RigView& view, const RigEstimate& prior,
+                                 const std::atomic<bool>* stop) {
+  RigProblem& problem = view.problem;
+  if (problem.rig.bends()) {
     problem.prior = prior;
   } else {
     problem.prior.covariance(kAtOffset, kAtOffset) = kOffsetPrior * kOffsetPrior;
@@ -209,6 +222,14 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
   if (summary.stopped || summary.observations < kLeastObservations) return {};
   if (!problem.rig.parameters().allFinite() || !summary.covariance.allFinite()) return {};
   return RigEstimate{problem.rig, summary.covariance};
+}
+
+}  // namespace
+
+std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
+                                        const RigEstimate& prior, const std::atomic<bool>* stop) {
+  RigView view(map, options.min_observers);
+  return solve(view, prior, stop);
 }
 
 bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
@@ -251,11 +272,16 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) con
 
 bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   seen_ = map.keyframes().size();
-  std::optional<RigEstimate> found = estimate_rig(map, options_, prior_, stop);
+  RigView view(map, options_.min_observers);
+  std::optional<RigEstimate> found = solve(view, prior_, stop);
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
   map.set_rig(*found);
-  adjust_whole(map, stop);
+  const double before = camera_path_length(whole_map(map).problem.T_c_w);
+  // The poses of the estimate are those of its correction, which an offset may have lost.
+  const bool begun = seen_ <= kMostKeyframes && map.rig() == view.problem.rig;
+  if (begun) view.write_to(map);
+  adjust_whole(map, before, begun ? kFewIterations : kIterations, stop);
   return true;
 }
 

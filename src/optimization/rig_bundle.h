@@ -19,9 +19,10 @@ struct RigProblem {
     bool row = false;     ///< the row in the right image is measured, not expected
   };
   StereoCamera camera;
-  RigEstimate prior;         ///< mean and covariance of the parameters; those without variance stay
-  RigCorrection rig;         ///< changed in place
-  double information_v = 1;  ///< of v over that of u
+  /// Mean and covariance of the parameters. One without variance stays: one has some, or all have.
+  RigEstimate prior;
+  RigCorrection rig;                      ///< changed in place
+  double information_v = 1;               ///< of v over that of u
   double information_disparity = 1;       ///< of the disparity over that of u
   std::vector<Rigid3> T_c_w;              ///< changed in place
   std::vector<std::uint8_t> pose_fixed;   ///< per pose, at least one not zero

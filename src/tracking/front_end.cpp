@@ -15,8 +15,8 @@ namespace kys_slam {
 
 namespace {
 
-constexpr std::size_t kRowsFirst = 800;  // measured, in the frame that decides
-constexpr std::size_t kRowsLater = 250;
+constexpr std::size_t kRowsFirst = 600;  // measured, in the frame that decides
+constexpr std::size_t kRowsLater = 200;
 constexpr std::size_t kLeastRows = 100;  // to decide
 
 /// Removes the features for which keep(index) is false; returns how many. `priors`: one per feature
