@@ -179,7 +179,8 @@ class RigBundle {
     Eigen::Vector3d e, w;                  // residual and weights
   };
 
-  /// Adds the normal equations of a point, which is eliminated.
+  /// Adds the normal equations of a point, which is eliminated. Products with the parameters are of
+  /// sizes for which Eigen would pack matrices: lazyProduct() is faster.
   void eliminate(std::size_t k, double damping) {
     const Eigen::Vector3d& p_w = p_.points[k];
     linear_.clear();
@@ -221,19 +222,20 @@ class RigBundle {
       const Linear& l = linear_[a];
       const Eigen::Matrix3d half = L_inverse * l.J_point.transpose() * l.w.asDiagonal();
       Z_[a] = half * l.J_pose;
-      Z_rig.noalias() += half * l.J_rig;
+      Z_rig += half.lazyProduct(l.J_rig);
     }
     const auto rig = static_cast<Eigen::Index>(6 * free_);
     for (std::size_t a = 0; a < linear_.size(); ++a) {
       const Linear& l = linear_[a];
       const Eigen::Matrix<double, 3, kRig> weighted = l.w.asDiagonal() * l.J_rig;
-      H_.template block<kRig, kRig>(rig, rig).noalias() += l.J_rig.transpose() * weighted;
+      H_.template block<kRig, kRig>(rig, rig).noalias() +=
+          l.J_rig.transpose().lazyProduct(weighted);
       b_.template segment<kRig>(rig).noalias() += weighted.transpose() * l.e;
       if (l.place < 0) continue;
       H_.block<6, 6>(l.place, l.place).noalias() +=
           l.J_pose.transpose() * l.w.asDiagonal() * l.J_pose;
-      H_.template block<kRig, 6>(rig, l.place).noalias() +=
-          weighted.transpose() * l.J_pose - Z_rig.transpose() * Z_[a];
+      H_.template block<kRig, 6>(rig, l.place) +=
+          weighted.transpose().lazyProduct(l.J_pose) - Z_rig.transpose().lazyProduct(Z_[a]);
       b_.segment<6>(l.place).noalias() +=
           l.J_pose.transpose() * l.w.cwiseProduct(l.e) - Z_[a].transpose() * y;
       for (std::size_t c = 0; c < linear_.size(); ++c) {
@@ -242,7 +244,7 @@ class RigBundle {
         H_.block<6, 6>(l.place, other).noalias() -= Z_[a].transpose() * Z_[c];
       }
     }
-    H_.template block<kRig, kRig>(rig, rig).noalias() -= Z_rig.transpose() * Z_rig;
+    H_.template block<kRig, kRig>(rig, rig).noalias() -= Z_rig.transpose().lazyProduct(Z_rig);
     b_.template segment<kRig>(rig).noalias() -= Z_rig.transpose() * y;
   }
 
