@@ -11,7 +11,7 @@
 namespace kys_slam {
 namespace {
 
-GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera) {
+GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera, int bits) {
   const std::vector<std::uint8_t> bytes = read_bytes(path);
   // Before memory for an image of any other size is asked for.
   const ImageInfo info = decode_image_info(bytes, path.string());
@@ -20,7 +20,7 @@ GrayImage read_image(const std::filesystem::path& path, const StereoCamera& came
                      std::to_string(info.height) + ", the sequence is " +
                      std::to_string(camera.width) + "x" + std::to_string(camera.height));
   }
-  return decode_gray(bytes, path.string());
+  return decode_gray(bytes, path.string(), bits);
 }
 
 /// Equal, and not of one shade (a shut or a dazzled camera).
@@ -43,8 +43,8 @@ StereoFrame Sequence::read(std::int64_t position) const {
   result.index = first_index_ + position;
   result.name = source.name;
   result.timestamp = source.timestamp;
-  result.left = read_image(source.left, content_.camera);
-  result.right = read_image(source.right, content_.camera);
+  result.left = read_image(source.left, content_.camera, content_.bits);
+  result.right = read_image(source.right, content_.camera, content_.bits);
   if (is_same_picture(result.left, result.right)) {
     throw InputError(source.right.string() + ": the same picture as " + source.left.string());
   }

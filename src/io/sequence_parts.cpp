@@ -1,17 +1,23 @@
 #include "io/sequence_parts.h"
 
+#include <fmt/format.h>
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/image_view.h>
 #include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
+#include <map>
 
 #include "camera/kitti_calibration.h"
+#include "io/frame_times.h"
 
 namespace kys_slam {
 
@@ -38,25 +44,59 @@ std::vector<std::string> numbers_of(const fs::path& image) {
   return numbers;
 }
 
-/// Whether image `i` of both cameras is of one frame: all numbers in the names are the same, but
-/// for one before the last that tells the cameras apart, and is the same in all names of a camera.
-bool same_frame(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
-                std::size_t i) {
-  const std::vector<std::string> a = numbers_of(left[i]), b = numbers_of(right[i]);
-  if (a.back() != b.back()) return false;
-  if (a.size() != b.size()) return true;
-  const auto constant = [&](const std::vector<fs::path>& images, std::size_t k,
-                            const std::string& number) {
-    for (const fs::path& image : {images.front(), images.back()}) {
-      const std::vector<std::string> numbers = numbers_of(image);
-      if (k >= numbers.size() || numbers[k] != number) return false;
+using Names = std::vector<std::vector<std::string>>;  // numbers of every name
+
+Names all_numbers(const std::vector<fs::path>& images) {
+  Names names;
+  names.reserve(images.size());
+  for (const fs::path& image : images) names.push_back(numbers_of(image));
+  return names;
+}
+
+/// Which numbers tell frames apart: the last one, and those before that are not the same in all
+/// names of a camera. (A number of the camera is.)
+std::vector<bool> telling_numbers(const Names& left, const Names& right) {
+  const std::size_t count = left.front().size();
+  std::vector<bool> telling(count, false);
+  telling.back() = true;
+  for (const Names* names : {&left, &right}) {
+    for (const auto& numbers : *names) {
+      if (numbers.size() != count) return {};
+      for (std::size_t k = 0; k + 1 < count; ++k) {
+        if (numbers[k] != names->front()[k]) telling[k] = true;
+      }
     }
-    return true;
-  };
-  for (std::size_t k = 0; k + 1 < a.size(); ++k) {
-    if (a[k] != b[k] && !(constant(left, k, a[k]) && constant(right, k, b[k]))) return false;
   }
-  return true;
+  return telling;
+}
+
+/// What images of one frame have in common.
+std::string key_of(const std::vector<std::string>& numbers, const std::vector<bool>& telling) {
+  if (telling.empty()) return numbers.back();
+  std::string key;
+  for (std::size_t k = 0; k < numbers.size(); ++k) {
+    if (telling[k]) key += numbers[k] + "_";
+  }
+  return key;
+}
+
+/// The last of the numbers in names that increases from frame to frame; empty: there is none.
+/// Numbers of more digits are dates or times.
+std::vector<std::int64_t> increasing_numbers(const Names& names) {
+  constexpr std::size_t kMostDigits = 9;
+  for (std::size_t k = names.front().size(); k-- > 0;) {
+    std::vector<std::int64_t> numbers;
+    for (const auto& name : names) {
+      const auto number =
+          k < name.size() && name.size() == names.front().size() && name[k].size() <= kMostDigits
+              ? parse_int(name[k])
+              : std::nullopt;
+      if (!number || (!numbers.empty() && *number <= numbers.back())) break;
+      numbers.push_back(*number);
+    }
+    if (numbers.size() == names.size()) return numbers;
+  }
+  return {};
 }
 
 }  // namespace
@@ -89,21 +129,64 @@ std::vector<fs::path> list_images(const fs::path& folder) {
   return images;
 }
 
-std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& right) {
+NamedPairs pair_by_name(const fs::path& left, const fs::path& right) {
   const std::vector<fs::path> left_images = list_images(left);
   const std::vector<fs::path> right_images = list_images(right);
-  if (left_images.size() != right_images.size()) {
-    throw InputError(right.string() + ": " + std::to_string(right_images.size()) + " images, but " +
-                     left.filename().string() + " has " + std::to_string(left_images.size()));
-  }
-  std::vector<Sequence::Frame> frames;
-  for (std::size_t i = 0; i < left_images.size(); ++i) {
-    if (!same_frame(left_images, right_images, i)) {
-      throw InputError(left_images[i].string() + ": no image of this number in " + right.string());
+  const Names left_numbers = all_numbers(left_images), right_numbers = all_numbers(right_images);
+  const std::vector<bool> telling = telling_numbers(left_numbers, right_numbers);
+  std::map<std::string, std::size_t> partners;
+  for (std::size_t i = 0; i < right_images.size(); ++i) {
+    const std::string key = key_of(right_numbers[i], telling);
+    if (const auto [other, is_new] = partners.emplace(key, i); !is_new) {
+      throw InputError(right_images[i].string() + ": its name has the same number as " +
+                       right_images[other->second].filename().string());
     }
-    frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
   }
-  return frames;
+  NamedPairs pairs;
+  pairs.left_images = left_images.size();
+  Names used;
+  for (std::size_t i = 0; i < left_images.size(); ++i) {
+    const auto partner = partners.find(key_of(left_numbers[i], telling));
+    if (partner == partners.end()) continue;
+    const fs::path& right_image = right_images[partner->second];
+    partners.erase(partner);
+    pairs.frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_image});
+    pairs.positions.push_back(i);
+    used.push_back(left_numbers[i]);
+  }
+  const std::size_t count = pairs.frames.size(),
+                    most = std::max(left_images.size(), right_images.size());
+  if (2 * count < most) {
+    throw InputError(
+        fmt::format("{}: {} images, {} has {}, and only {} have the same number in their name",
+                    right.string(), right_images.size(), left.string(), left_images.size(), count));
+  }
+  pairs.dropped = static_cast<std::int64_t>(left_images.size() + right_images.size() - 2 * count);
+  pairs.numbers = increasing_numbers(used);
+  return pairs;
+}
+
+std::size_t NamedPairs::row_of(std::size_t frame, std::size_t rows, const fs::path& file,
+                               const char* what) const {
+  if (rows == left_images) return positions[frame];
+  if (!numbers.empty() && static_cast<std::size_t>(numbers.back()) < rows) {
+    return static_cast<std::size_t>(numbers[frame]);
+  }
+  throw InputError(
+      fmt::format("{}: {} {}, but there are {} images", file.string(), rows, what, left_images));
+}
+
+double NamedPairs::time_of(std::size_t frame, double rate, std::int64_t step) const {
+  if (numbers.empty()) return static_cast<double>(frame) / rate;
+  return static_cast<double>(numbers[frame] - numbers.front()) / (static_cast<double>(step) * rate);
+}
+
+std::int64_t NamedPairs::step() const {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < numbers.size(); ++i) {
+    steps.push_back(static_cast<double>(numbers[i] - numbers[i - 1]));
+  }
+  return steps.empty() ? 1 : static_cast<std::int64_t>(lower_median(std::move(steps)));
 }
 
 std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std::int64_t> left,
@@ -131,29 +214,23 @@ std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std
   return pairs;
 }
 
-void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
-  const TextTable table(file);
-  if (table.rows().size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
-                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
+std::string nearest_stamps(std::span<const std::int64_t> left,
+                           std::span<const std::int64_t> right) {
+  std::int64_t nearest = std::numeric_limits<std::int64_t>::max();
+  for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
+    nearest = std::min(nearest, std::abs(right[r] - left[l]));
+    ++(left[l] < right[r] ? l : r);
   }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const TextRow& row = table.rows()[i];
-    frames[i].timestamp = table.number(row, 0);
-    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
-      table.fail(row, "time stamps do not increase");
-    }
-  }
+  return fmt::format(
+      "{} left and {} right images, of which the nearest are {:.6g} s apart; "
+      "--tolerance S allows more",
+      left.size(), right.size(), static_cast<double>(nearest) * 1e-9);
 }
 
-void require_consecutive(const std::vector<Sequence::Frame>& frames) {
-  for (std::size_t i = 1; i < frames.size(); ++i) {
-    const auto before = parse_int(numbers_of(frames[i - 1].left).back());
-    const auto number = parse_int(numbers_of(frames[i].left).back());
-    if (!before || !number || *number - *before == 1) continue;
-    throw InputError(frames[i].left.string() + ": follows " +
-                     frames[i - 1].left.filename().string() +
-                     ", but frames of this layout have to be consecutive");
+void read_times(const fs::path& file, NamedPairs& pairs) {
+  const std::vector<double> times = read_time_file(file);
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    pairs.frames[i].timestamp = times[pairs.row_of(i, times.size(), file, "time stamps")];
   }
 }
 
@@ -198,6 +275,31 @@ void make_relative_to_first(std::vector<TimedPose>& poses) {
   for (TimedPose& pose : poses) pose.T_w_c = T_first_w * pose.T_w_c;
 }
 
+namespace {
+
+/// Bits that 16-bit images use, by some all over the recording: the first ones may be dark.
+void find_bits(const fs::path& folder, Sequence::Content& content) {
+  constexpr std::size_t kSamples = 6;
+  int bits = 0;
+  const std::size_t last = content.frames.size() - 1;
+  for (std::size_t k = 0; k < kSamples && bits < 16; ++k) {
+    const Sequence::Frame& frame = content.frames[last * k / (kSamples - 1)];
+    for (const fs::path& image : {frame.left, frame.right}) {
+      try {
+        const std::vector<std::uint8_t> bytes = read_bytes(image);
+        if (k == 0 && decode_image_info(bytes, image.string()).bits != 16) return;
+        bits = std::max(bits, used_bits(bytes, image.string()));
+      } catch (const InputError&) {  // told when it is its turn
+      }
+    }
+  }
+  std::string note;
+  content.bits = common_bits(bits, bits, note);
+  if (!note.empty()) content.notes.push_back(folder.string() + ": " + note);
+}
+
+}  // namespace
+
 std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
                                         const fs::path& folder) {
   const auto count = static_cast<std::int64_t>(content.frames.size());
@@ -218,6 +320,7 @@ std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const Sequenc
       throw InputError(folder.string() + ": ground truth with numbers that are too large");
     }
   }
+  find_bits(folder, content);
   const std::int64_t used =
       options.frames ? std::min(*options.frames, count - options.start) : count - options.start;
   const auto cut = [&](auto& list) {
