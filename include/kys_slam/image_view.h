@@ -35,9 +35,8 @@ struct ImageView {
 /// formats, or black.
 int used_bits(const ImageView& view);
 
-/// Bits that all images of a camera use, by some of them (used_bits): the most, 16 without any.
-/// \param note  set to what a user should be told; "" for 16 bits and for other images
-int common_bits(int left, int right, std::string& note);
+/// What a user should be told about images that use this many of 16 bits; "" for 16 and 0.
+std::string note_of_bits(int bits);
 
 /// Converts a view to 8-bit grey: the upper byte of the bits in use, ITU-R BT.601 weights for
 /// colour. The same conversion as read_gray(). \throws InputError for a view without pixels or with

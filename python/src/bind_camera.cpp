@@ -18,8 +18,9 @@ using namespace nb::literals;
 namespace {
 
 nb::ndarray<nb::numpy, std::uint8_t> rectify(const StereoRectifier& rectifier, const AnyArray& raw,
-                                             bool bgr, bool left) {
-  const ImageView view = view_of(raw, "image", bgr);
+                                             bool bgr, int bits, bool left) {
+  ImageView view = view_of(raw, "image", bgr);
+  view.bits = bits;
   GrayImage result;
   {
     const nb::gil_scoped_release released;
@@ -100,7 +101,8 @@ void bind_camera(nb::module_& m) {
       "the file (0.001 for mm).");
   m.def(
       "rig_from_camera_info",
-      [](const std::vector<nb::dict>& infos, const std::string& name) {
+      [](const std::vector<nb::dict>& infos, const std::string& name,
+         const std::array<int, 2>& size) {
         if (infos.size() != 2) throw InputError(name + ": camera_info of two cameras is needed");
         CameraInfo parsed[2];
         for (std::size_t i = 0; i < 2; ++i) {
@@ -112,13 +114,23 @@ void bind_camera(nb::module_& m) {
           parsed[i].K = nb::cast<std::array<double, 9>>(d["K"]);
           parsed[i].R = nb::cast<std::array<double, 9>>(d["R"]);
           parsed[i].P = nb::cast<std::array<double, 12>>(d["P"]);
+          const auto number = [&](const char* key) {
+            return d.contains(key) ? nb::cast<int>(d[key]) : 0;
+          };
+          parsed[i].binning_x = number("binning_x");
+          parsed[i].binning_y = number("binning_y");
+          if (!d.contains("roi")) continue;
+          const auto roi = nb::cast<std::array<int, 4>>(d["roi"]);
+          parsed[i].roi = {roi[0], roi[1], roi[2], roi[3]};
         }
-        return rig_from_camera_info(parsed[0], parsed[1], name);
+        return rig_from_camera_info(parsed[0], parsed[1], name, size[0], size[1]);
       },
-      "infos"_a, "name"_a,
+      "infos"_a, "name"_a, "size"_a = std::array<int, 2>{0, 0},
       "A rig from two dicts with the fields of ROS's CameraInfo: width, height, distortion_model, "
       "D, "
-      "K, R, P. Left first.");
+      "K, R, P; binning_x, binning_y and roi (x_offset, y_offset, width, height) if there are any. "
+      "Left first. `size`: (width, height) of the images, px, which tells whether a driver has "
+      "applied binning and roi to K.");
 
   nb::class_<StereoRectifier>(m, "StereoRectifier",
                               "Turns raw images of two cameras into a rectified pair.")
@@ -131,17 +143,18 @@ void bind_camera(nb::module_& m) {
       .def_prop_ro("camera", &StereoRectifier::camera, "the rectified pair")
       .def(
           "rectify_left",
-          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
-            return rectify(r, image, bgr, true);
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr, int bits) {
+            return rectify(r, image, bgr, bits, true);
           },
-          "image"_a, nb::kw_only(), "bgr"_a = false,
-          "(H, W) or (H, W, 3) uint8, or (H, W) uint16, to (H, W) uint8.")
+          "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16,
+          "(H, W) or (H, W, 3) uint8, or (H, W) uint16 of which `bits` bits are used, to (H, W) "
+          "uint8.")
       .def(
           "rectify_right",
-          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
-            return rectify(r, image, bgr, false);
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr, int bits) {
+            return rectify(r, image, bgr, bits, false);
           },
-          "image"_a, nb::kw_only(), "bgr"_a = false, "As rectify_left.");
+          "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16, "As rectify_left.");
 
   nb::class_<PairCheck>(m, "PairCheck", "What matches say about a stereo pair.")
       .def_ro("matches", &PairCheck::matches, "features found in both images")
@@ -181,12 +194,21 @@ void bind_camera(nb::module_& m) {
       .def_prop_ro("warning", &PairHistory::warning, "What is wrong, or \"\".");
   m.def(
       "to_gray",
-      [](const AnyArray& image, bool bgr) {
-        const ImageView view = view_of(image, "image", bgr);
+      [](const AnyArray& image, bool bgr, int bits) {
+        ImageView view = view_of(image, "image", bgr);
+        view.bits = bits;
         return image_to_numpy(to_gray(view));
       },
-      "image"_a, nb::kw_only(), "bgr"_a = false,
-      "(H, W) or (H, W, 3) uint8, or (H, W) uint16 (its high byte), as (H, W) uint8 grey.");
+      "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16,
+      "(H, W) or (H, W, 3) uint8, or (H, W) uint16 of which `bits` bits are used (the upper 8 of "
+      "them count), as (H, W) uint8 grey.");
+  m.def(
+      "used_bits", [](const AnyArray& image) { return used_bits(view_of(image, "image", false)); },
+      "image"_a,
+      "Bits that a uint16 image uses, by its largest pixel: 8, 10, 12, 14 or 16; 0: black, or "
+      "uint8.");
+  m.def("note_of_bits", &note_of_bits, "bits"_a,
+        "What a user should be told about images that use this many of 16 bits, or \"\".");
 }
 
 }  // namespace kys_slam

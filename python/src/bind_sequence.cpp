@@ -5,6 +5,7 @@
 #include <kys_slam/read_ahead.h>
 #include <kys_slam/settings.h>
 #include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -246,6 +247,12 @@ void bind_sequence(nb::module_& m) {
             return sequence == nullptr ? 0 : sequence->dropped();
           },
           "Images without a partner in the other camera.")
+      .def_prop_ro(
+          "counts", [](const Input& s) { return s.input.left_out; },
+          "Images that were left out, by why.")
+      .def_prop_ro(
+          "notes", [](const Input& s) { return s.input.notes; },
+          "What a user should be told about how the images are read.")
       .def("__len__", [](const Input& s) { return s.input.frames->size().value_or(0); })
       .def(
           "read",
@@ -315,6 +322,23 @@ void bind_sequence(nb::module_& m) {
         return image_to_numpy(decode_gray(bytes, name));
       },
       "data"_a, "name"_a, "PNG or JPEG bytes as (H, W) uint8 grey. `name` starts messages.");
+  m.def(
+      "decode_image",
+      [](const nb::bytes& data, const std::string& name) -> nb::object {
+        const std::span<const std::uint8_t> bytes(static_cast<const std::uint8_t*>(data.data()),
+                                                  data.size());
+        const ImageInfo info = decode_image_info(bytes, name);
+        if (info.bits != 16 || info.channels != 1) {
+          return nb::cast(image_to_numpy(decode_gray(bytes, name)));
+        }
+        const Image16 image = decode_u16(bytes, name);
+        return nb::cast(to_numpy(
+            std::vector<std::uint16_t>(image.data(), image.data() + image.size()),
+            {static_cast<std::size_t>(image.height()), static_cast<std::size_t>(image.width())}));
+      },
+      "data"_a, "name"_a,
+      "PNG or JPEG bytes as (H, W) grey: uint16 of a 16-bit grey PNG, else uint8. `name` starts "
+      "messages.");
   m.def(
       "read_indexed",
       [](const std::filesystem::path& path) { return image_to_numpy(read_indexed(path)); },

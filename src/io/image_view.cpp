@@ -73,13 +73,10 @@ int used_bits(const ImageView& given) {
   return bits_of_largest(largest);
 }
 
-int common_bits(int left, int right, std::string& note) {
-  note.clear();
-  const int bits = std::max(left, right);
-  if (bits == 0 || bits == 16) return 16;
-  note = "16-bit images of which " + std::to_string(bits) +
+std::string note_of_bits(int bits) {
+  if (bits == 0 || bits == 16) return "";
+  return "16-bit images of which " + std::to_string(bits) +
          " bits are used: the upper 8 of these are taken";
-  return bits;
 }
 
 GrayImage to_gray(const ImageView& given) {

@@ -293,8 +293,8 @@ void find_bits(const fs::path& folder, Sequence::Content& content) {
       }
     }
   }
-  std::string note;
-  content.bits = common_bits(bits, bits, note);
+  if (bits > 0) content.bits = bits;
+  const std::string note = note_of_bits(bits);
   if (!note.empty()) content.notes.push_back(folder.string() + ": " + note);
 }
 

@@ -77,6 +77,28 @@ void check_features(const FeatureSet& set, const StereoCamera& camera, std::size
   }
 }
 
+void add_phrase(std::string& text, const std::string& phrase) {
+  if (!phrase.empty()) text += (text.empty() ? "" : "; ") + phrase;
+}
+
+/// Whether a half image that shows nothing does so since what the other camera sees there is
+/// shifted to the other half: a near wall without corners. A camera that is dead there leaves the
+/// keypoints of the other one without matches.
+bool is_by_parallax(const std::string& fault, const FrameFeatures& left, int width) {
+  const bool of_right = fault.starts_with("the right half of the right");
+  if (!of_right && !fault.starts_with("the left half of the left")) return false;
+  constexpr double kLeast = 0.3;  // share that is shifted across the middle
+  const auto middle = static_cast<float>(width) / 2;
+  std::size_t across = 0, all = 0;
+  for (std::size_t i = 0; i < left.size(); ++i) {
+    const bool matched = left.has_stereo(i);
+    const bool in_right_half = left.keypoint(i).x >= middle;
+    if (of_right ? in_right_half : matched) ++all;
+    if (matched && in_right_half && left.u_right(i) < middle) ++across;
+  }
+  return all > 0 && static_cast<double>(across) >= kLeast * static_cast<double>(all);
+}
+
 }  // namespace
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
@@ -89,6 +111,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
                kBytesPerPixel * static_cast<std::size_t>(camera.width) *
                    static_cast<std::size_t>(camera.height));
   impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
+  impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
 }
 
 System::~System() = default;
@@ -104,8 +127,10 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   }
   check_labels(map, s.options.control.label_space, file);
   if (!(map.camera() == s.camera)) {
-    throw InputError(file.string() + ": the map was made with another camera (" +
-                     describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");
+    throw InputError(
+        file.string() + ": the map was made with another camera (" + describe(map.camera()) +
+        ") than this one (" + describe(s.camera) +
+        "); give the calibration that the map was made with, or make a map with this one");
   }
   if (map.scales().scale != s.scales.scale || map.scales().log_factor != s.scales.log_factor) {
     throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
@@ -212,9 +237,12 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
     report.reason = "the image has no corners";
   }
-  report.warning = seen.fault;
+  if (!is_by_parallax(seen.fault, *seen.features, camera.width)) report.warning = seen.fault;
   if (report.warning.empty() && tracked.jumped) {
-    report.warning = "the camera seems to move as none can: it may follow something that moves";
+    report.warning =
+        "the camera seems to move as none can: time stamps that are wrong or irregular, lost "
+        "frames, "
+        "or it follows something that moves";
   }
   report.T_w_c = tracked.T_c_w.inverse();
   report.keypoints = static_cast<int>(seen.features->size());
@@ -231,6 +259,42 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   report.times.predict = tracked.times.predict;
   report.times.local_map = tracked.times.local_map;
   report.resident_mb = resident_memory_mb();
+}
+
+/// Masks that are inverted, as the first thing to suspect, and masks as the reason of a lost frame.
+void System::Impl::note_masks(const StereoMasks& masks, FrameReport& report) const {
+  constexpr double kMost = 0.75;  // share of an image that no robot and no traffic covers
+  bool covers = false;
+  for (const GrayImage* mask : {&masks.left, &masks.right}) {
+    if (mask->empty()) continue;
+    const auto unused =
+        static_cast<double>(mask->size()) -
+        static_cast<double>(std::count(mask->data(), mask->data() + mask->size(), 0));
+    covers = covers || unused > kMost * static_cast<double>(mask->size());
+  }
+  if (covers) {
+    add_phrase(report.warning,
+               "a mask covers most of the image: 0 means use, anything else means do "
+               "not use; is the mask inverted?");
+  }
+  if (report.status == FrameStatus::kLost && report.masked > 3 * report.keypoints) {
+    report.reason = report.keypoints == 0
+                        ? "masks leave no corners of the image"
+                        : report.reason + "; masks leave few corners of the image";
+  }
+}
+
+void System::Impl::set_images(const ImageView& left, const ImageView& right, StereoFrame& frame) {
+  ImageView views[2] = {left, right};
+  if (bits == 0 && left.bits == 0) {
+    bits = std::max(used_bits(left), used_bits(right));
+    add_phrase(first_note, note_of_bits(bits));
+  }
+  for (ImageView& view : views) {
+    if (view.bits == 0) view.bits = bits;
+  }
+  frame.left = to_gray(views[0]);
+  frame.right = to_gray(views[1]);
 }
 
 /// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
@@ -279,8 +343,10 @@ FrameReport System::feed(double timestamp, const ImageView& left, const ImageVie
   StereoFrame frame;
   frame.index = impl_->count;
   frame.timestamp = timestamp;
-  frame.left = to_gray(left);
-  frame.right = to_gray(right);
+  {
+    const std::lock_guard lock(impl_->mutex);
+    impl_->set_images(left, right, frame);
+  }
   return feed(frame, masks);
 }
 
@@ -342,6 +408,8 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   report.timestamp = frame.timestamp;
   report.keyframe = tracked.keyframe.has_value();
   s.note(tracked, seen, report);
+  s.note_masks(masks, report);
+  add_phrase(report.warning, std::exchange(s.first_note, ""));
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
   s.reports.push_back(report);
