@@ -12,6 +12,8 @@ from .pair_frames import Recording
 
 #: frames that tell whether a video has a constant rate
 _FRAMES_OF_RATE = 100
+#: s, by which times of containers differ from those of a constant rate: Matroska has whole ms
+_ROUNDING = 0.0015
 
 
 def _cv2():
@@ -94,8 +96,7 @@ class _Video:
         return image
 
     def _time(self) -> float:
-        """That of the container, where it says another time than the rate does: Matroska rounds times
-        to ms. Containers without times say 0."""
+        """That of the container, where it says another time than the rate does. Containers without times say 0."""
         constant = self.number / self.fps
         if self._rate or not self._has_stamps:
             return constant
@@ -103,7 +104,7 @@ class _Video:
         if not np.isfinite(stamp) or (self.number > 0 and stamp <= 0):
             self._has_stamps = False
             return constant
-        self.variable = self.variable or abs(stamp - constant) > max(0.0015, 0.1 / self.fps)
+        self.variable = self.variable or abs(stamp - constant) > _ROUNDING
         return stamp if self.variable else constant
 
 

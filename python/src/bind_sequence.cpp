@@ -337,6 +337,8 @@ void bind_sequence(nb::module_& m) {
             {static_cast<std::size_t>(image.height()), static_cast<std::size_t>(image.width())}));
       },
       "data"_a, "name"_a,
+      nb::sig("def decode_image(data: bytes, name: str) -> numpy.typing.NDArray[numpy.uint8] | "
+              "numpy.typing.NDArray[numpy.uint16]"),
       "PNG or JPEG bytes as (H, W) grey: uint16 of a 16-bit grey PNG, else uint8. `name` starts "
       "messages.");
   m.def(

@@ -70,7 +70,8 @@ Rigid3 CalibrationFile::rigid(const std::vector<double>& values, const std::stri
                               double unit) const {
   if (values.size() != 16) fail("'" + key + "' is not a 4x4 matrix");
   if (values[12] != 0 || values[13] != 0 || values[14] != 0 || values[15] != 1) {
-    fail("the last row of '" + key + "' is not 0 0 0 1");
+    fail("'" + key + "' is not a rigid transformation: the last row of '" + key +
+         "' is not 0 0 0 1");
   }
   auto T = rigid_from_row_major(values.data());
   if (!T) fail("'" + key + "' is not a rigid transformation");
