@@ -6,8 +6,8 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
-from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, note_of_bits, to_gray,
-                    used_bits)
+from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, is_same_picture,
+                    note_of_bits, to_gray, used_bits)
 
 #: pairs that tell how many of 16 bits a camera uses
 _FIRST_PAIRS = 10
@@ -80,6 +80,8 @@ class Recording:
                                  f"{image.shape[1]}x{image.shape[0]} px, the first one "
                                  f"{size[1]}x{size[0]}")
         if self._rectifier:
+            # What is one picture before rectification stays one.
+            same = is_same_picture(left, right)
             left = self._rectifier.rectify_left(left)
-            right = self._rectifier.rectify_right(right)
+            right = left if same else self._rectifier.rectify_right(right)
         return PairFrame(index, name, stamp, left, right)

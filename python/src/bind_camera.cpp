@@ -1,6 +1,7 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
 #include <kys_slam/pair_watch.h>
+#include <kys_slam/same_picture.h>
 #include <kys_slam/stereo_rig.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/filesystem.h>
@@ -173,6 +174,15 @@ void bind_camera(nb::module_& m) {
       },
       "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
       "Says whether two images that should be a rectified pair are swapped or not rectified.");
+  m.def(
+      "is_same_picture",
+      [](const AnyArray& left, const AnyArray& right) {
+        const ImageView l = view_of(left, "left image", false);
+        const ImageView r = view_of(right, "right image", false);
+        const nb::gil_scoped_release released;
+        return is_same_picture(to_gray(l), to_gray(r));
+      },
+      "left"_a, "right"_a, "Whether two images are one picture, also when one was encoded again.");
   nb::class_<PairHistory>(m, "PairHistory",
                           "Looks at some pairs of a drive; tells when left and right image do not "
                           "belong together: swapped, not rectified, not of the same moment.")

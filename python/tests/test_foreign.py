@@ -281,6 +281,22 @@ def test_bags_without_a_pair_say_how_near_it_is(bag):
     assert len(list(recordings.open_bag(bag(late=25_000_000), tolerance=0.03))) == 12
 
 
+def test_one_topic_twice_is_refused(bag, corridor, tmp_path, capsys):
+    """Also where the two cameras are rectified differently."""
+    same = [(left, left, time, position) for left, _, time, position in corridor]
+    turned = camera_info(1, D=[-0.1, 0.01, 0, 0, 0])
+    for name, right in (("image_rect", camera_info(1)), ("image_raw", turned)):
+        infos = [(camera_info(0, D=[0.05, 0, 0, 0, 0]), right)]
+        path = tmp_path / "same.bag"
+        path.unlink(missing_ok=True)
+        write_bag(path, same, infos, name=name)
+        assert cli.main(["run", str(path), "--output", str(tmp_path / "out"), "--overwrite", "--quiet"]) == 2
+        said = capsys.readouterr().err
+        assert "same picture" in said and "two cameras" in said
+    recording = recordings.open_bag(bag(both(D=[0.05, 0, 0, 0, 0]), name="image_raw"))
+    assert not any(kys_slam._core.is_same_picture(f.left, f.right) for f in recording)
+
+
 # Masks
 
 def write_folders(tmp_path, corridor):

@@ -1,11 +1,11 @@
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/same_picture.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
-#include <algorithm>
 #include <cstdint>
 
 namespace kys_slam {
@@ -23,13 +23,6 @@ GrayImage read_image(const std::filesystem::path& path, const StereoCamera& came
   return decode_gray(bytes, path.string(), bits);
 }
 
-/// Equal, and not of one shade (a shut or a dazzled camera).
-bool is_same_picture(const GrayImage& a, const GrayImage& b) {
-  if (!std::equal(a.data(), a.data() + a.size(), b.data())) return false;
-  return std::any_of(a.data(), a.data() + a.size(),
-                     [&](std::uint8_t value) { return value != *a.data(); });
-}
-
 }  // namespace
 
 Sequence::Sequence(Content content, std::int64_t first_index)
@@ -45,12 +38,11 @@ StereoFrame Sequence::read(std::int64_t position) const {
   result.timestamp = source.timestamp;
   result.left = read_image(source.left, content_.camera, content_.bits);
   result.right = read_image(source.right, content_.camera, content_.bits);
-  if (is_same_picture(result.left, result.right)) {
-    throw InputError(source.right.string() + ": the same picture as " + source.left.string());
-  }
   if (content_.rectifier) {
+    // What is one picture before rectification stays one, for those who look at rectified images.
+    const bool same = is_same_picture(result.left, result.right);
     result.left = content_.rectifier->rectify_left(result.left);
-    result.right = content_.rectifier->rectify_right(result.right);
+    result.right = same ? result.left : content_.rectifier->rectify_right(result.right);
   }
   return result;
 }

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <kys_slam/error.h>
 #include <kys_slam/logic_error.h>
+#include <kys_slam/same_picture.h>
 #include <kys_slam/util/memory.h>
 #include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/process_figures.h>
@@ -22,6 +23,7 @@ namespace kys_slam {
 
 namespace {
 
+constexpr const char* kSamePicture = "the left and the right image are the same picture";
 constexpr std::size_t kManyLandmarks = 20000;  // changed at once: by a loop, not by one keyframe
 
 std::string describe(const StereoCamera& c) {
@@ -284,6 +286,22 @@ void System::Impl::note_masks(const StereoMasks& masks, FrameReport& report) con
   }
 }
 
+/// A frame whose images are one picture shows nothing but depths that are wrong: it is lost. A
+/// recording that begins with nothing else is not one of two cameras.
+bool System::Impl::drop_same_picture(const StereoFrame& frame, FrontEndResult& seen) {
+  constexpr std::int64_t kMost = 5;  // frames
+  if (frame.left_features || !is_same_picture(frame.left, frame.right)) return false;
+  if (same_pictures == count && ++same_pictures >= kMost) {
+    throw InputError(
+        fmt::format("frame {}: {}, as in all frames before; give the images of two cameras",
+                    frame.name.empty() ? std::to_string(frame.index) : frame.name, kSamePicture));
+  }
+  seen.features = std::make_shared<const FrameFeatures>(camera, FeatureSet{}, std::vector<float>{},
+                                                        std::vector<kys::Prior>{}, 0.0F);
+  seen.stereo_matches = 0;
+  return true;
+}
+
 void System::Impl::set_images(const ImageView& left, const ImageView& right, StereoFrame& frame) {
   ImageView views[2] = {left, right};
   if (bits == 0 && left.bits == 0) {
@@ -393,6 +411,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
   FrontEndResult seen = s.front_end.process(frame, masks);
+  const bool same = s.drop_same_picture(frame, seen);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   s.front_end.renew(seen);
@@ -409,6 +428,10 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   report.keyframe = tracked.keyframe.has_value();
   s.note(tracked, seen, report);
   s.note_masks(masks, report);
+  if (same) {
+    report.reason = kSamePicture;
+    add_phrase(report.warning, kSamePicture);
+  }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();

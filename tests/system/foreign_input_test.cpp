@@ -111,6 +111,25 @@ TEST_F(ForeignInput, ImagesOf10And12And14BitsGiveTheSameTrajectory) {
   }
 }
 
+TEST_F(ForeignInput, OnePictureForBothCamerasIsRefusedAndOneFrameOfItIsLost) {
+  for (int i = 0; i < kSmallFrames; ++i) {
+    const auto jpeg = encode_jpeg(read_gray(seq_ / "image_0" / image_name(i)), 85);
+    fs::remove(seq_ / "image_1" / image_name(i));
+    write_text(seq_ / "image_1" / image_name(i), {jpeg.begin(), jpeg.end()});
+  }
+  EXPECT_EQ(run(), 2);
+  expect_told({"000004", "same picture", "two cameras"});
+  fs::remove_all(seq_);
+  copy_small_sequence(seq_);
+  fs::copy_file(seq_ / "image_0" / image_name(6), seq_ / "image_1" / image_name(6),
+                fs::copy_options::overwrite_existing);
+  EXPECT_EQ(run(), 0);
+  expect_told({"frame 6: the left and the right image are the same picture"});
+  EXPECT_EQ(count_lines(err_), 1);
+  EXPECT_EQ(count_lines(read_text(work_ / "out/trajectory.tum")), kSmallFrames - 1);
+  EXPECT_LT(summary()["ate_se3_rmse_m"].get<double>(), 0.05);
+}
+
 TEST_F(ForeignInput, AMissingImageCostsItsFrameAlone) {
   fs::remove(seq_ / "image_1" / image_name(7));
   fs::remove(seq_ / "image_0" / image_name(9));

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <kys_slam/system.h>
 
 #include "io/temporary_folder.h"
@@ -54,6 +55,68 @@ TEST(ForeignViews, SixteenBitsAreReadByTheBitsInUse) {
     EXPECT_NE(warning.find(std::to_string(bits) + " bits"), std::string::npos) << warning;
     for (std::size_t i = 0; i < found.size(); ++i) {
       EXPECT_EQ(found[i].T_w_c.translation, reference[i].T_w_c.translation) << bits;
+    }
+  }
+}
+
+GrayImage encoded_again(const GrayImage& image, int quality) {
+  return decode_gray(encode_jpeg(image, quality), "image");
+}
+
+/// The corridor through cameras whose distance is `baseline`.
+class OnePicture : public ::testing::Test {
+ protected:
+  static StereoFrame look(int i, double baseline) {
+    StereoCamera camera = kSmall;
+    camera.baseline = baseline;
+    return RenderedCorridor(camera, 12)
+        .look(i, {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.5 * i)});
+  }
+};
+
+TEST_F(OnePicture, EncodedAgainOrNotIsRefusedFromTheStart) {
+  for (const int quality : {100, 90, 60}) {
+    System system(kSmall, Settings(), Schedule::kSequential);
+    const auto feed = [&](int i) {
+      StereoFrame frame = look(i, kSmall.baseline);
+      frame.right = quality == 100 ? frame.left : encoded_again(frame.left, quality);
+      return system.feed(frame);
+    };
+    for (int i = 0; i < 4; ++i) {
+      const FrameReport report = feed(i);
+      EXPECT_EQ(report.status, FrameStatus::kLost) << quality;
+      EXPECT_EQ(report.reason, "the left and the right image are the same picture");
+      EXPECT_EQ(report.warning, report.reason);
+    }
+    expect_input_error([&] { feed(4); }, {"frame", "4", "same picture", "two cameras"});
+    // A camera that wakes up late is one.
+    EXPECT_EQ(system.feed(look(5, kSmall.baseline)).status, FrameStatus::kStarted);
+  }
+}
+
+TEST_F(OnePicture, InTheMiddleCostsItsFrame) {
+  System system(kSmall, Settings(), Schedule::kSequential);
+  for (int i = 0; i < 8; ++i) {
+    StereoFrame frame = look(i, kSmall.baseline);
+    const bool same = i == 3 || i == 5;
+    if (i == 3) frame.right = encoded_again(frame.left, 80);
+    if (i == 5) frame.left = frame.right;
+    const FrameReport report = system.feed(frame);
+    EXPECT_EQ(report.status == FrameStatus::kLost, same) << i << report.reason;
+    EXPECT_EQ(report.reason.find("same picture") != std::string::npos, same) << i;
+  }
+  system.finish();
+  const auto trajectory = system.trajectory();
+  EXPECT_NEAR(trajectory[7].T_w_c.t().z() - trajectory[0].T_w_c.t().z(), 3.5, 0.05);
+}
+
+TEST_F(OnePicture, FarScenesAreTwo) {
+  // The walls stand at 7 m; disparities in the last run are 0.3 px and less.
+  for (const double baseline : {0.537, 0.05, 0.02}) {
+    System system(kSmall, Settings(), Schedule::kSequential);
+    for (int i = 0; i < 6; ++i) {
+      const FrameReport report = system.feed(look(i, baseline));
+      EXPECT_EQ(report.reason.find("same picture"), std::string::npos) << baseline;
     }
   }
 }

@@ -19,7 +19,7 @@ def same_images(f):
 refusals("pair", {
     "absurd_focal_length": (calibration(fx=1e30), ["calib.txt", "focal length"]),
     "right_camera_above": (calibration(ty=100.0), ["calib.txt", "above or below"]),
-    "left_is_right": (same_images, ["000000.png", "same picture"]),
+    "left_is_right": (same_images, ["same picture", "two cameras"]),
 })
 
 
