@@ -112,15 +112,18 @@ class Sequence : public FrameSource {
 /// - Virtual KITTI 2: Scene01/clone with frames/rgb/Camera_{0,1}, intrinsic.txt, extrinsic.txt;
 ///   10 Hz
 ///
-/// \throws InputError naming the file and what is wrong with it.
+/// Images are pairs by the numbers in their names; those without a partner are left out and
+/// counted. Files with a row per image may have rows of the whole recording, from number 0 on.
+/// times.txt: one time stamp per line, first column, or the second one behind a counter; s, else
+/// ms, us or ns. \throws InputError naming the file and what is wrong with it.
 std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
 /// Opens an EuRoC or TUM-VI sequence: the folder that holds mav0/, or mav0/ itself. TUM-VI has
 /// dso/camchain.yaml in place of sensor.yaml files. Images are rectified and paired by time stamp;
-/// images without a partner are left out and counted. Ground truth is converted from the body to
-/// the rectified left camera.
-/// \throws InputError naming the file and what is wrong with it.
+/// images without a partner, or without a file, are left out and counted. Ground truth is converted
+/// from the body to the rectified left camera. \throws InputError naming the file and what is wrong
+/// with it.
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
@@ -133,7 +136,7 @@ std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
                                         const SequenceOptions& options = {});
 
 /// Camera calibration in the ASL format (EuRoC's sensor.yaml): T_BS (4x4, camera to body),
-/// resolution, intrinsics, radial-tangential distortion.
+/// resolution, intrinsics, distortion of any lens that read_stereo_rig knows.
 /// \throws InputError naming the file and the key that is missing, malformed or not finite.
 RawCamera read_sensor_yaml(const std::filesystem::path& path);
 

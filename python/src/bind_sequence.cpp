@@ -310,9 +310,10 @@ void bind_sequence(nb::module_& m) {
       "left"_a, "right"_a, "rig"_a, "start"_a = 0, "frames"_a = nb::none(),
       "pairing_tolerance"_a = 0.003, "rate"_a = nb::none(), "times"_a = "",
       "Opens the images of two folders. `rate`: frames per second, for names that are no time "
-      "stamps; `times`: a file with one stamp (s) per image; not both. Names of 13 digits or more "
-      "are time stamps: in ns, or of Unix time in us (16 digits) or ms (13 digits) when images "
-      "would be less than 1 ms apart otherwise. `pairing_tolerance`: s, of names that are stamps.");
+      "stamps; `times`: a file with one stamp per image; not both. Names of 13 digits or more "
+      "are time stamps. Stamps are in the unit (in a file s, else ms, us, ns) in which images are "
+      "1 ms "
+      "to 10 s apart. `pairing_tolerance`: s, of names that are stamps.");
 
   m.def(
       "decode_gray",
