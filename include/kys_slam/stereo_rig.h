@@ -28,6 +28,8 @@ struct StereoRig {
   /// calibration has another image size, or has none and principal points of another size, or when
   /// the baseline is not between 5 mm and 5 m.
   void set_image_size(int width, int height);
+  /// \throws InputError when the baseline is not between 5 mm and 5 m.
+  void check_baseline() const;
 };
 
 /// ROS's sensor_msgs/CameraInfo.

@@ -102,6 +102,7 @@ def view(args) -> int:
 
 def calibrate(args) -> int:
     rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
+    rig.check_baseline()
     width, height = rig.size
     if args.size:
         width, height = args.size

@@ -83,6 +83,8 @@ void bind_camera(nb::module_& m) {
       .def("set_image_size", &StereoRig::set_image_size, "width"_a, "height"_a,
            "Raises InputError when the calibration was made for another image size, or when the "
            "baseline is not between 5 mm and 5 m.")
+      .def("check_baseline", &StereoRig::check_baseline,
+           "Raises InputError when the baseline is not between 5 mm and 5 m.")
       .def("rectified", &StereoRig::rectified,
            "The StereoCamera when the images need no rectification, else None.")
       .def(

@@ -355,6 +355,8 @@ def test_calibrations_without_a_size_are_shown(tmp_path, capsys):
     assert cli.main(["calibrate", str(tmp_path / "cv.yaml")]) == 0
     printed = capsys.readouterr().out
     assert f"{BASELINE:.5f} m apart" in printed and "--size" in printed
+    assert cli.main(["calibrate", str(tmp_path / "cv.yaml"), "--calibration-unit", "1000"]) == 2
+    assert "mm are" in capsys.readouterr().err
     assert cli.main(["calibrate", str(tmp_path / "cv.yaml"), "--output", str(tmp_path / "o.yaml")]) == 2
     assert "--size" in capsys.readouterr().err
 
@@ -393,3 +395,6 @@ def test_a_recording_in_pieces_says_so(tmp_path, corridor, corridor_camera):
     assert (result["connected"], result["tracked"]) == (4, 12)
     assert "4 of 12 frames connected" in result["failure"] and "3 sub-maps" in result["failure"]
     assert len(list((tmp_path / "run").glob("submap_*.tum"))) == 2
+    pytest.importorskip("matplotlib")
+    assert cli.main(["report", str(tmp_path / "run")]) == 0
+    assert "12 of 12, 4 connected, 3 sub-maps" in (tmp_path / "run" / "report.html").read_text()

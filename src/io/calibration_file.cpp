@@ -6,6 +6,7 @@
 #include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/read_bytes.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string_view>
 #include <utility>
@@ -90,10 +91,9 @@ void CalibrationFile::read_pinhole(const YAML::Node& node, const std::string& pr
   if (!(camera.fx > 0 && camera.fy > 0)) fail("'intrinsics': focal length is not positive");
   set_size(numbers(node, "resolution", 2), "resolution", camera);
   const std::string model = word(node["distortion_model"]);
-  camera.lens = lens_of(model, name());
   const char* key = node["distortion_coeffs"] ? "distortion_coeffs" : "distortion_coefficients";
-  if (model == "none" && !node[key]) return;
-  camera.distortion = numbers(node[key], key);
+  if (model != "none" || node[key]) camera.distortion = numbers(node[key], key);
+  camera.lens = lens_of(model, camera.distortion, "distortion_model", name());
   drop_padding(camera.distortion, camera.lens);
 }
 
@@ -112,7 +112,17 @@ void CalibrationFile::append(const YAML::Node& node, const std::string& key,
   }
 }
 
-LensModel lens_of(const std::string& model, const std::string& name) {
+LensModel lens_of(const std::string& model, const std::vector<double>& distortion,
+                  const std::string& key, const std::string& name) {
+  const bool bent =
+      std::any_of(distortion.begin(), distortion.end(), [](double k) { return k != 0; });
+  if (model.empty() && distortion.size() == 4 && bent) {
+    throw InputError(
+        name +
+        ": 4 distortion coefficients are k1 k2 p1 p2 of a radial-tangential lens, or k1 "
+        "k2 k3 k4 of a fisheye lens; add '" +
+        key + ": radtan' or '" + key + ": fisheye'");
+  }
   std::string plain;
   for (const char c : model) {
     plain += c == '-' ? '_' : c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c;

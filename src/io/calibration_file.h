@@ -44,9 +44,12 @@ class CalibrationFile {
 };
 
 /// The lens of a distortion model, by any of the names that calibration tools give it. Names are
-/// compared without regard to case; '-' is '_'.
-/// \throws InputError "NAME: distortion model '...' is not known"
-LensModel lens_of(const std::string& model, const std::string& name);
+/// compared without regard to case; '-' is '_'. "": the model that has as many coefficients.
+/// \param key  that names the model in this kind of file
+/// \throws InputError "NAME: ...": the model is not known, or four coefficients have none, which
+/// may be those of either lens
+LensModel lens_of(const std::string& model, const std::vector<double>& distortion,
+                  const std::string& key, const std::string& name);
 
 /// Tools write coefficients that they do not estimate as zeros, up to 14 of them.
 void drop_padding(std::vector<double>& distortion, LensModel lens);

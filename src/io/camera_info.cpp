@@ -20,8 +20,8 @@ RawCamera raw_camera(const CameraInfo& info, const std::string& name) {
   camera.width = info.width;
   camera.height = info.height;
   camera.fx = info.K[0], camera.cx = info.K[2], camera.fy = info.K[4], camera.cy = info.K[5];
-  camera.lens = lens_of(info.distortion_model, name);
   if (info.distortion_model != "none") camera.distortion = info.D;
+  camera.lens = lens_of(info.distortion_model, camera.distortion, "distortion_model", name);
   drop_padding(camera.distortion, camera.lens);
   return camera;
 }

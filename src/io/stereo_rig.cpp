@@ -49,8 +49,8 @@ RawCamera own_camera(const CalibrationFile& file, const char* key) {
   camera.height = file.side(file.number(node, "height"), "height");
   camera.fx = file.number(node, "fx"), camera.fy = file.number(node, "fy");
   camera.cx = file.number(node, "cx"), camera.cy = file.number(node, "cy");
-  camera.lens = lens_of(word(node["model"]), file.name());
   if (node["distortion"]) camera.distortion = file.numbers(node["distortion"], "distortion");
+  camera.lens = lens_of(word(node["model"]), camera.distortion, "model", file.name());
   drop_padding(camera.distortion, camera.lens);
   return camera;
 }
@@ -106,24 +106,13 @@ void opencv_size(std::span<const CalibrationFile> files, StereoRig& rig) {
   rig.right.height = rig.left.height;
 }
 
-/// The name of the lens model, "" without: the coefficients of other numbers than 4 are those of
-/// one model only.
-std::string opencv_model(std::span<const CalibrationFile> files,
-                         const std::vector<double>& distortion) {
+/// The name of the lens model; "" without.
+std::string opencv_model(std::span<const CalibrationFile> files) {
   const Found model = find_key(files, {"distortion_model", "model"});
   if (model.file != nullptr) return word(model.file->root()[model.key]);
-  if (const Found flag = find_key(files, {"fisheye_model"}); flag.file != nullptr) {
-    return flag.file->number(flag.file->root(), flag.key) != 0 ? "fisheye" : "radtan";
-  }
-  const bool bent =
-      std::any_of(distortion.begin(), distortion.end(), [](double k) { return k != 0; });
-  if (distortion.size() == 4 && bent) {
-    files[0].fail(
-        "4 distortion coefficients are k1 k2 p1 p2 of a radial-tangential lens, or k1 k2 k3 k4 of "
-        "a "
-        "fisheye lens; add a line 'distortion_model: radtan' or 'distortion_model: fisheye'");
-  }
-  return "";
+  const Found flag = find_key(files, {"fisheye_model"});
+  if (flag.file == nullptr) return "";
+  return flag.file->number(flag.file->root(), flag.key) != 0 ? "fisheye" : "radtan";
 }
 
 StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
@@ -137,9 +126,9 @@ StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
   const auto T = opencv_matrix(files, {"T"}, 3);
   rig.left.fx = K1[0], rig.left.cx = K1[2], rig.left.fy = K1[4], rig.left.cy = K1[5];
   rig.right.fx = K2[0], rig.right.cx = K2[2], rig.right.fy = K2[4], rig.right.cy = K2[5];
-  const std::string model = opencv_model(files, rig.left.distortion);
+  const std::string model = opencv_model(files);
   for (RawCamera* camera : {&rig.left, &rig.right}) {
-    camera->lens = lens_of(model, rig.name);
+    camera->lens = lens_of(model, camera->distortion, "distortion_model", rig.name);
     drop_padding(camera->distortion, camera->lens);
   }
   opencv_size(files, rig);
@@ -255,6 +244,10 @@ void StereoRig::set_image_size(int width, int height) {
                                  camera->width, camera->height, width, height,
                                  resize_hint(*camera, width, height)));
   }
+  check_baseline();
+}
+
+void StereoRig::check_baseline() const {
   require_baseline(baseline(), name, unit_remedy);
 }
 

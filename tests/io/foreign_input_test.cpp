@@ -311,6 +311,13 @@ TEST(OpenCvFile, FourCoefficientsNeedTheNameOfTheLens) {
   EXPECT_EQ(read("distortion_model: fisheye\n").right.lens, LensModel::kEquidistant);
   EXPECT_EQ(read("distortion_model: plumb_bob\n").left.lens, LensModel::kRadialTangential);
   EXPECT_EQ(read("fisheye_model: 1\n").left.lens, LensModel::kEquidistant);
+  std::string own = rig_yaml(60, 40, 0.1);
+  for (std::size_t at = 0; (at = own.find("cy: 20", at)) != std::string::npos; ++at) {
+    own.insert(at, "distortion: [0.1, 0.02, 0.001, 0.002], ");
+    at += 40;
+  }
+  expect_input_error([&] { write_rig(folder, own); },
+                     {"rig.yaml", "model: radtan", "model: fisheye"});
 }
 
 }  // namespace
