@@ -31,6 +31,25 @@ nb::ndarray<nb::numpy, std::uint8_t> rectify(const StereoRectifier& rectifier, c
   return image_to_numpy(std::move(result));
 }
 
+/// \throws nb::cast_error for values of other types or out of range
+CameraInfo camera_info_of(const nb::dict& d) {
+  CameraInfo info;
+  info.width = nb::cast<int>(d["width"]);
+  info.height = nb::cast<int>(d["height"]);
+  info.distortion_model = nb::cast<std::string>(d["distortion_model"]);
+  info.D = nb::cast<std::vector<double>>(d["D"]);
+  info.K = nb::cast<std::array<double, 9>>(d["K"]);
+  info.R = nb::cast<std::array<double, 9>>(d["R"]);
+  info.P = nb::cast<std::array<double, 12>>(d["P"]);
+  const auto number = [&](const char* key) { return d.contains(key) ? nb::cast<int>(d[key]) : 0; };
+  info.binning_x = number("binning_x");
+  info.binning_y = number("binning_y");
+  if (!d.contains("roi")) return info;
+  const auto roi = nb::cast<std::array<int, 4>>(d["roi"]);
+  info.roi = {roi[0], roi[1], roi[2], roi[3]};
+  return info;
+}
+
 std::string describe(const StereoCamera& c) {
   char text[200];
   std::snprintf(text, sizeof text,
@@ -107,26 +126,12 @@ void bind_camera(nb::module_& m) {
       [](const std::vector<nb::dict>& infos, const std::string& name,
          const std::array<int, 2>& size) {
         if (infos.size() != 2) throw InputError(name + ": camera_info of two cameras is needed");
-        CameraInfo parsed[2];
-        for (std::size_t i = 0; i < 2; ++i) {
-          const nb::dict& d = infos[i];
-          parsed[i].width = nb::cast<int>(d["width"]);
-          parsed[i].height = nb::cast<int>(d["height"]);
-          parsed[i].distortion_model = nb::cast<std::string>(d["distortion_model"]);
-          parsed[i].D = nb::cast<std::vector<double>>(d["D"]);
-          parsed[i].K = nb::cast<std::array<double, 9>>(d["K"]);
-          parsed[i].R = nb::cast<std::array<double, 9>>(d["R"]);
-          parsed[i].P = nb::cast<std::array<double, 12>>(d["P"]);
-          const auto number = [&](const char* key) {
-            return d.contains(key) ? nb::cast<int>(d[key]) : 0;
-          };
-          parsed[i].binning_x = number("binning_x");
-          parsed[i].binning_y = number("binning_y");
-          if (!d.contains("roi")) continue;
-          const auto roi = nb::cast<std::array<int, 4>>(d["roi"]);
-          parsed[i].roi = {roi[0], roi[1], roi[2], roi[3]};
+        try {
+          const CameraInfo left = camera_info_of(infos[0]), right = camera_info_of(infos[1]);
+          return rig_from_camera_info(left, right, name, size[0], size[1]);
+        } catch (const nb::cast_error&) {
+          throw InputError(name + ": camera_info with numbers out of range");
         }
-        return rig_from_camera_info(parsed[0], parsed[1], name, size[0], size[1]);
       },
       "infos"_a, "name"_a, "size"_a = std::array<int, 2>{0, 0},
       "A rig from two dicts with the fields of ROS's CameraInfo: width, height, distortion_model, "

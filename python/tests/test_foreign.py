@@ -108,6 +108,7 @@ def test_region_of_interest_and_binning(bag):
     # A small offset does not show in the principal point.
     said = refused(bag(with_numbers(full_sensor(10, 8, 1), roi=[10, 8, w, h])))
     assert "region of interest" in said and "--calibration" in said
+    assert "out of range" in refused(bag(both(roi=[2**31, 0, w, h])))
     # A size that is of something else.
     said = refused(bag(both(width=1000, height=800)))
     assert "1000x800" in said and f"{w}x{h}" in said

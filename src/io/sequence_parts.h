@@ -34,7 +34,7 @@ struct NamedPairs {
   std::size_t left_images = 0;
 
   /// Which row of a file with one row per image belongs to a frame: rows of all left images, or of
-  /// the whole recording, from number 0 on.
+  /// the whole recording, whose numbers count from 0 or 1.
   /// \throws InputError "FILE: N WHAT, but there are M images" when it is neither
   [[nodiscard]] std::size_t row_of(std::size_t frame, std::size_t rows,
                                    const std::filesystem::path& file, const char* what) const;

@@ -236,6 +236,21 @@ TEST_F(TimesOfFrames, RowsOfTheWholeRecordingGoByNumber) {
   EXPECT_EQ(sequence->dropped(), 1);
 }
 
+TEST_F(TimesOfFrames, NumbersMayCountFromOne) {
+  for (const char* camera : {"image_0", "image_1"}) {
+    for (int i = 4; i >= 0; --i) {
+      fs::rename(folder_ / "07" / camera / numbered("%06d.png", i),
+                 folder_ / "07" / camera / numbered("%06d.png", i + 1));
+    }
+  }
+  fs::remove(folder_ / "07/poses.txt");
+  fs::remove(folder_ / "07/image_0/000003.png");
+  const char* rows = "0\n0.1\n0.2\n0.3\n0.4\n";
+  EXPECT_DOUBLE_EQ(open(rows)->frame(3).timestamp, 0.4);
+  fs::remove(folder_ / "07/image_0/000005.png");  // then the rows may begin with number 0 or 1
+  expect_input_error([&] { open(rows); }, {"times.txt", "5 time stamps", "3 images"});
+}
+
 TEST(RateOfImages, GapsInTheNumbersAreGapsInTime) {
   const TemporaryFolder folder;
   write_pair(folder, "frame_%04d.png", 12);
