@@ -95,6 +95,12 @@ void CalibrationFile::read_pinhole(const YAML::Node& node, const std::string& pr
   if (model != "none" || node[key]) camera.distortion = numbers(node[key], key);
   camera.lens = lens_of(model, camera.distortion, "distortion_model", name());
   drop_padding(camera.distortion, camera.lens);
+  const std::size_t count = camera.distortion.size();
+  if (camera.lens == LensModel::kRadialTangential && count != 0 && count != 4 && count != 5 &&
+      count != 8) {
+    fail(std::string("'") + key + "' has " + std::to_string(count) +
+         " numbers instead of 4, 5 or 8");
+  }
 }
 
 void CalibrationFile::append(const YAML::Node& node, const std::string& key,
