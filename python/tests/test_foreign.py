@@ -114,6 +114,22 @@ def test_region_of_interest_and_binning(bag):
     assert "1000x800" in said and f"{w}x{h}" in said
 
 
+def test_region_of_interest_in_files(tmp_path):
+    """Messages as `ros2 topic echo` prints them."""
+    w, h = CAMERA["width"], CAMERA["height"]
+    files = []
+    for side, numbers in enumerate(full_sensor(200, 160, 1)):
+        info = camera_info(side, **numbers)
+        lists = "".join(f"{key.lower()}: {list(map(float, info[key]))}\n" for key in "DKRP")
+        files.append(tmp_path / f"{side}.yaml")
+        files[-1].write_text(f"height: 800\nwidth: 1000\ndistortion_model: plumb_bob\n{lists}"
+                             "binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 200\n  y_offset: 160\n"
+                             f"  height: {h}\n  width: {w}\n  do_rectify: false\n")
+    rig = kys_slam.read_stereo_rig(files)
+    rig.set_image_size(w, h)
+    assert_corridor(rig.rectified())
+
+
 def test_rectified_images_of_fisheye_cameras(bag):
     assert_corridor(opened(bag(both(distortion_model="equidistant", D=[0.1, 0.0, 0.0, 0.0]))))
 

@@ -64,8 +64,8 @@ bool System::Impl::drop_same_picture(const StereoFrame& frame, FrontEndResult& s
         fmt::format("frame {}: {}, as in all frames before; give the images of two cameras",
                     frame.name.empty() ? std::to_string(frame.index) : frame.name, kSamePicture));
   }
-  seen.features = std::make_shared<const FrameFeatures>(camera, FeatureSet{}, std::vector<float>{},
-                                                        std::vector<kys::Prior>{}, 0.0F);
+  seen.features =
+      std::make_shared<const FrameFeatures>(FrameFeatures(camera, FeatureSet{}, {}, {}));
   seen.stereo_matches = 0;
   return true;
 }
