@@ -134,14 +134,17 @@ def test_rectified_images_of_fisheye_cameras(bag):
     assert_corridor(opened(bag(both(distortion_model="equidistant", D=[0.1, 0.0, 0.0, 0.0]))))
 
 
-@pytest.mark.parametrize("model, D", (("rational_polynomial", [0.0] * 14), ("none", []),
-                                      ("plumb_bob", [0.0] * 8), ("equidistant", None)))
+@pytest.mark.parametrize("model, D", (("rational_polynomial", [0.05, 0, 0, 0, 0, 0.01] + [0.0] * 8),
+                                      ("plumb_bob", [0.05] + [0.0] * 13), ("none", []),
+                                      ("plumb_bob", [0.0] * 14),
+                                      ("equidistant", [0.1, 0.01, 0, 0, 0])))
 def test_lenses_of_raw_images(bag, model, D):
-    if D is None:  # padded as others are; a lens that bends
-        path = bag(both(distortion_model=model, D=[0.1, 0.01, 0, 0, 0]), name="image_raw")
-        assert opened(path).baseline == pytest.approx(BASELINE, rel=1e-6)
+    camera = opened(bag(both(distortion_model=model, D=D), name="image_raw"))
+    assert camera.baseline == pytest.approx(BASELINE, rel=1e-6)
+    if any(D):
+        assert camera.fx != FX
     else:
-        assert_corridor(opened(bag(both(distortion_model=model, D=D), name="image_raw")))
+        assert_corridor(camera)
 
 
 def test_messages_before_the_calibration_and_without_one(bag):
