@@ -46,6 +46,7 @@ from ._core import (  # noqa: F401
     read_tum,
     rig_from_camera_info,
     to_gray,
+    used_bits,
     write_tum,
 )
 from .maps import LandmarkMap, read_map
@@ -58,5 +59,5 @@ __all__ = [
     "Settings", "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
     "builtin_label_spaces", "check_stereo_pair", "check_writable", "evaluate", "mode_needs_priors", "modes",
     "open_image_pair", "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
-    "rig_from_camera_info", "to_gray", "write_prior", "write_tum",
+    "rig_from_camera_info", "to_gray", "used_bits", "write_prior", "write_tum",
 ]

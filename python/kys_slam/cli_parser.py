@@ -83,6 +83,9 @@ def _add_run(commands) -> None:
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (python/README.md)")
+    slam.add_argument("--mask", nargs="+", metavar="FILE",
+                      help="8-bit PNG of what no frame uses (the robot itself), 0 = use: of the left "
+                      "camera, or of both")
     slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
                       " (default: verified with priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
@@ -140,11 +143,13 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--reference", metavar="FILE",
                    help="TUM file of the same camera (default: each run's ground_truth.tum)")
     p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
-    p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
+    p.add_argument("--output", metavar="FILE",
+                   help="default: paths.png in the folder of the run; of several runs in this folder")
 
     p = commands.add_parser("report", help="one HTML page of one or several runs")
     p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs")
-    p.add_argument("--output", default="report.html", metavar="FILE", help="default: report.html")
+    p.add_argument("--output", metavar="FILE",
+                   help="default: report.html in the folder of the run; of several runs in this folder")
 
     p = commands.add_parser("view", help="shows a recording (--record) in Rerun's viewer")
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
@@ -152,7 +157,7 @@ def make_parser() -> argparse.ArgumentParser:
     p = commands.add_parser("calibrate", help="show a calibration after rectification; convert it")
     p.add_argument("files", nargs="+", metavar="FILE")
     p.add_argument("--calibration-unit", type=_number(0, 1e6), default=1, metavar="M")
-    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it")
+    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it; needed for --output")
     p.add_argument("--output", metavar="FILE", help="write it as our YAML, lengths in m")
     p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
 

@@ -104,8 +104,9 @@ class System(_core.System):
              ) -> _core.FrameReport:
         """Tracks the next frame.
 
-        left, right: (H, W) uint8, (H, W) uint16 (the high byte counts) or (H, W, 3) uint8; any
-            strides. Rectified, of the camera's size.
+        left, right: (H, W) uint8, (H, W) uint16 or (H, W, 3) uint8; any strides. Rectified, of
+            the camera's size. Of uint16 the upper 8 of the bits count that the first pair uses (8 to 16);
+            fewer than 16 are a warning of the logger "kys_slam".
         timestamp: s, strictly increasing.
         segments: the priors of this frame (or the bytes of a prior file), in place of the folder's.
         masks: (left, right), (H, W) uint8 each or None: 0 use, anything else not.
@@ -165,7 +166,8 @@ class System(_core.System):
         warnings: what the user was shown, e.g. PairHistory.warning.
         recording: Sequence.recording, by which the C++ programs do not overwrite results of another
             recording of the same name.
-        Returns a dict: frames, tracked, loops, table (text).
+        Returns a dict: frames, tracked, connected, loops, table (text), failure ("tracking failed: ..."
+            when less than half of the frames are connected, else "").
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
                                end_reason, left_out or {}, list(warnings), recording)

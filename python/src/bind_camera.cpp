@@ -1,6 +1,7 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
 #include <kys_slam/pair_watch.h>
+#include <kys_slam/same_picture.h>
 #include <kys_slam/stereo_rig.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/filesystem.h>
@@ -18,8 +19,9 @@ using namespace nb::literals;
 namespace {
 
 nb::ndarray<nb::numpy, std::uint8_t> rectify(const StereoRectifier& rectifier, const AnyArray& raw,
-                                             bool bgr, bool left) {
-  const ImageView view = view_of(raw, "image", bgr);
+                                             bool bgr, int bits, bool left) {
+  ImageView view = view_of(raw, "image", bgr);
+  view.bits = bits;
   GrayImage result;
   {
     const nb::gil_scoped_release released;
@@ -27,6 +29,25 @@ nb::ndarray<nb::numpy, std::uint8_t> rectify(const StereoRectifier& rectifier, c
     result = left ? rectifier.rectify_left(gray) : rectifier.rectify_right(gray);
   }
   return image_to_numpy(std::move(result));
+}
+
+/// \throws nb::cast_error for values of other types or out of range
+CameraInfo camera_info_of(const nb::dict& d) {
+  CameraInfo info;
+  info.width = nb::cast<int>(d["width"]);
+  info.height = nb::cast<int>(d["height"]);
+  info.distortion_model = nb::cast<std::string>(d["distortion_model"]);
+  info.D = nb::cast<std::vector<double>>(d["D"]);
+  info.K = nb::cast<std::array<double, 9>>(d["K"]);
+  info.R = nb::cast<std::array<double, 9>>(d["R"]);
+  info.P = nb::cast<std::array<double, 12>>(d["P"]);
+  const auto number = [&](const char* key) { return d.contains(key) ? nb::cast<int>(d[key]) : 0; };
+  info.binning_x = number("binning_x");
+  info.binning_y = number("binning_y");
+  if (!d.contains("roi")) return info;
+  const auto roi = nb::cast<std::array<int, 4>>(d["roi"]);
+  info.roi = {roi[0], roi[1], roi[2], roi[3]};
+  return info;
 }
 
 std::string describe(const StereoCamera& c) {
@@ -81,6 +102,8 @@ void bind_camera(nb::module_& m) {
       .def("set_image_size", &StereoRig::set_image_size, "width"_a, "height"_a,
            "Raises InputError when the calibration was made for another image size, or when the "
            "baseline is not between 5 mm and 5 m.")
+      .def("check_baseline", &StereoRig::check_baseline,
+           "Raises InputError when the baseline is not between 5 mm and 5 m.")
       .def("rectified", &StereoRig::rectified,
            "The StereoCamera when the images need no rectification, else None.")
       .def(
@@ -100,25 +123,22 @@ void bind_camera(nb::module_& m) {
       "the file (0.001 for mm).");
   m.def(
       "rig_from_camera_info",
-      [](const std::vector<nb::dict>& infos, const std::string& name) {
+      [](const std::vector<nb::dict>& infos, const std::string& name,
+         const std::array<int, 2>& size) {
         if (infos.size() != 2) throw InputError(name + ": camera_info of two cameras is needed");
-        CameraInfo parsed[2];
-        for (std::size_t i = 0; i < 2; ++i) {
-          const nb::dict& d = infos[i];
-          parsed[i].width = nb::cast<int>(d["width"]);
-          parsed[i].height = nb::cast<int>(d["height"]);
-          parsed[i].distortion_model = nb::cast<std::string>(d["distortion_model"]);
-          parsed[i].D = nb::cast<std::vector<double>>(d["D"]);
-          parsed[i].K = nb::cast<std::array<double, 9>>(d["K"]);
-          parsed[i].R = nb::cast<std::array<double, 9>>(d["R"]);
-          parsed[i].P = nb::cast<std::array<double, 12>>(d["P"]);
+        try {
+          const CameraInfo left = camera_info_of(infos[0]), right = camera_info_of(infos[1]);
+          return rig_from_camera_info(left, right, name, size[0], size[1]);
+        } catch (const nb::cast_error&) {
+          throw InputError(name + ": camera_info with numbers out of range");
         }
-        return rig_from_camera_info(parsed[0], parsed[1], name);
       },
-      "infos"_a, "name"_a,
+      "infos"_a, "name"_a, "size"_a = std::array<int, 2>{0, 0},
       "A rig from two dicts with the fields of ROS's CameraInfo: width, height, distortion_model, "
       "D, "
-      "K, R, P. Left first.");
+      "K, R, P; binning_x, binning_y and roi (x_offset, y_offset, width, height) if there are any. "
+      "Left first. `size`: (width, height) of the images, px, which tells whether a driver has "
+      "applied binning and roi to K.");
 
   nb::class_<StereoRectifier>(m, "StereoRectifier",
                               "Turns raw images of two cameras into a rectified pair.")
@@ -131,17 +151,18 @@ void bind_camera(nb::module_& m) {
       .def_prop_ro("camera", &StereoRectifier::camera, "the rectified pair")
       .def(
           "rectify_left",
-          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
-            return rectify(r, image, bgr, true);
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr, int bits) {
+            return rectify(r, image, bgr, bits, true);
           },
-          "image"_a, nb::kw_only(), "bgr"_a = false,
-          "(H, W) or (H, W, 3) uint8, or (H, W) uint16, to (H, W) uint8.")
+          "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16,
+          "(H, W) or (H, W, 3) uint8, or (H, W) uint16 of which `bits` bits are used, to (H, W) "
+          "uint8.")
       .def(
           "rectify_right",
-          [](const StereoRectifier& r, const AnyArray& image, bool bgr) {
-            return rectify(r, image, bgr, false);
+          [](const StereoRectifier& r, const AnyArray& image, bool bgr, int bits) {
+            return rectify(r, image, bgr, bits, false);
           },
-          "image"_a, nb::kw_only(), "bgr"_a = false, "As rectify_left.");
+          "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16, "As rectify_left.");
 
   nb::class_<PairCheck>(m, "PairCheck", "What matches say about a stereo pair.")
       .def_ro("matches", &PairCheck::matches, "features found in both images")
@@ -160,6 +181,15 @@ void bind_camera(nb::module_& m) {
       },
       "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
       "Says whether two images that should be a rectified pair are swapped or not rectified.");
+  m.def(
+      "is_same_picture",
+      [](const AnyArray& left, const AnyArray& right) {
+        const ImageView l = view_of(left, "left image", false);
+        const ImageView r = view_of(right, "right image", false);
+        const nb::gil_scoped_release released;
+        return is_same_picture(to_gray(l), to_gray(r));
+      },
+      "left"_a, "right"_a, "Whether two images are one picture, also when one was encoded again.");
   nb::class_<PairHistory>(m, "PairHistory",
                           "Looks at some pairs of a drive; tells when left and right image do not "
                           "belong together: swapped, not rectified, not of the same moment.")
@@ -181,12 +211,21 @@ void bind_camera(nb::module_& m) {
       .def_prop_ro("warning", &PairHistory::warning, "What is wrong, or \"\".");
   m.def(
       "to_gray",
-      [](const AnyArray& image, bool bgr) {
-        const ImageView view = view_of(image, "image", bgr);
+      [](const AnyArray& image, bool bgr, int bits) {
+        ImageView view = view_of(image, "image", bgr);
+        view.bits = bits;
         return image_to_numpy(to_gray(view));
       },
-      "image"_a, nb::kw_only(), "bgr"_a = false,
-      "(H, W) or (H, W, 3) uint8, or (H, W) uint16 (its high byte), as (H, W) uint8 grey.");
+      "image"_a, nb::kw_only(), "bgr"_a = false, "bits"_a = 16,
+      "(H, W) or (H, W, 3) uint8, or (H, W) uint16 of which `bits` bits are used (the upper 8 of "
+      "them count), as (H, W) uint8 grey.");
+  m.def(
+      "used_bits", [](const AnyArray& image) { return used_bits(view_of(image, "image", false)); },
+      "image"_a,
+      "Bits that a uint16 image uses, by its largest pixel: 8, 10, 12, 14 or 16; 0: black, or "
+      "uint8.");
+  m.def("note_of_bits", &note_of_bits, "bits"_a,
+        "What a user should be told about images that use this many of 16 bits, or \"\".");
 }
 
 }  // namespace kys_slam

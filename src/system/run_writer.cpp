@@ -322,6 +322,28 @@ class Files {
   std::exception_ptr first_;
 };
 
+/// submap_N.tum: the frames of every sub-map that is not connected to the one of trajectory.tum,
+/// each in a frame of its own. N is that of frames.csv. Files of a run before are removed.
+void write_other_submaps(const std::filesystem::path& folder,
+                         const std::vector<FrameEstimate>& trajectory, Files& files) {
+  for (const std::filesystem::path& file : list_folder(folder)) {
+    const std::string name = file.filename().string();
+    std::error_code ignored;
+    if (name.starts_with("submap_") && name.ends_with(".tum")) {
+      std::filesystem::remove(file, ignored);
+    }
+  }
+  std::map<std::int64_t, std::vector<TimedPose>> others;
+  for (const FrameEstimate& e : trajectory) {
+    if (e.submap >= 0 && !e.connected) others[e.submap].push_back({e.timestamp, e.T_w_c});
+  }
+  for (const auto& [submap, poses] : others) {
+    files.write([&, n = submap, &p = poses] {
+      write_tum_poses(folder / fmt::format("submap_{}.tum", n), p);
+    });
+  }
+}
+
 }  // namespace
 
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
@@ -338,6 +360,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   files.write(
       [&] { write_kitti_poses(folder / "trajectory.kitti", all_poses(outcome.trajectory)); });
   files.write([&] { write_tum_poses(folder / "keyframes.tum", system.keyframes()); });
+  write_other_submaps(folder, outcome.trajectory, files);
   if (!info.ground_truth.empty()) {
     files.write([&] { write_tum_poses(folder / "ground_truth.tum", info.ground_truth); });
   }
@@ -376,17 +399,37 @@ void save_map_or_beside(const System& system, const std::filesystem::path& file,
   }
 }
 
+std::string describe_failure_to_track(const System& system, const RunOutcome& outcome) {
+  const std::size_t frames = outcome.trajectory.size();
+  if (frames > 0 && 2 * outcome.connected.size() >= frames) return "";
+  const auto tracked = static_cast<std::size_t>(outcome.tracked);
+  if (tracked == outcome.connected.size()) {
+    return fmt::format("tracking failed: {} of {} frames tracked", tracked, frames);
+  }
+  return fmt::format(
+      "tracking failed: {} of {} frames connected; {} are tracked, in {} sub-maps without a "
+      "connection",
+      outcome.connected.size(), frames, tracked, system.submaps());
+}
+
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome) {
   std::string text;
   const auto row = [&](const char* name, const std::string& value) {
     text += fmt::format("  {:<28} {}\n", name, value);
   };
   row("frames tracked", fmt::format("{} of {}", outcome.tracked, outcome.trajectory.size()));
+  if (system.submaps() > 1) {
+    row("frames connected", fmt::format("{} of {}: trajectory.tum", outcome.connected.size(),
+                                        outcome.trajectory.size()));
+    row("sub-maps",
+        fmt::format("{}: the others are not connected to it, submap_*.tum", system.submaps()));
+  }
   row("keyframes, landmarks",
       fmt::format("{}, {}", map_of(system).keyframes().size(), map_of(system).landmarks().size()));
   if (outcome.loops + outcome.merges + outcome.relocalised > 0) {
     row("loops closed", std::to_string(outcome.loops));
-    row("sub-maps left, merged", fmt::format("{}, {}", system.submaps(), outcome.merges));
+    if (system.submaps() == 1) row("sub-maps", "1");
+    row("sub-maps merged", std::to_string(outcome.merges));
     row("frames relocalised", std::to_string(outcome.relocalised));
   }
   row("path length", fmt::format("{:.2f} m", path_length(outcome.connected)));
