@@ -41,7 +41,7 @@ while [ $# -gt 0 ]; do
     --only | --seeds | --inputs | --schedules)
       plan+=("$1"); shift
       while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
-    -h | --help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+    -h | --help) sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
     *) echo "tools/reproduce.sh: unknown option $1; see --help" >&2; exit 2 ;;
   esac
 done

@@ -24,7 +24,7 @@ case "$#:${1:-}" in
     1:--perception) ;;
   1:--format) packages+=(clang-format) ;;
   1:--checks) packages+=(clang clang-format clang-tidy) ;;
-  1:-h | 1:--help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+  1:-h | 1:--help) sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
   1:*) echo "tools/setup.sh: unknown option $1; see --help" >&2; exit 2 ;;
   *) echo "tools/setup.sh: one option at a time; see --help" >&2; exit 2 ;;
 esac

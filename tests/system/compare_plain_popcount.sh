@@ -11,7 +11,7 @@
 # Exit status 0: identical; 1: they differ; 2: something could not be built or run.
 set -u
 if [ $# -lt 1 ]; then
-  sed -n '2,12s/^# \{0,1\}//p' "$0" >&2
+  sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0" >&2
   exit 2
 fi
 tree=$(cd "$(dirname "$0")/../.." && pwd)

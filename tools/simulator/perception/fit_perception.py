@@ -133,6 +133,7 @@ def main():
     if len({row["moving"] for row in rows}) < 2:
         inputs.fail("needs segments that move and segments that do not")
     worlds = ", ".join(os.path.basename(os.path.normpath(s[0])) for s in sources)
+    print("// SPDX-License-Identifier: BSD-3-Clause")
     print(f"// Written by fit_perception.py from {len(rows)} segments of {worlds}.")
     for name in ("exact", "estimated"):
         level, counts = fit(rows, name)
