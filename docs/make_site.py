@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """The pages of this repository as a site.
 
     make_site.py OUTPUT [--api HTML]    needs MkDocs (tools/setup.sh --site)

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # One stage of continuous integration, from a clean checkout. What it costs: CONTRIBUTING.md.
 #   tools/check.sh test     the README's test command; GCC, warnings are errors
 #   tools/check.sh format   clang-format, licence lines

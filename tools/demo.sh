@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Installs what is needed, builds, and tracks two rendered worlds: a drive around a block, which ends in
 # a loop, and a street full of moving traffic, once without priors and once with priors made from exact
 # perception. Prints the position errors and draws pictures; everything is in runs/demo-*.

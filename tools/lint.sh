@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # clang-format and clang-tidy (14, as in Debian 12) over the source; status 1 when they find something.
 #   tools/lint.sh              files that differ from the branch main
 #   tools/lint.sh FILE...      these files

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Every table and figure of the paper, with the published figures beside: sets up, builds, runs the
 # experiments of configs/experiments, and writes a report. What was done before is not done again;
 # interrupt it (Ctrl-C) and call it again as you like.

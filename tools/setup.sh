@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Installs what the project needs on Debian 12 or Ubuntu 24.04 (as root or with sudo), once.
 #   tools/setup.sh            compiler, libraries, tests
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Commands and options of kys-slam, and the checks of their values."""
 
 import argparse

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Runs plot_trajectory.py on a made-up run: pictures are made, bad input is one line and status 2."""
 import importlib.util
 import os

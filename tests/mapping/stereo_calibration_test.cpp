@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/stereo_calibration.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: BSD-3-Clause
 # Shows that mode `stock` is plain ORB matching: the same sequence through the usual build and through
 # a second one in which every descriptor distance is a plain popcount (KYS_PLAIN_POPCOUNT) must give
 # the same trajectories and the same map, byte for byte.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Draws several runs of one sequence over its ground truth into one PNG.
 
     compare_runs.py RUN[=LABEL]... --output FILE [--ground-truth FILE] [--image FILE]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Fits the numbers of perception_levels.inc to what build_priors does on rendered worlds.
 
     fit_perception.py WORLD:EXACT:ESTIMATED [...] > perception_levels.inc
