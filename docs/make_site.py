@@ -18,6 +18,7 @@ import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 LINK = re.compile(r"\]\(([^)\s#]*)(?:#([^)\s]*))?\)")
+MAX_README_WORDS = 700  # read in five minutes
 # By what readers look for; pages not named here are the folders of "Design".
 NAVIGATION = [
     ("Start", "README.md"),
@@ -117,6 +118,10 @@ def main():
                 copy(path, folder)
     if broken:
         sys.exit("links that lead nowhere:\n" + "\n".join(broken))
+    with open(os.path.join(ROOT, "README.md"), encoding="utf-8") as file:
+        words = len(re.findall("[0-9A-Za-z]+", file.read()))
+    if words > MAX_README_WORDS:
+        sys.exit(f"README.md: {words} words, at most {MAX_README_WORDS}; the rest belongs to docs")
     if arguments.check:
         return 0
     if arguments.api:

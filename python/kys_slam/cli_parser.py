@@ -83,7 +83,7 @@ def _add_run(commands) -> None:
                       help="with --priors: a missing prior file is an error")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
-                      "DIR/classes.txt they are priors (python/README.md)")
+                      "DIR/classes.txt they are priors (docs/guide.md)")
     slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
                       " (default: verified with priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
