@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/keypoint_motion.h"
 
 #include <kys_slam/util/median.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """KYS-SLAM: stereo visual SLAM with semantic and motion priors in feature matching.
 
     import kys_slam

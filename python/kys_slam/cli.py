@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The command kys-slam: track any stereo recording, evaluate and draw what came of it."""
 
 import io

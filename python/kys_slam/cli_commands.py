@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The commands of kys-slam that track no recording. Each returns an exit status."""
 
 import json

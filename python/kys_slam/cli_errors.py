@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Exit statuses and messages of kys-slam."""
 
 import contextlib

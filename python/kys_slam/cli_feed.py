@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Feeds a recording to the system: progress, checks of the pairs, masks."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Commands and options of kys-slam, and the checks of their values."""
 
 import argparse
@@ -82,7 +83,7 @@ def _add_run(commands) -> None:
                       help="with --priors: a missing prior file is an error")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
-                      "DIR/classes.txt they are priors (python/README.md)")
+                      "DIR/classes.txt they are priors (docs/guide.md)")
     slam.add_argument("--mask", nargs="+", metavar="FILE",
                       help="8-bit PNG of what no frame uses (the robot itself), 0 = use: of the left "
                       "camera, or of both")

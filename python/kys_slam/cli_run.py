@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The command `kys-slam run`: tracks a recording and saves what came of it."""
 
 import contextlib

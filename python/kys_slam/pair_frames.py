@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rectified stereo frames of recordings that are no sequence folders."""
 
 import sys

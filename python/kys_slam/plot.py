@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Paths and errors of one or several runs over ground truth. evo (evo.core) associates, aligns and
 measures; matplotlib draws."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Stereo recordings that are no sequence folders: two videos, a video of both images side by side,
 ROS 1 and ROS 2 bags (SQLite and MCAP). Frames come out rectified and grey, in order.
 

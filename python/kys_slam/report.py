@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """One HTML page of runs: figures, paths, errors over time, what each frame cost."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The SLAM system."""
 
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Stereo videos: two files, or one with both images side by side."""
 
 from itertools import islice

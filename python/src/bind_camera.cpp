@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
 #include <kys_slam/pair_watch.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/run_writer.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Writes ROS bags of recorded images, for tests."""
 
 import numpy as np

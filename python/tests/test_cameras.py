@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibrations in every format, rectification, the check of a pair."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Damaged recordings, full disks, signals, options that do not apply: one message, status 2, and
 nothing that is computed is lost."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings as others make them: what is wrong is told in the first frames, what is right just runs."""
 
 import json

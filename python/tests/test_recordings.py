@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Folders, videos and bags give what the sequence they were made of gives."""
 
 import json

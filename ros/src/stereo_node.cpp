@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Untested: see ../README.md.
 #include <kys_slam/error.h>
 #include <kys_slam/image_view.h>

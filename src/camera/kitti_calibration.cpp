@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "camera/kitti_calibration.h"
 
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/rig_rows.h>
 #include <kys_slam/util/median.h>
 

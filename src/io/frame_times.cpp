@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/frame_times.h"
 
 #include <fmt/format.h>

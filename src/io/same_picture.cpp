@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/same_picture.h>
 #include <kys_slam/util/median.h>
 

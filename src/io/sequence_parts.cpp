@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/sequence_parts.h"
 
 #include <fmt/format.h>

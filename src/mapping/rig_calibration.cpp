@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/rig_calibration.h"
 
 #include <algorithm>

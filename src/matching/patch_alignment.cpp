@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/patch_alignment.h"
 
 #include <Eigen/Cholesky>

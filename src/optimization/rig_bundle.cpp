@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/rig_bundle.h"
 
 #include <Eigen/Cholesky>

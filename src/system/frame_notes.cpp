@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "system/frame_notes.h"
 
 #include <fmt/format.h>

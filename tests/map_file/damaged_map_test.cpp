@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Whatever is wrong with a file, it is refused in one line or read as a consistent map.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // The loops of patch alignment, for every instruction set that this machine runs: the same bytes,
 // and what slow versions of them give.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/row_alignment.h"
 
 #include <gtest/gtest.h>

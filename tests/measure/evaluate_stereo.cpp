@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // evaluate_stereo: disparities of stereo matching against exact ones, by what may bias them.
 #include <fmt/format.h>
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/input/panoptic_input.h"
 
 #include <gtest/gtest.h>

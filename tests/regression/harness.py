@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Cases of the regression suite: their input, their runs, and what is compared.
 
 A case is a file NAME.json beside this one; README.md says what is in it. Only the standard library

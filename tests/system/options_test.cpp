@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Every options struct of the core, checked as a plain struct.
 #include <gtest/gtest.h>
 #include <kys/distance_model.h>

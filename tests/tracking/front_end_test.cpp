@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/front_end.h"
 
 #include <gtest/gtest.h>

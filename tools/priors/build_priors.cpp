@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // build_priors: perception outputs of a sequence in, prior files out.
 #include <kys_slam/error.h>
 #include <kys_slam/util/memory.h>

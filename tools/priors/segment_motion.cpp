@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>

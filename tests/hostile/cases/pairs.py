@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibrations and pairs of images."""
 import os
 import shutil
