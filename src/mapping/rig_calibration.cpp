@@ -66,6 +66,9 @@ constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparitie
 constexpr std::size_t kMostKeyframes = 80;
 constexpr std::size_t kMostObservations = 20000;
 constexpr int kLeastObservations = 300;
+// Standard deviations of the prior that a parameter may be from its mean: beyond, the estimate is a
+// failure, or no calibration error.
+constexpr double kMostFromPrior = 6;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
 
 /// The newest keyframes, by id.
@@ -210,6 +213,12 @@ void adjust_whole(Map& map, double before, int iterations, const std::atomic<boo
 
 constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 
+bool is_plausible(const RigCorrection& found, const RigEstimate& prior) {
+  const RigCorrection::Parameters off = found.parameters() - prior.correction.parameters();
+  const RigCorrection::Parameters most = kMostFromPrior * prior.covariance.diagonal().cwiseSqrt();
+  return (off.array().abs() <= most.array()).all();  // false for NaN
+}
+
 /// Solves the problem of a view. \return nothing without enough to see, or when stopped
 std::optional<RigEstimate> solve(RigView& view, const RigEstimate& prior,
                                  const std::atomic<bool>* stop) {
@@ -221,7 +230,7 @@ std::optional<RigEstimate> solve(RigView& view, const RigEstimate& prior,
   }
   const RigSummary summary = adjust_rig(problem, stop);
   if (summary.stopped || summary.observations < kLeastObservations) return {};
-  if (!problem.rig.parameters().allFinite() || !summary.covariance.allFinite()) return {};
+  if (!is_plausible(problem.rig, problem.prior) || !summary.covariance.allFinite()) return {};
   return RigEstimate{problem.rig, summary.covariance};
 }
 
