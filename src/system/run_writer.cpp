@@ -2,6 +2,7 @@
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
 #include <kys_slam/evaluation.h>
+#include <kys_slam/row_field.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/trajectory_file.h>
@@ -212,6 +213,61 @@ std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports)
   return lines;
 }
 
+/// What the images said about the calibration, and what is corrected.
+nlohmann::ordered_json rig_json(const RigReport& report) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  const auto rows = [&](double RowFit::*value) -> nlohmann::ordered_json {
+    if (!report.rows) return nullptr;
+    return (*report.rows).*value;
+  };
+  json["rows_sigma_before_px"] = rows(&RowFit::sigma_before);
+  json["rows_sigma_after_px"] = rows(&RowFit::sigma_after);
+  json["rows_field_px"] = rows(&RowFit::field);
+  json["corrected"] = report.corrected();
+  const RigEstimate& known = report.known();
+  const auto sigma = [&](int k) -> nlohmann::ordered_json {
+    if (!(known.covariance(k, k) > 0)) return nullptr;  // not estimated
+    return std::sqrt(known.covariance(k, k));
+  };
+  json["offset_px"] = known.correction.offset();
+  json["offset_sigma_px"] = sigma(static_cast<int>(RigParameter::kOffset));
+  json["parameters"] = nlohmann::ordered_json::object();
+  for (int k = 0; k < RigCorrection::kSize; ++k) {
+    const double value = known.correction.parameters()[k];
+    if (value == 0 && sigma(k).is_null()) continue;
+    const RigParameterName& name = rig_parameter_names()[static_cast<std::size_t>(k)];
+    json["parameters"][std::string(name.name)] = {
+        {"value", value}, {"sigma", sigma(k)}, {"unit", name.unit}};
+  }
+  return json;
+}
+
+/// One line for the table of a run; "" when nothing differs from the calibration.
+std::string describe_rig(const RigReport& report) {
+  const RigCorrection& applied = report.applied.correction;
+  std::vector<std::string> parts;
+  if (report.rows && report.rows->field > RowField::kMinField) {
+    parts.push_back(fmt::format("rows differed by {:.2f} px (rms)", report.rows->field));
+    if (applied.bends()) {
+      parts.push_back(fmt::format("their standard deviation is corrected from {:.2f} to {:.2f} px",
+                                  report.rows->sigma_before, report.rows->sigma_after));
+    } else {
+      parts.emplace_back("not corrected");
+    }
+  } else if (applied.bends()) {
+    parts.emplace_back("corrected from the start");
+  }
+  constexpr int kAt = static_cast<int>(RigParameter::kOffset);
+  const double sigma = std::sqrt(report.applied.covariance(kAt, kAt));
+  const std::string known = sigma > 0 ? fmt::format(" +- {:.2f}", sigma) : "";
+  if (applied.offset() != 0) {
+    parts.push_back(fmt::format("disparity offset {:.2f}{} px", applied.offset(), known));
+  } else if (sigma > 0) {
+    parts.push_back(fmt::format("disparity offset 0{} px, not corrected", known));
+  }
+  return fmt::format("{}", fmt::join(parts, "; "));
+}
+
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
                                const RunOutcome& outcome) {
   // An object from the start: one that becomes an object by operator[] is not sound when memory
@@ -235,6 +291,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["frames_connected"] = outcome.connected.size();
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
+  json["rig"] = rig_json(system.rig());
   json["left_out"] = nlohmann::ordered_json::object();
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
@@ -438,6 +495,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
     row("RPE per frame, rmse",
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
+  if (const std::string rig = describe_rig(system.rig()); !rig.empty()) row("calibration", rig);
   for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
   const std::vector<FrameReport> reports = system.reports();
   for (const Stage& stage : kStages) {
