@@ -78,10 +78,11 @@ double RowField::largest_after() const {
 std::string RowField::describe(double min_field) const {
   switch (verdict(min_field)) {
     case RowVerdict::kRectified:
-      return fmt::format("rectified (rows agree to {:.2f} px)", fit.field);
+      return fmt::format("rectified (rows agree to {:.2f} px rms, at worst {:.2f} px)", fit.field,
+                         largest());
     case RowVerdict::kUnrectified:
       return fmt::format(
-          "not rectified: rows differ by up to {:.2f} px; the run corrects this to {:.2f} px",
+          "not rectified: rows differ by up to {:.2f} px; a run corrects this to {:.2f} px",
           largest(), largest_after());
     case RowVerdict::kUnknown:
       break;

@@ -248,12 +248,10 @@ std::string describe_rig(const RigReport& report) {
   std::vector<std::string> parts;
   if (report.rows && report.rows->field > RowField::kMinField) {
     parts.push_back(fmt::format("rows differed by {:.2f} px (rms)", report.rows->field));
-    if (applied.bends()) {
-      parts.push_back(fmt::format("their standard deviation is corrected from {:.2f} to {:.2f} px",
-                                  report.rows->sigma_before, report.rows->sigma_after));
-    } else {
-      parts.emplace_back("not corrected");
-    }
+    parts.push_back(applied.bends()
+                        ? fmt::format("corrected, standard deviation {:.2f} to {:.2f} px",
+                                      report.rows->sigma_before, report.rows->sigma_after)
+                        : "not corrected");
   } else if (applied.bends()) {
     parts.emplace_back("corrected from the start");
   }
