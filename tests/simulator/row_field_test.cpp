@@ -41,20 +41,28 @@ double true_difference(const TruePair& cameras, const RigCorrection::Measured& m
   return v_right - m.v;
 }
 
-double median(std::vector<double> v) {
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
+double quantile(std::vector<double> v, double share) {
+  const auto at = static_cast<long>(share * static_cast<double>(v.size()));
+  std::nth_element(v.begin(), v.begin() + at, v.end());
+  return v[static_cast<std::size_t>(at)];
 }
 
-using TrueRows = std::array<std::array<std::vector<double>, RowField::kColumns>, RowField::kRows>;
+/// Of the matches of a cell, px.
+struct CellTruth {
+  std::vector<double> rows;    // true differences
+  std::vector<double> errors;  // of the measured ones
+};
+using Truth = std::array<std::array<CellTruth, RowField::kColumns>, RowField::kRows>;
 
-TrueRows true_rows(const RowField& field, const TruePair& cameras, const StereoCamera& camera) {
-  TrueRows truth;
+Truth truth_of(const RowField& field, const TruePair& cameras, const StereoCamera& camera) {
+  Truth truth;
   for (const RowObservation& match : field.matches) {
     const RigCorrection::Measured& m = match.measured;
     const auto row = static_cast<std::size_t>(m.v * RowField::kRows / camera.height);
     const auto column = static_cast<std::size_t>(m.u * RowField::kColumns / camera.width);
-    truth.at(row).at(column).push_back(true_difference(cameras, m));
+    CellTruth& cell = truth.at(row).at(column);
+    cell.rows.push_back(true_difference(cameras, m));
+    cell.errors.push_back(m.v_right - m.v - cell.rows.back());
   }
   return truth;
 }
@@ -75,24 +83,27 @@ TEST_P(BentRows, MediansOfTheCellsAreTheTruth) {
   const RigError error = make_rig_error(error_text, given);
   apply_rig_error(world, error);
   const RowField field = measure(world, frames);
-  const TrueRows truth = true_rows(field, TruePair(given, error), given);
+  const Truth truth = truth_of(field, TruePair(given, error), given);
   EXPECT_EQ(field.pairs, frames.size());
   EXPECT_GT(field.stereo_matches, field.matches.size());
   int cells = 0;
   double largest = 0;
   for (std::size_t row = 0; row < RowField::kRows; ++row) {
     for (std::size_t column = 0; column < RowField::kColumns; ++column) {
+      SCOPED_TRACE("row " + std::to_string(row) + ", column " + std::to_string(column));
       const RowField::Cell& cell = field.cells[row][column];
-      ASSERT_EQ(cell.matches, truth[row][column].size());
+      const CellTruth& known = truth[row][column];
+      ASSERT_EQ(cell.matches, known.rows.size());
       EXPECT_EQ(std::isnan(cell.median), cell.matches < RowField::kLeastInCell);
       EXPECT_EQ(std::isnan(cell.median_after), std::isnan(cell.median));
-      // Matches of one corner or of one edge in several pairs share their errors of some 0.2 px.
-      if (cell.matches < 40) continue;
+      if (cell.matches < 20) continue;
       ++cells;
-      const double expected = median(truth[row][column]);
-      largest = std::max(largest, std::abs(expected));
-      EXPECT_NEAR(cell.median, expected, 0.1) << "row " << row << ", column " << column;
-      EXPECT_NEAR(cell.median_after, 0, 0.1) << "row " << row << ", column " << column;
+      EXPECT_NEAR(quantile(known.errors, 0.5), 0, 0.1);
+      EXPECT_NEAR(cell.median_after, 0, 0.1);
+      // Within a cell the field changes by up to 1 px, with gaps where nothing is matched.
+      EXPECT_GT(cell.median, quantile(known.rows, 0.4) - 0.1);
+      EXPECT_LT(cell.median, quantile(known.rows, 0.6) + 0.1);
+      largest = std::max(largest, std::abs(quantile(known.rows, 0.5)));
     }
   }
   EXPECT_GE(cells, 12);
