@@ -22,6 +22,7 @@ NAVIGATION = [
     ("Architecture", "docs/architecture.md"),
     ("Differences from the paper", "docs/differences.md"),
     ("Results", "docs/results.md"),
+    ("Calibration", "docs/calibration.md"),
     ("Python", "python/README.md"),
     ("Priors", "priors/README.md"),
     ("Matching library", "kys/README.md"),

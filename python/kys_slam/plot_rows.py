@@ -27,13 +27,14 @@ def draw_rows(image: np.ndarray, field: RowField, title: str, file: PathLike) ->
     x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns,
                        (np.arange(rows) + 0.5) * height / rows)
     seen = np.isfinite(field.medians)
-    # The largest one is as long as a third of a cell is high.
+    # The longest one is half as long as a cell is high.
     axes.quiver(x[seen], y[seen], np.zeros(seen.sum()), field.medians[seen], angles="xy",
-                scale_units="xy", scale=3 * most * rows / height, width=0.003)
+                scale_units="xy", scale=2 * most * rows / height, width=0.004, pivot="middle",
+                edgecolor="white", linewidth=0.5)
     for u, v, value in zip(x[seen], y[seen], field.medians[seen]):
-        axes.annotate(f"{value:+.2f}", (u, v), (6, 0), textcoords="offset points", fontsize=9,
+        axes.annotate(f"{value:+.2f}", (u, v), (8, 0), textcoords="offset points", fontsize=9,
                       va="center", bbox={"facecolor": "white", "alpha": 0.6, "pad": 1, "lw": 0})
-    figure.colorbar(cells, ax=axes, shrink=0.8, label="right row less left row, px")
+    figure.colorbar(cells, ax=axes, fraction=0.03, pad=0.02, label="right row less left row, px")
     axes.set(xlim=extent[:2], ylim=extent[2:], xticks=[], yticks=[])
     axes.set_title(title, fontsize=9)
     try:
