@@ -94,17 +94,6 @@ std::vector<Eigen::Vector3d> System::landmarks() const {
   return points;
 }
 
-const char* RigReport::corrected() const {
-  if (applied.correction.bends()) return "all";
-  return applied.correction.none() ? "none" : "offset";
-}
-
-const RigEstimate& RigReport::known() const {
-  const bool of_rows =
-      applied.covariance.isZero(0) && rows && rows->rig.correction == applied.correction;
-  return of_rows ? rows->rig : applied;
-}
-
 RigReport System::rig() const {
   std::unique_lock lock(impl_->mutex);
   return {impl_->quiet_map(lock).rig_estimate(), impl_->front_end.rows()};
