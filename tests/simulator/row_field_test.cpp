@@ -4,7 +4,9 @@
 #include <kys_slam/settings.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -73,6 +75,10 @@ struct Case {
   std::vector<int> frames;
   int width, height;
 };
+
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.world << " " << c.error;
+}
 
 class BentRows : public testing::TestWithParam<Case> {};
 
