@@ -1,6 +1,7 @@
 #include "system/rig_report.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <kys_slam/row_field.h>
 
 #include <cmath>
