@@ -123,7 +123,8 @@ void RowMeter::add(const GrayImage& left, const GrayImage& right) {
   s.extractors[1].extract(right, s.features[1]);
   kys::Statistics statistics;
   const std::vector<float> u_right =
-      match_stereo(s.camera, s.scales, s.view(0), s.view(1), StereoOptions(), s.model, statistics);
+      match_stereo(s.camera, s.scales, s.view(0), s.view(1), StereoOptions(), s.model, statistics)
+          .u;
   const std::vector<float> v_right =
       measure_rows(s.view(0), s.view(1), u_right, RigCorrection(), u_right.size() + 1);
   ++s.measured.pairs;
