@@ -73,7 +73,7 @@ class _Result:
             f"  {'pairs':<22} {f.pairs}{of}",
             f"  {'stereo matches':<22} {f.stereo_matches}, {len(f.matches)} with a measured row",
             "", "  row in the right image less row in the left one, px, medians over the left image",
-            "", *("  " + "".join(f"{'-' if np.isnan(v) else format(v, '.2f'):>8}" for v in row)
+            "", *("  " + "".join(f"{'-' if np.isnan(v) else format(round(v, 2) + 0.0, '.2f'):>8}" for v in row)
                   for row in f.medians), "",
             f"  {'standard deviation':<22} {f.sigma_before:.2f} px, with the fitted correction "
             f"{f.sigma_after:.2f} px",

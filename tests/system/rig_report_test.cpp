@@ -75,6 +75,22 @@ TEST_F(RigReported, RowsThatDifferAreNamedWithTheirCorrection) {
   EXPECT_NE(table_.find(" px (rms); corrected, standard deviation "), std::string::npos) << table_;
 }
 
+TEST_F(RigReported, AnOffsetOfDisparitiesHasItsSign) {
+  // Keyframes at every chance: the offset has to be looked for.
+  const nlohmann::json rig =
+      run({"--set", "stereo.added_disparity=0.5", "--set", "keyframes.reference_ratio=0.97",
+           "--set", "keyframes.starved_ratio=0.97", "--set", "calibration.keyframes=4"});
+  EXPECT_EQ(rig["corrected"], "offset");
+  EXPECT_LT(rig["rows_field_px"], 0.1);
+  ASSERT_FALSE(rig["offset_sigma_px"].is_null());
+  EXPECT_GT(rig["offset_sigma_px"], 0);
+  EXPECT_NEAR(rig["offset_px"], -0.5, 3 * rig["offset_sigma_px"].get<double>());
+  EXPECT_EQ(rig["parameters"].size(), 1U);
+  EXPECT_EQ(rig["parameters"]["offset"]["value"], rig["offset_px"]);
+  EXPECT_NE(table_.find("  calibration                  disparity offset -0."), std::string::npos)
+      << table_;
+}
+
 TEST_F(RigReported, WithoutTheCheckNothingIsSaidOfRows) {
   lower_right_images();
   const nlohmann::json rig = run({"--set", "calibration.rows=false"});
