@@ -24,6 +24,7 @@ NAVIGATION = [
     ("Start", "README.md"),
     ("Guide", [
         ("Guide", "docs/guide.md"),
+        ("Calibration", "docs/calibration.md"),
         ("Python package", "python/README.md"),
         ("Networks", "tools/perception/README.md"),
         ("Priors", "priors/README.md"),

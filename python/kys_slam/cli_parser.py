@@ -16,6 +16,7 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run left/ right/ --calibration camchain.yaml --rate 20
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
   kys-slam run recording.bag --view                      shows observations and map while it runs
+  kys-slam check SEQUENCE                                how well its pairs are rectified
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
   kys-slam report RUN [RUN ...]                          one HTML page of several runs
@@ -52,12 +53,8 @@ def _size(text: str) -> Tuple[int, int]:
     return int(sides[0]), int(sides[1])
 
 
-def _add_run(commands) -> None:
-    p = commands.add_parser(
-        "run", help="track a recording",
-        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
-        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
-        "by side, a ROS bag, or a feature file. The content of the input decides its kind.")
+def _add_input(p: argparse.ArgumentParser):
+    """The recording and its cameras. Returns the group of the camera's options."""
     p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
     camera = p.add_argument_group("camera")
     camera.add_argument("--calibration", nargs="+", metavar="FILE",
@@ -75,6 +72,16 @@ def _add_run(commands) -> None:
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
                         help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
                         "exist), or image_2 and image_3")
+    return camera
+
+
+def _add_run(commands) -> None:
+    p = commands.add_parser(
+        "run", help="track a recording",
+        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
+        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
+        "by side, a ROS bag, or a feature file. The content of the input decides its kind.")
+    camera = _add_input(p)
     camera.add_argument("--no-check", action="store_true",
                         help="do not check whether the pair is swapped or not rectified")
     slam = p.add_argument_group("tracking")
@@ -119,6 +126,22 @@ def _add_run(commands) -> None:
     out.add_argument("--quiet", action="store_true", help="no progress, no table")
 
 
+def _add_check(commands) -> None:
+    p = commands.add_parser(
+        "check", help="how well the pairs of a recording are rectified",
+        description="Measures by how much rows differ between left and right images, over the image: "
+        "zero for a rectified pair with a right calibration. Takes what `run` takes; no motion is "
+        "needed. Exit status 0 whatever the result, 3 when too few matches are found to tell.")
+    _add_input(p)
+    p.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
+    p.add_argument("--frames", type=_whole(1), default=5, metavar="N",
+                   help="number of pairs measured, spread over a sequence of images; of videos and bags "
+                   "every tenth frame from the first one on (default: 5)")
+    p.add_argument("--plot", metavar="FILE.png", help="draw the differences over the first left image")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE.png")
+    p.add_argument("--json", action="store_true")
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
         self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}; see --help\n")
@@ -131,6 +154,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"KYS-SLAM {kys_slam.__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_run(commands)
+    _add_check(commands)
 
     p = commands.add_parser("evaluate", help="errors of a run, or of a trajectory, in figures")
     p.add_argument("estimate", metavar="RUN|FILE", help="folder of a run, or a TUM file")

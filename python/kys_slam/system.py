@@ -72,6 +72,34 @@ class MapSnapshot(NamedTuple):
     edge_loop: np.ndarray  #: (E,) bool, closed loop
 
 
+class RigParameter(NamedTuple):
+    """One way in which the cameras differ from the given calibration (kys_slam/rig_correction.h)."""
+
+    value: float  #: 0: not corrected
+    sigma: Optional[float]  #: standard deviation; None: not estimated
+    unit: str  #: "px", "rad", or "": a ratio
+
+
+class Rig(NamedTuple):
+    """The calibration as the images show it."""
+
+    corrected: str  #: "none", "offset" (of disparities alone) or "all"
+    rows_sigma_before: Optional[float]  #: px, standard deviation of row differences; None: not measured
+    rows_sigma_after: Optional[float]  #: px, the same with the correction that fits them
+    rows_field: Optional[float]  #: px, root mean square of what that correction changes in rows
+    parameters: Dict[str, RigParameter]  #: of the correction that is applied
+
+    @property
+    def offset(self) -> float:
+        """px, added to every disparity."""
+        return self.parameters["offset"].value
+
+    @property
+    def offset_sigma(self) -> Optional[float]:
+        """px, its standard deviation; None: not estimated."""
+        return self.parameters["offset"].sigma
+
+
 class System(_core.System):
     """The SLAM system: feed rectified stereo frames in order, get poses.
 
@@ -146,6 +174,12 @@ class System(_core.System):
     def objects(self) -> Objects:
         """What moves, as mode `verified` judged it; nothing in other modes."""
         return Objects(*self._objects())
+
+    def rig(self) -> Rig:
+        """What the images said about the calibration, and the correction that is applied."""
+        d = self._rig()
+        d["parameters"] = {name: RigParameter(*p) for name, p in d["parameters"].items()}
+        return Rig(**d)
 
     def snapshot(self) -> MapSnapshot:
         """The whole map as it is now."""

@@ -2,6 +2,7 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
 #include <kys_slam/pair_watch.h>
+#include <kys_slam/row_field.h>
 #include <kys_slam/same_picture.h>
 #include <kys_slam/stereo_rig.h>
 #include <nanobind/stl/array.h>
@@ -58,6 +59,89 @@ std::string describe(const StereoCamera& c) {
                 "baseline=%.10g)",
                 c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.baseline);
   return text;
+}
+
+/// (rows, columns) of one value of the cells.
+template <typename T>
+nb::ndarray<nb::numpy, T> cells_of(const RowField& field, T RowField::Cell::*value) {
+  std::vector<T> values;
+  for (const auto& row : field.cells) {
+    for (const RowField::Cell& cell : row) values.push_back(cell.*value);
+  }
+  return to_numpy(std::move(values), {RowField::kRows, RowField::kColumns});
+}
+
+nb::ndarray<nb::numpy, float> matches_of(const RowField& field) {
+  std::vector<float> values;
+  for (const RowObservation& match : field.matches) {
+    const RigCorrection::Measured& m = match.measured;
+    values.insert(values.end(), {m.u, m.v, m.u_right, m.v_right});
+  }
+  return to_numpy(std::move(values), {field.matches.size(), 4});
+}
+
+const char* verdict_of(const RowField& field) {
+  switch (field.verdict()) {
+    case RowVerdict::kRectified:
+      return "rectified";
+    case RowVerdict::kUnrectified:
+      return "not rectified";
+    case RowVerdict::kUnknown:
+      break;
+  }
+  return "unknown";
+}
+
+void bind_rows(nb::module_& m) {
+  nb::class_<RowField>(m, "RowField",
+                       "Differences of rows, right less left, over the left image. Cells are of "
+                       "equal size, the first one is top left.")
+      .def_ro("pairs", &RowField::pairs)
+      .def_ro("stereo_matches", &RowField::stereo_matches, "also those without a measured row")
+      .def_prop_ro(
+          "matches", [](const RowField& f) { return matches_of(f); }, nb::rv_policy::move,
+          "(N, 4) float32: u, v in the left, u, v in the right image, px")
+      .def_prop_ro(
+          "counts", [](const RowField& f) { return cells_of(f, &RowField::Cell::matches); },
+          nb::rv_policy::move, "(4, 6) matches per cell")
+      .def_prop_ro(
+          "medians", [](const RowField& f) { return cells_of(f, &RowField::Cell::median); },
+          nb::rv_policy::move, "(4, 6) float64, px; NaN: fewer than 8 matches")
+      .def_prop_ro(
+          "medians_after",
+          [](const RowField& f) { return cells_of(f, &RowField::Cell::median_after); },
+          nb::rv_policy::move, "(4, 6) float64, px: what the fitted correction leaves")
+      .def_prop_ro(
+          "sigma_before", [](const RowField& f) { return f.fit.sigma_before; },
+          "px, robust standard deviation of the differences")
+      .def_prop_ro(
+          "sigma_after", [](const RowField& f) { return f.fit.sigma_after; },
+          "px, the same with the fitted correction")
+      .def_prop_ro(
+          "field", [](const RowField& f) { return f.fit.field; },
+          "px, root mean square of what the correction changes in rows")
+      .def_prop_ro("largest", &RowField::largest, "px, largest absolute median of the cells")
+      .def_prop_ro("largest_after", &RowField::largest_after, "px, the same with the correction")
+      .def_prop_ro("verdict", &verdict_of, "\"rectified\", \"not rectified\" or \"unknown\"")
+      .def(
+          "__str__", [](const RowField& f) { return f.describe(); },
+          "The verdict in one line, with its figure.");
+  nb::class_<RowMeter>(m, "RowMeter",
+                       "Measures the rows of stereo matches in pairs of one camera, to show how "
+                       "well they are rectified. The pairs may show anything with texture.")
+      .def(nb::init<const StereoCamera&>(), "camera"_a)
+      .def(
+          "add",
+          [](RowMeter& meter, const AnyArray& left, const AnyArray& right, bool bgr) {
+            const ImageView l = view_of(left, "left image", bgr);
+            const ImageView r = view_of(right, "right image", bgr);
+            const nb::gil_scoped_release released;
+            meter.add(to_gray(l), to_gray(r));
+          },
+          "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
+          "A rectified pair of the camera's size; about 100 ms.")
+      .def("field", &RowMeter::field, nb::call_guard<nb::gil_scoped_release>(),
+           "The RowField of all pairs so far.");
 }
 
 }  // namespace
@@ -210,6 +294,7 @@ void bind_camera(nb::module_& m) {
           "The pair of that frame; about 20 ms.")
       .def("finish", &PairHistory::finish, "No more frames: what few pairs showed counts.")
       .def_prop_ro("warning", &PairHistory::warning, "What is wrong, or \"\".");
+  bind_rows(m);
   m.def(
       "to_gray",
       [](const AnyArray& image, bool bgr, int bits) {

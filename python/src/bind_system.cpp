@@ -362,6 +362,28 @@ nb::dict to_dict(const MapSnapshot& s) {
   return d;
 }
 
+nb::dict to_dict(const RigReport& report) {
+  nb::dict d;
+  const auto rows = [&](double RowFit::*value) {
+    return report.rows ? nb::cast((*report.rows).*value) : nb::none();
+  };
+  d["corrected"] = report.corrected();
+  d["rows_sigma_before"] = rows(&RowFit::sigma_before);
+  d["rows_sigma_after"] = rows(&RowFit::sigma_after);
+  d["rows_field"] = rows(&RowFit::field);
+  const RigEstimate& known = report.known();
+  nb::dict parameters;
+  for (int k = 0; k < RigCorrection::kSize; ++k) {
+    const RigParameterName& name = rig_parameter_names()[static_cast<std::size_t>(k)];
+    const double variance = known.covariance(k, k);
+    parameters[nb::str(name.name.data(), name.name.size())] = nb::make_tuple(
+        known.correction.parameters()[k], variance > 0 ? nb::cast(std::sqrt(variance)) : nb::none(),
+        nb::str(name.unit.data(), name.unit.size()));
+  }
+  d["parameters"] = parameters;
+  return d;
+}
+
 /// A C++ call without the GIL.
 template <typename F>
 auto without_gil(F&& f) {
@@ -600,6 +622,7 @@ void bind_system(nb::module_& m) {
           "(N, 3) float64, m: landmarks of the sub-map the trajectory is expressed in.")
       .def("_snapshot",
            [](Slam& s) { return to_dict(without_gil([&] { return s.system().snapshot(); })); })
+      .def("_rig", [](Slam& s) { return to_dict(without_gil([&] { return s.system().rig(); })); })
       .def_prop_ro(
           "submaps", [](Slam& s) { return without_gil([&] { return s.system().submaps(); }); },
           "number of sub-maps that were never connected")

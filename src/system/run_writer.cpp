@@ -23,6 +23,7 @@
 
 #include "map/map.h"
 #include "system/private_access.h"
+#include "system/rig_report.h"
 
 namespace kys_slam {
 
@@ -236,6 +237,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["frames_connected"] = outcome.connected.size();
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
+  json["rig"] = rig_json(system.rig());
   json["left_out"] = nlohmann::ordered_json::object();
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
@@ -439,6 +441,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
     row("RPE per frame, rmse",
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
+  if (const std::string rig = describe_rig(system.rig()); !rig.empty()) row("calibration", rig);
   for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
   const std::vector<FrameReport> reports = system.reports();
   for (const Stage& stage : kStages) {
