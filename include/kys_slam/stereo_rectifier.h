@@ -2,6 +2,7 @@
 #pragma once
 
 #include <kys_slam/image.h>
+#include <kys_slam/rig_correction.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -41,6 +42,12 @@ class StereoRectifier {
   /// non-finite or implausible numbers, cameras of different size or lens model, right camera not
   /// to the right of the left one.
   StereoRectifier(const RawCamera& left, const RawCamera& right, const std::string& name);
+  /// Of images that were rectified by a calibration which has a correction: the pair that results
+  /// has the given intrinsics and no such error. It is turned such that the baseline is along x,
+  /// and the baseline is that of the corrected rig. \param name for messages \throws InputError
+  /// when the correction folds the images
+  StereoRectifier(const StereoCamera& given, const RigCorrection& correction,
+                  const std::string& name);
   StereoRectifier(StereoRectifier&&) noexcept;
   StereoRectifier& operator=(StereoRectifier&&) noexcept;
   ~StereoRectifier();

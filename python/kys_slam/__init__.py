@@ -41,6 +41,7 @@ from ._core import (  # noqa: F401
     check_stereo_pair,
     check_writable,
     evaluate,
+    has_rig_correction,
     mode_needs_priors,
     modes,
     open_image_pair,
@@ -61,7 +62,7 @@ __all__ = [
     "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Rig",
     "RigParameter", "RowField", "RowMeter", "Sequence", "Settings", "StereoCamera", "StereoFrame",
     "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory", "builtin_label_spaces",
-    "check_stereo_pair", "check_writable", "evaluate", "mode_needs_priors", "modes", "open_image_pair",
+    "check_stereo_pair", "check_writable", "evaluate", "has_rig_correction", "mode_needs_priors", "modes", "open_image_pair",
     "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
     "rig_from_camera_info", "to_gray", "used_bits", "write_prior", "write_tum",
 ]

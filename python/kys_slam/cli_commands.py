@@ -102,6 +102,9 @@ def view(args) -> int:
 
 
 def calibrate(args) -> int:
+    from kys_slam.cli_calibrate import calibrate_recordings, is_recording
+    if args.given or all(is_recording(file) for file in args.files):
+        return calibrate_recordings(args)
     rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
     rig.check_baseline()
     width, height = rig.size

@@ -2,6 +2,7 @@
 """Input of `kys-slam run`: the recording and the settings that the command line names."""
 
 from pathlib import Path
+from typing import List, Optional
 
 import kys_slam
 from kys_slam import InputError
@@ -16,21 +17,24 @@ def _read_rig(args):
     return kys_slam.read_stereo_rig(args.calibration, args.calibration_unit or 1)
 
 
+def correction_of(args) -> Optional[str]:
+    """The calibration file that has a correction of the calibration in it."""
+    files = args.calibration or []
+    return files[0] if len(files) == 1 and kys_slam.has_rig_correction(files[0]) else None
+
+
 # Options that depend on what the input is: kind of input: those it knows.
 _INPUT_OPTIONS = {
     "two folders of images": ("calibration", "calibration_unit", "rate", "times", "tolerance"),
     "a video": ("calibration", "calibration_unit", "rate"),
     "a bag": ("calibration", "calibration_unit", "topics", "tolerance"),
-    "a sequence of a known layout": ("pair", "tolerance")}
+    "a sequence of a known layout": ("calibration", "pair", "tolerance")}
 
 
 def _check_options(args, path: Path, kind: str) -> None:
     for name in sorted({name for names in _INPUT_OPTIONS.values() for name in names}):
         if name not in _INPUT_OPTIONS[kind] and getattr(args, name) not in (None, ""):
-            more = (": it contains its calibration; for images of your own give LEFT and RIGHT"
-                    if name == "calibration" else "")
-            raise InputError(f"{path}: is {kind}, to which --{name.replace('_', '-')} does not "
-                             f"apply{more}")
+            raise InputError(f"{path}: is {kind}, to which --{name.replace('_', '-')} does not apply")
     if args.calibration_unit and not args.calibration:
         raise InputError("--calibration-unit needs --calibration")
 
@@ -69,9 +73,20 @@ def open_recording(args):
     if inside:
         return _open_folders(args, inside, part)
     _check_options(args, path, "a sequence of a known layout")
+    if args.calibration and not correction_of(args):
+        raise InputError(f"{path}: contains its calibration: --calibration takes a correction of it "
+                         "(kys-slam calibrate); for images of your own give LEFT and RIGHT")
     sequence = kys_slam.open_sequence(path, pair=args.pair, **part, **_pairing(args))
     _check_tolerance(args, path, sequence, f"images of {sequence.layout} are paired by number")
     return sequence
+
+
+def needs_calibration(paths: List[Path]) -> bool:
+    """Whether recordings of this kind bring no calibration, or (bags) need not."""
+    from kys_slam import recordings
+    path = paths[0]
+    return (len(paths) == 2 or _pair_inside(path) is not None or (path / "metadata.yaml").exists()
+            or path.suffix.lower() in recordings.VIDEO_SUFFIXES | recordings.BAG_SUFFIXES)
 
 
 def _pairing(args) -> dict:

@@ -17,6 +17,7 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
   kys-slam run recording.bag --view                      shows observations and map while it runs
   kys-slam check SEQUENCE                                how well its pairs are rectified
+  kys-slam calibrate RECORDING ... --from camchain.yaml -o refined.yaml
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
   kys-slam report RUN [RUN ...]                          one HTML page of several runs
@@ -59,7 +60,8 @@ def _add_input(p: argparse.ArgumentParser):
     camera = p.add_argument_group("camera")
     camera.add_argument("--calibration", nargs="+", metavar="FILE",
                         help="Kalibr camchain, OpenCV stereo calibration, our YAML, or the "
-                        "camera_info files of the left and the right camera")
+                        "camera_info files of the left and the right camera; of a sequence that brings "
+                        "its own: a correction of it (kys-slam calibrate)")
     camera.add_argument("--calibration-unit", type=_number(0, 1e6), metavar="M",
                         help="metres per unit of the calibration's lengths (mm: 0.001)")
     camera.add_argument("--rate", type=_number(0, 1e5), metavar="HZ",
@@ -142,6 +144,37 @@ def _add_check(commands) -> None:
     p.add_argument("--json", action="store_true")
 
 
+def _add_calibrate(commands) -> None:
+    p = commands.add_parser(
+        "calibrate", help="refine a calibration by recordings; show or convert one",
+        description="With recordings of one rig: runs each, estimates from their maps how the cameras "
+        "differ from the given calibration (the program calibrate_rig), and writes a calibration that "
+        "--calibration of kys-slam run takes. With calibration files: shows the calibration after "
+        "rectification, and writes it as our YAML.")
+    p.add_argument("files", nargs="+", metavar="RECORDING|FILE",
+                   help="recordings as kys-slam run takes them, pairs as LEFT,RIGHT; or the files of one "
+                   "calibration")
+    p.add_argument("--from", nargs="+", metavar="FILE", dest="given",
+                   help="the given calibration of the recordings (those of a known layout bring it)")
+    p.add_argument("-o", "--output", metavar="FILE", help="write it as our YAML, lengths in m")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
+    p.add_argument("--calibration-unit", type=_number(0, 1e6), default=1, metavar="M",
+                   help="metres per unit of the calibration's lengths (mm: 0.001)")
+    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it")
+    of = p.add_argument_group("recordings")
+    of.add_argument("--rate", type=_number(0, 1e5), metavar="HZ")
+    of.add_argument("--topics", nargs=2, metavar=("LEFT", "RIGHT"))
+    of.add_argument("--tolerance", type=_number(0, 3600, exclusive=False), metavar="S")
+    of.add_argument("--pair", default="", choices=("grey", "colour"))
+    of.add_argument("--kind", choices=("driving", "indoor"))
+    of.add_argument("--frames", type=_whole(1), metavar="N", help="of each recording at most")
+    of.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    of.add_argument("--schedule", default="pipelined", choices=("pipelined", "sequential"))
+    of.add_argument("--hold-out", type=_number(0, 0.5, exclusive=False), default=0.1, metavar="SHARE",
+                    help="share of the observations that are predicted, not used (default: 0.1)")
+    of.add_argument("--json", metavar="FILE", help="write the figures to FILE")
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
         self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}; see --help\n")
@@ -179,12 +212,7 @@ def make_parser() -> argparse.ArgumentParser:
     p = commands.add_parser("view", help="shows a recording (--record) in Rerun's viewer")
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
 
-    p = commands.add_parser("calibrate", help="show a calibration after rectification; convert it")
-    p.add_argument("files", nargs="+", metavar="FILE")
-    p.add_argument("--calibration-unit", type=_number(0, 1e6), default=1, metavar="M")
-    p.add_argument("--size", type=_size, metavar="WxH", help="size of the images, for files without it; needed for --output")
-    p.add_argument("--output", metavar="FILE", help="write it as our YAML, lengths in m")
-    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE")
+    _add_calibrate(commands)
 
     p = commands.add_parser("priors", help="content of prior files")
     p.add_argument("files", nargs="+", metavar="FILE|DIR")

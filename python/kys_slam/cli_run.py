@@ -14,7 +14,7 @@ from kys_slam import InputError
 from kys_slam._core import _InterruptGuard
 from kys_slam.cli_errors import TRACKING_FAILED, Failures, interrupted, library_warns, warn
 from kys_slam.cli_feed import Feed
-from kys_slam.cli_input import make_settings, open_recording
+from kys_slam.cli_input import correction_of, make_settings, open_recording
 from kys_slam.cli_output import must_be_new, open_recorders, output_folder
 from kys_slam.live import Playback
 
@@ -44,6 +44,9 @@ def _run_recording(args) -> int:
     output = output_folder(args, recording.name, mode)
     slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
                            strict_priors=args.strict_priors)
+    correction = correction_of(args)
+    if correction:
+        slam.start_rig(correction)
     if args.load_map:
         slam.load_map(args.load_map, args.localize_only)
     recorders = open_recorders(args, slam)
@@ -121,6 +124,9 @@ def _check_options(args) -> None:
         raise InputError("--mask: one file for the left camera, or two for both")
     if args.localize_only and not args.load_map:
         raise InputError("--localize-only needs --load-map")
+    if args.load_map and args.calibration and correction_of(args):
+        raise InputError(f"--load-map: the map has its own correction of the calibration, not that of "
+                         f"{args.calibration[0]}")
     if args.strict_priors and not args.priors:
         raise InputError("--strict-priors needs --priors")
     if args.schedule != "realtime" and (args.late, args.queue, args.speed) != ("wait", 2, 1):

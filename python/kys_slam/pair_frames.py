@@ -59,6 +59,7 @@ class Recording:
         if callable(rig):
             rig = rig((width, height))
         rig.set_image_size(width, height)
+        self.rig = rig
         camera = rig.rectified()
         self._rectifier = None if camera else StereoRectifier(rig)
         self.camera: StereoCamera = camera or self._rectifier.camera

@@ -2,6 +2,7 @@
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/check_pair.h>
 #include <kys_slam/pair_watch.h>
+#include <kys_slam/rig_file.h>
 #include <kys_slam/row_field.h>
 #include <kys_slam/same_picture.h>
 #include <kys_slam/stereo_rig.h>
@@ -206,6 +207,12 @@ void bind_camera(nb::module_& m) {
       "or "
       "ROS camera_info of both cameras (two files: left, right). `unit`: m per unit of length in "
       "the file (0.001 for mm).");
+  m.def(
+      "has_rig_correction",
+      [](const std::filesystem::path& file) { return read_correction_file(file).has_value(); },
+      "file"_a,
+      "Whether a calibration file has a correction in it (`kys-slam calibrate`). Raises InputError "
+      "when it is damaged.");
   m.def(
       "rig_from_camera_info",
       [](const std::vector<nb::dict>& infos, const std::string& name,

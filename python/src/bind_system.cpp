@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/prior_folder.h>
+#include <kys_slam/rig_file.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
@@ -114,7 +115,7 @@ class Slam {
  public:
   Slam(const StereoCamera& camera, const Settings& settings, const std::string& schedule,
        const std::optional<std::filesystem::path>& priors, bool strict_priors)
-      : settings_(settings), schedule_(parse_schedule(schedule)) {
+      : camera_(camera), settings_(settings), schedule_(parse_schedule(schedule)) {
     auto provider = std::make_unique<Priors>();
     expected_ = expected_priors(camera, settings.get("control.label_space"));
     if (priors) {
@@ -127,6 +128,12 @@ class Slam {
   ~Slam() {
     const nb::gil_scoped_release released;  // the back end's thread is joined
     system_.reset();
+  }
+
+  /// The correction in the file, which is refused for another camera.
+  void start_rig(const std::filesystem::path& file) {
+    const nb::gil_scoped_release released;
+    system_->start_rig(read_rig_correction(file, camera_));
   }
 
   FrameReport feed(const AnyArray& left, const AnyArray& right, double timestamp,
@@ -287,6 +294,7 @@ class Slam {
     return d;
   }
 
+  StereoCamera camera_;
   Settings settings_;
   Schedule schedule_;
   ExpectedPriors expected_;
@@ -574,6 +582,9 @@ void bind_system(nb::module_& m) {
       .def(
           "interrupt", [](Slam& s) { s.system().interrupt(); },
           "Asks optimisation under way to stop early. From any thread.")
+      .def("start_rig", &Slam::start_rig, "file"_a,
+           "Before the first frame and any map: begins with the correction of the calibration that "
+           "is in the file, as `kys-slam calibrate` writes it.")
       .def(
           "load_map",
           [](Slam& s, const std::filesystem::path& file, bool localize_only) {

@@ -217,6 +217,41 @@ StereoRectifier::StereoRectifier(const RawCamera& left, const RawCamera& right,
       left.T_b_s * Rigid3(Eigen::Matrix3d(to_eigen(R[0]).transpose()), Eigen::Vector3d::Zero());
 }
 
+StereoRectifier::StereoRectifier(const StereoCamera& given, const RigCorrection& correction,
+                                 const std::string& name)
+    : camera_(given) {
+  const Eigen::Vector3d along(1, correction[RigParameter::kBaselineY],
+                              correction[RigParameter::kBaselineZ]);
+  camera_.baseline = given.baseline * along.norm() / correction.focal_scale();
+  Eigen::Matrix3d R;  // from the given left camera, with the least turn about the baseline
+  R.row(0) = along.normalized();
+  R.row(1) = Eigen::Vector3d::UnitZ().cross(along).normalized();
+  R.row(2) = R.row(0).cross(R.row(1));
+  T_b_c_ = Rigid3(Eigen::Matrix3d(R.transpose()), Eigen::Vector3d::Zero());
+  const cv::Size size(given.width, given.height);
+  std::array<cv::Mat, 2> x{cv::Mat(size, CV_32FC1), cv::Mat(size, CV_32FC1)};
+  std::array<cv::Mat, 2> y{cv::Mat(size, CV_32FC1), cv::Mat(size, CV_32FC1)};
+  for (int v = 0; v < given.height; ++v) {
+    for (int u = 0; u < given.width; ++u) {
+      const Eigen::Vector3d ray =
+          R.transpose() * Eigen::Vector3d((u - given.cx) / given.fx, (v - given.cy) / given.fy, 1);
+      const Eigen::Vector2d ideal = given.project(ray);
+      const Eigen::Vector2d from[2] = {correction.measured_left(ideal.x(), ideal.y()),
+                                       correction.measured_right(ideal.x(), ideal.y(), ideal.x())};
+      for (std::size_t side = 0; side < 2; ++side) {
+        x.at(side).at<float>(v, u) = static_cast<float>(from[side].x());
+        y.at(side).at<float>(v, u) = static_cast<float>(from[side].y());
+      }
+    }
+  }
+  for (std::size_t side = 0; side < 2; ++side) {
+    if (!cv::checkRange(x.at(side)) || !cv::checkRange(y.at(side))) {
+      throw InputError(name + ": an absurd correction");
+    }
+    maps_.at(side) = std::make_unique<Maps>(x.at(side), y.at(side));
+  }
+}
+
 void StereoRectifier::rectify_equidistant(const RawCamera& left, const RawCamera& right,
                                           const std::string& name) {
   const cv::Size size(left.width, left.height);

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <initializer_list>
 #include <utility>
@@ -13,6 +12,7 @@
 #include "camera/plausible.h"
 #include "io/calibration_file.h"
 #include "io/camera_info.h"
+#include "io/yaml_file.h"
 
 namespace kys_slam {
 
@@ -139,15 +139,9 @@ StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
   return rig;
 }
 
-/// As few digits as give the same number back.
-std::string digits(double value) {
-  std::array<char, 32> text;
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
-}
-
 std::string list(std::span<const double> values) {
   std::string text;
-  for (const double value : values) text += (text.empty() ? "[" : ", ") + digits(value);
+  for (const double value : values) text += (text.empty() ? "[" : ", ") + yaml_number(value);
   return text.empty() ? "[]" : text + "]";
 }
 
@@ -198,9 +192,10 @@ std::string to_yaml(const StereoRig& rig) {
     }
     const char* lens = c->lens == LensModel::kEquidistant ? "equidistant" : "radtan";
     text += std::string(key) + ": {width: " + std::to_string(c->width) +
-            ", height: " + std::to_string(c->height) + ", fx: " + digits(c->fx) +
-            ", fy: " + digits(c->fy) + ", cx: " + digits(c->cx) + ", cy: " + digits(c->cy) +
-            ",\n  model: " + lens + ", distortion: " + list(c->distortion) + "}\n";
+            ", height: " + std::to_string(c->height) + ", fx: " + yaml_number(c->fx) +
+            ", fy: " + yaml_number(c->fy) + ", cx: " + yaml_number(c->cx) +
+            ", cy: " + yaml_number(c->cy) + ",\n  model: " + lens +
+            ", distortion: " + list(c->distortion) + "}\n";
   }
   Eigen::Matrix<double, 4, 4, Eigen::RowMajor> T = Eigen::Matrix4d::Identity();
   T.topRows<3>() = (rig.left.T_b_s.inverse() * rig.right.T_b_s).matrix();

@@ -6,6 +6,8 @@
 #include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <set>
 #include <sstream>
 #include <vector>
@@ -103,6 +105,11 @@ YAML::Node parse_yaml(std::string text, const std::string& name) {
 
 YAML::Node load_yaml(const std::filesystem::path& path) {
   return parse_yaml(read_text(path, kMaxBytes), path.string());
+}
+
+std::string yaml_number(double value) {
+  std::array<char, 32> text;
+  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
 }
 
 }  // namespace kys_slam

@@ -17,4 +17,7 @@ YAML::Node load_yaml(const std::filesystem::path& path);
 /// The same for a text; `name` is used in messages.
 YAML::Node parse_yaml(std::string text, const std::string& name);
 
+/// A number for a YAML file, with as few digits as give the same number back.
+std::string yaml_number(double value);
+
 }  // namespace kys_slam

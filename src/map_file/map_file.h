@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -27,9 +28,13 @@ void save_map(const Map& map, const std::filesystem::path& path, std::string_vie
 ///   newer, not a map, of another label space
 Map load_map(const std::filesystem::path& path, std::string_view label_space = "");
 
+/// Reads a map whatever the label space of its priors, for what needs no priors.
+Map load_map_of_any_labels(const std::filesystem::path& path);
+
 /// The same in memory; `name` is used in messages.
 std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_space = "");
+/// Without a label space that of the map's priors can be any.
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
-              std::string_view label_space = "");
+              std::optional<std::string_view> label_space = "");
 
 }  // namespace kys_slam

@@ -278,7 +278,7 @@ void check_id_ends(const MapContents& contents) {
           "has ids out of all proportion");
 }
 
-Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
+Map parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label_space) {
   const Header header = check_header(bytes);
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
@@ -294,9 +294,9 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
   require(file.left() == 0, "has bytes too many");
   bytes = {};
   check_id_ends(contents);
-  if (stored_space != label_space && contents.has_priors()) {
+  if (label_space && stored_space != *label_space && contents.has_priors()) {
     throw mf::Damage("contains priors of label space '" + stored_space + "', configured is '" +
-                     std::string(label_space) + "'");
+                     std::string(*label_space) + "'");
   }
   return Map(std::move(contents));
 }
@@ -304,7 +304,7 @@ Map parse(std::vector<std::uint8_t> bytes, std::string_view label_space) {
 }  // namespace
 
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
-              std::string_view label_space) {
+              std::optional<std::string_view> label_space) {
   try {
     return parse(std::move(bytes), label_space);
   } catch (const mf::Damage& damage) {

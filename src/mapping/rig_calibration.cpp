@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <span>
 #include <utility>
 
 #include "geometry/camera_path.h"
 #include "mapping/local_bundle.h"
+#include "mapping/rig_view.h"
 #include "optimization/rig_bundle.h"
 
 namespace kys_slam {
@@ -53,16 +53,8 @@ constexpr double kLeastShare = 0.5;
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
-// Factor on the information of disparities. That of aligned keypoints is as measured
-// (kImageInformation). Corners as they are found repeat to about 0.26 px, disparities to 0.09 px of
-// the octave. It matters here: the inverse distances that several views give are as uncertain as
-// the corners, and taken for more accurate than they are they flatten the line through (inverse
-// distance, disparity) and raise its intercept, which is the offset.
-constexpr double kWeightAligned = 1;
-constexpr double kWeightFound = 8;
-constexpr int kIterations = 10;        // of both rounds, after the disparities have changed
-constexpr int kFewIterations = 4;      // the same, from the poses of the estimate
-constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
+constexpr int kIterations = 10;    // of both rounds, after the disparities have changed
+constexpr int kFewIterations = 4;  // the same, from the poses of the estimate
 constexpr std::size_t kMostKeyframes = 80;
 constexpr std::size_t kMostObservations = 20000;
 constexpr int kLeastObservations = 300;
@@ -70,107 +62,6 @@ constexpr int kLeastObservations = 300;
 // failure, or no calibration error.
 constexpr double kMostFromPrior = 6;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
-
-/// The newest keyframes, by id.
-std::vector<KeyFrameId> newest(const Map& map) {
-  std::vector<KeyFrameId> ids = map.keyframes().ids();
-  if (ids.size() > kMostKeyframes) {
-    ids.erase(ids.begin(), ids.end() - static_cast<std::ptrdiff_t>(kMostKeyframes));
-  }
-  return ids;
-}
-
-/// Poses and landmarks of a rig problem, by index in its arrays.
-class RigView {
- public:
-  RigView(const Map& map, int min_observers) : poses(newest(map)), map_(map) {
-    for (std::size_t k = 0; k < poses.size(); ++k) index_.put(poses[k], k);
-    problem.camera = map.camera();
-    problem.rig = map.rig();
-    for (const KeyFrameId id : poses) {
-      problem.T_c_w.push_back(map.keyframe(id).T_c_w);
-      problem.pose_fixed.push_back(0);
-    }
-    hold_submaps();
-    std::vector<LandmarkId> chosen;
-    std::size_t observations = 0;
-    map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
-      const auto seen = static_cast<std::size_t>(
-          std::count_if(landmark.observations.begin(), landmark.observations.end(),
-                        [&](const Observation& o) { return index_.contains(o.keyframe); }));
-      if (static_cast<int>(seen) < min_observers) return;
-      chosen.push_back(id);
-      observations += seen;
-    });
-    const std::size_t every = (observations + kMostObservations - 1) / kMostObservations;
-    for (std::size_t i = 0; i < chosen.size(); i += std::max<std::size_t>(1, every)) {
-      landmarks.push_back(chosen[i]);
-      add(map.landmarks().at(chosen[i]));
-    }
-    const bool aligned = 2 * aligned_ >= problem.observations.size();
-    problem.information_disparity *= aligned ? kWeightAligned : kWeightFound;
-  }
-
-  RigProblem problem;
-  std::vector<KeyFrameId> poses;      // of the problem
-  std::vector<LandmarkId> landmarks;  // of its points
-
-  /// Moves keyframes and landmarks to where the solved problem has them.
-  void write_to(Map& map) const {
-    for (std::size_t k = 0; k < poses.size(); ++k) {
-      if (problem.pose_fixed[k] == 0) map.set_pose(poses[k], problem.T_c_w[k]);
-    }
-    for (std::size_t k = 0; k < landmarks.size(); ++k) {
-      map.set_position(landmarks[k], problem.points[k]);
-    }
-  }
-
- private:
-  /// One keyframe of every sub-map stays.
-  void hold_submaps() {
-    IdTable<KeyFrameId, std::uint8_t> held;
-    for (std::size_t k = 0; k < poses.size(); ++k) {
-      const KeyFrameId submap = map_.keyframe(poses[k]).submap;
-      if (held.contains(submap)) continue;
-      held.put(submap, 1);
-      problem.pose_fixed[k] = 1;
-    }
-  }
-
-  void add(const Landmark& landmark) {
-    problem.points.push_back(landmark.p_w);
-    problem.first.push_back(problem.first.back());
-    for (const Observation& o : landmark.observations) {
-      const std::size_t* pose = index_.find(o.keyframe);
-      if (pose == nullptr) continue;
-      const FrameFeatures& features = *map_.keyframe(o.keyframe).features;
-      const StereoPixel pixel = features.stereo_pixel(o.feature, map_.scales());
-      RigProblem::Observation seen;
-      seen.pose = static_cast<std::uint32_t>(*pose);
-      seen.scale = map_.scales().scale[features.keypoint(o.feature).octave];
-      seen.inv_sigma = pixel.inv_sigma;
-      seen.measured = features.measured(o.feature);
-      if (std::isnan(pixel.u_right) || seen.scale > kLargestScale) {
-        seen.measured.u_right = std::nanf("");
-      } else if (std::isnan(seen.measured.v_right)) {
-        const Keypoint& k = features.keypoint(o.feature);
-        seen.measured.v_right =
-            static_cast<float>(map_.rig().measured_right(k.x, k.y, pixel.u_right).y());
-      } else {
-        seen.row = true;
-      }
-      problem.information_v = pixel.ratio.v;
-      problem.information_disparity = pixel.ratio.disparity;
-      problem.observations.push_back(seen);
-      ++problem.first.back();
-      aligned_ += features.is_aligned(o.feature) ? 1 : 0;
-    }
-  }
-
-  const Map& map_;
-  IdTable<KeyFrameId, std::size_t> index_;
-  std::size_t aligned_ = 0;
-};
 
 struct Whole {
   std::vector<KeyFrameId> poses;
@@ -213,6 +104,11 @@ void adjust_whole(Map& map, double before, int iterations, const std::atomic<boo
 
 constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 
+RigView view_of(const Map& map, const RigCalibrationOptions& options) {
+  return rig_view(map, newest_keyframes(map, kMostKeyframes), options.min_observers,
+                  kMostObservations);
+}
+
 bool is_plausible(const RigCorrection& found, const RigEstimate& prior) {
   const RigCorrection::Parameters off = found.parameters() - prior.correction.parameters();
   const RigCorrection::Parameters most = kMostFromPrior * prior.covariance.diagonal().cwiseSqrt();
@@ -238,7 +134,7 @@ std::optional<RigEstimate> solve(RigView& view, const RigEstimate& prior,
 
 std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
                                         const RigEstimate& prior, const std::atomic<bool>* stop) {
-  RigView view(map, options.min_observers);
+  RigView view = view_of(map, options);
   return solve(view, prior, stop);
 }
 
@@ -282,7 +178,7 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) con
 
 bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   seen_ = map.keyframes().size();
-  RigView view(map, options_.min_observers);
+  RigView view = view_of(map, options_);
   std::optional<RigEstimate> found = solve(view, prior_, stop);
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;

@@ -4,6 +4,7 @@
 #include <kys_slam/stereo_rectifier.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -89,6 +90,37 @@ TEST(StereoRectifier, SpotsLandWhereTheRectifiedPairSeesThem) {
     EXPECT_NEAR(r.x(), expected(2), 0.1);
     EXPECT_NEAR(r.y(), expected(1), 0.1);
   }
+}
+
+TEST(StereoRectifier, ACorrectionMakesThePairPerfect) {
+  const StereoCamera given{1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.5371657};
+  RigCorrection::Parameters values;
+  values << 0.0155, -0.0110, 0.0008, 0.0016, 0.0112, -0.0047, 0, -0.0068, -0.0274, 0.0023, -0.0002,
+      0.0018, 0.22, -0.25, -0.003, -0.0140, -0.0073;
+  const RigCorrection correction(given, values);
+  const StereoRectifier rectifier(given, correction, "rig");
+  const StereoCamera& camera = rectifier.camera();
+  EXPECT_EQ(camera.fx, given.fx);
+  EXPECT_EQ(camera.cx, given.cx);
+  const double norm = std::sqrt(1 + 0.003 * 0.003 + 0.014 * 0.014);
+  EXPECT_NEAR(camera.baseline, given.baseline * norm / (1 - 0.0073), 1e-12);
+  double apart = 0;  // rows in the given images
+  for (const auto& [u, v, depth] : std::vector<std::array<double, 3>>{
+           {200, 60, 200}, {1100, 60, 200}, {180, 310, 200}, {650, 190, 30}, {1000, 300, 8}}) {
+    const Eigen::Vector3d p = given.back_project(u, v, depth);
+    const Eigen::Vector2d left = correction.measured_left(u, v);
+    const Eigen::Vector2d right = correction.measured_right(u, v, u - given.bf() / depth);
+    apart = std::max(apart, std::abs(left.y() - right.y()));
+    const Eigen::Vector3d expected = camera.project_stereo(rectifier.T_b_c().inverse() * p);
+    const auto l = centroid(rectifier.rectify_left(spot(1241, 376, left)));
+    const auto r = centroid(rectifier.rectify_right(spot(1241, 376, right)));
+    // Positions are rounded to 1/32 px, the spots' brightness to whole numbers.
+    EXPECT_NEAR(l.x(), expected(0), 0.05);
+    EXPECT_NEAR(l.y(), expected(1), 0.05);
+    EXPECT_NEAR(r.x(), expected(2), 0.05);
+    EXPECT_NEAR(r.y(), expected(1), 0.05);
+  }
+  EXPECT_GT(apart, 0.5) << "px: there is something to put right";
 }
 
 TEST(StereoRectifier, EveryPixelComesFromInsideTheRawImages) {

@@ -3,13 +3,16 @@
 // Priors are in the geometry of the rectified images.
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/rig_file.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
+#include <memory>
 #include <utility>
 
 #include "common/command_line.h"
@@ -53,15 +56,42 @@ void check_first_pair(const BuildSequence& sequence, const fs::path& left, const
   }
 }
 
+/// The sequence as a pair without the error that the file tells of.
+void correct(BuildSequence& sequence, const std::string& calibration) {
+  const RigEstimate rig = read_rig_correction(calibration, sequence.camera);
+  const auto rectifier =
+      std::make_shared<StereoRectifier>(sequence.camera, rig.correction, calibration);
+  sequence.camera = rectifier->camera();
+  sequence.read = [rectifier, read = sequence.read](std::size_t t) {
+    const auto pair = read(t);
+    return std::pair(rectifier->rectify_left(pair.first), rectifier->rectify_right(pair.second));
+  };
+}
+
+std::string times_of(const BuildSequence& sequence) {
+  std::string text;
+  for (const double time : sequence.timestamps) {
+    std::array<char, 32> line;
+    std::snprintf(line.data(), line.size(), "%.9f\n", time);
+    text += line.data();
+  }
+  return text;
+}
+
 int run(int argc, char** argv) {
   CLI::App app(
-      "Writes the rectified images of a sequence in KITTI layout (image_0, image_1, calib.txt), "
+      "Writes the rectified images of a sequence in KITTI layout (image_0, image_1, calib.txt, "
+      "times.txt), "
       "as input of perception networks.");
-  std::string input, output;
+  std::string input, output, calibration;
   app.add_option("sequence", input, "Sequence folder")->required();
   app.add_option("--output", output, "Folder to write to")->required();
+  app.add_option("--calibration", calibration,
+                 "File with a correction of the sequence's calibration (calibrate_rig): the images "
+                 "are those of a perfect pair");
   if (const auto status = parse_command_line(app, argc, argv)) return *status;
-  const BuildSequence sequence = open_build_sequence(input);
+  BuildSequence sequence = open_build_sequence(input);
+  if (!calibration.empty()) correct(sequence, calibration);
   const fs::path left = fs::path(output) / "image_0", right = fs::path(output) / "image_1";
   for (const fs::path& place : {left, right}) {
     for (const char* name : {"image_0", "image_1", "image_2", "image_3", "mav0"}) {
@@ -70,7 +100,11 @@ int run(int argc, char** argv) {
       }
     }
   }
-  const std::string source = printable(fs::canonical(input).string(), kMostPathBytes) + "\n";
+  std::string source = printable(fs::canonical(input).string(), kMostPathBytes) + "\n";
+  if (!calibration.empty()) {
+    source +=
+        "corrected by " + printable(fs::canonical(calibration).string(), kMostPathBytes) + "\n";
+  }
   check_source(output, source);
   check_first_pair(sequence, left, right);
   make_output_folder(output);
@@ -84,6 +118,7 @@ int run(int argc, char** argv) {
                 "P1: %.12g 0 %.12g %.12g 0 %.12g %.12g 0 0 0 1 0\n",
                 k.fx, k.cx, k.fy, k.cy, k.fx, k.cx, -k.bf(), k.fy, k.cy);
   write_file_atomic(fs::path(output) / "calib.txt", calib);
+  write_file_atomic(fs::path(output) / "times.txt", times_of(sequence));
   for (std::size_t t = 0; t < sequence.names.size(); ++t) {
     const std::string file = sequence.names[t] + ".png";
     if (!path_exists(right / file)) {

@@ -8,6 +8,7 @@
 #include <kys_slam/pair_watch.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/read_ahead.h>
+#include <kys_slam/rig_file.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/system.h>
 #include <kys_slam/util/atomic_file.h>
@@ -45,6 +46,7 @@ struct Arguments {
   std::filesystem::path sequence;
   std::filesystem::path priors;
   std::string mode;
+  std::filesystem::path calibration;
   std::filesystem::path config;
   std::vector<std::string> settings;
   std::filesystem::path output;
@@ -76,6 +78,9 @@ void declare(CLI::App& app, Arguments& a) {
                      "folder of this sequence's prior files (a feature file may contain its own)");
   app.add_option("--mode", a.mode,
                  "matching mode: " + modes + " (default: verified with priors, stock without)");
+  app.add_option("--calibration", a.calibration,
+                 "file with a correction of the sequence's calibration (calibrate_rig): the run "
+                 "begins with it");
   app.add_option("--config", a.config, "YAML file of settings; every setting has a default");
   one_at_a_time(app.add_option("--set", a.settings, "KEY=VALUE: one setting, may be repeated"));
   app.add_flag("--list-settings", a.list_settings,
@@ -414,6 +419,9 @@ int run(const RunProgram& program, const Arguments& a) {
   Priors priors = open_priors(a, input, settings);
 
   System system(input.frames->camera(), settings, schedule, std::move(priors.provider));
+  if (!a.calibration.empty()) {
+    system.start_rig(read_rig_correction(a.calibration, input.frames->camera()));
+  }
   if (!a.load_map.empty()) system.load_map(a.load_map, a.localize_only);
   Failures failures(info);
   const Pace pace{schedule == Schedule::kRealtime, std::stod(settings.get("control.stall_ms"))};
@@ -460,6 +468,9 @@ int run_program(RunProgram program, int argc, char** argv) {
     }
     if (arguments.localize_only && arguments.load_map.empty()) {
       throw InputError("--localize-only needs --load-map");
+    }
+    if (!arguments.calibration.empty() && !arguments.load_map.empty()) {
+      throw InputError("--calibration with --load-map: the map has its own correction");
     }
     if (arguments.sequence.empty()) throw InputError("SEQUENCE is missing; see --help");
     spdlog::set_default_logger(spdlog::stderr_color_mt(program.name));
