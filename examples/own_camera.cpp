@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // A raw stereo camera of one's own: own_camera CALIBRATION.yaml LEFT.png RIGHT.png ...
 // The images stand for a driver's buffers.
 #include <kys_slam/check_pair.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Makes a map of one sequence and finds the frames of another in it: reuse_map FIRST SECOND
 // TOWN.map
 #include <kys_slam/error.h>

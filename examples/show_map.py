@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Shows the map of a run in Open3D, by class, without what may move: show_map.py RUN/map.ply"""
 
 import sys

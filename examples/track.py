@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Tracks a recorded sequence in Python: track.py SEQUENCE OUT.ply"""
 
 import sys

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Tracks a recorded sequence of any layout: track_sequence SEQUENCE OUT.tum
 #include <kys_slam/error.h>
 #include <kys_slam/evaluation.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Do the examples build and run on a new Debian 12 that has nothing but what libkys-slam-dev depends on,
 # and the installed package? As root; needs debootstrap and 2 GB.
 #   packaging/check_clean_root.sh BUILD ROOT      ROOT: folder of the new system, kept for a next time

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Does `pip install .` work for somebody new? A fresh clone of HEAD, a fresh virtual environment, the
 # Python tests against what was installed.   packaging/check_wheel.sh [FOLDER]
 set -euo pipefail

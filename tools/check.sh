@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # One stage of continuous integration, from a clean checkout. What it costs: CONTRIBUTING.md.
 #   tools/check.sh test     the README's test command; GCC, warnings are errors
-#   tools/check.sh format   clang-format
+#   tools/check.sh format   clang-format, licence lines
 #   tools/check.sh asan [PROGRAM...]   Clang, warnings are errors; unit and system tests and hostile input,
 #                           or the tests of some programs, under AddressSanitizer and UndefinedBehaviorSanitizer
 #   tools/check.sh tsan     Clang; tests with threads under ThreadSanitizer
@@ -66,7 +67,7 @@ case "$stage" in
     run_tests build/clang-tsan -R "_test/.*($threaded)"
     ;;
   *)
-    sed -n '2,/^set/p' "$0" | sed '$d; s/^# \{0,1\}//' >&2
+    sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0" >&2
     exit 2
     ;;
 esac

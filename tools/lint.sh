@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # clang-format and clang-tidy (14, as in Debian 12) over the source; status 1 when they find something.
 #   tools/lint.sh              files that differ from the branch main
 #   tools/lint.sh FILE...      these files
-#   tools/lint.sh --format     clang-format alone, all files (seconds)
+#   tools/lint.sh --format     clang-format and licence lines alone, all files (seconds)
 #   tools/lint.sh --all        src, kys, priors and tools (10 minutes of one core)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -17,6 +18,7 @@ all=false
 case "${1:-}" in
   --all | --format)
     all=true
+    tools/spdx.sh
     mapfile -t files < <(git ls-files '*.h' '*.cpp')
     ;;
   "")

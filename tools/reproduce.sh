@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Every table and figure of the paper, with the published figures beside: sets up, builds, runs the
 # experiments of configs/experiments, and writes a report. What was done before is not done again;
 # interrupt it (Ctrl-C) and call it again as you like.
@@ -41,7 +42,7 @@ while [ $# -gt 0 ]; do
     --only | --seeds | --inputs | --schedules)
       plan+=("$1"); shift
       while [ $# -gt 0 ] && [ "${1#--}" = "$1" ]; do plan+=("$1"); shift; done ;;
-    -h | --help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+    -h | --help) sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
     *) echo "tools/reproduce.sh: unknown option $1; see --help" >&2; exit 2 ;;
   esac
 done

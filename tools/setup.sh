@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Installs what the project needs on Debian 12 or Ubuntu 24.04 (as root or with sudo), once.
 #   tools/setup.sh            compiler, libraries, tests
 #   tools/setup.sh --plots    the same, and a Python environment in .venv for the pictures
@@ -24,7 +25,7 @@ case "$#:${1:-}" in
     1:--perception) ;;
   1:--format) packages+=(clang-format) ;;
   1:--checks) packages+=(clang clang-format clang-tidy) ;;
-  1:-h | 1:--help) sed -n '2,/^set/{/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
+  1:-h | 1:--help) sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0"; exit 0 ;;
   1:*) echo "tools/setup.sh: unknown option $1; see --help" >&2; exit 2 ;;
   *) echo "tools/setup.sh: one option at a time; see --help" >&2; exit 2 ;;
 esac

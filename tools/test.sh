@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Sets everything up, builds, and runs the tests.
 #   tools/test.sh [PRESET [CMAKE OPTION...]]     default release; others: debug, native
 set -euo pipefail

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/frame_source.h>
@@ -6,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -32,6 +34,8 @@ struct FrameInput {
   /// Tells recordings of one name apart: "frame I: DIGEST" of the first frame of the part that is
   /// used, its time stamp and left image. "": not known.
   std::string recording;
+  std::vector<std::string> notes;                ///< what the user should be told (Sequence::notes)
+  std::map<std::string, std::int64_t> left_out;  ///< counts of what was not used, by what it is
 };
 
 /// Opens a sequence folder with `open_folder` (`open_sequence`: any layout) or a feature file

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/image.h>
@@ -36,9 +37,9 @@ struct ImageInfo {
 /// Reads only the header.
 ImageInfo read_image_info(const std::filesystem::path& path);
 
-/// PNG or JPEG as 8-bit grey: grey as it is (16-bit: the high byte), colour by ITU-R BT.601
-/// weights, alpha dropped.
-GrayImage read_gray(const std::filesystem::path& path);
+/// PNG or JPEG as 8-bit grey: grey as it is, colour by ITU-R BT.601 weights, alpha dropped.
+/// \param bits  of 16-bit samples that the camera uses, 8 to 16: the upper 8 of these count
+GrayImage read_gray(const std::filesystem::path& path, int bits = 16);
 
 /// PNG or JPEG as 8-bit R, G, B: grey is repeated, palettes are looked up, alpha dropped.
 RgbImage read_rgb(const std::filesystem::path& path);
@@ -55,7 +56,10 @@ ImageOf<std::uint8_t> read_indexed(const std::filesystem::path& path);
 
 /// The same from the bytes of a file; `name` is used in messages.
 ImageInfo decode_image_info(std::span<const std::uint8_t> file, const std::string& name);
-GrayImage decode_gray(std::span<const std::uint8_t> file, const std::string& name);
+GrayImage decode_gray(std::span<const std::uint8_t> file, const std::string& name, int bits = 16);
+/// Bits that a 16-bit PNG uses, by its largest sample: 8, 10, 12, 14 or 16. 0: of another kind, or
+/// black.
+int used_bits(std::span<const std::uint8_t> file, const std::string& name);
 RgbImage decode_rgb(std::span<const std::uint8_t> file, const std::string& name);
 Image16 decode_u16(std::span<const std::uint8_t> file, const std::string& name);
 Rgb16Image decode_rgb16(std::span<const std::uint8_t> file, const std::string& name);

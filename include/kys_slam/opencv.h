@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 // For programs that use OpenCV. No other public header needs OpenCV.

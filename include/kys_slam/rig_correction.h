@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/stereo_camera.h>
@@ -12,20 +13,20 @@ namespace kys_slam {
 
 /// How the two cameras differ from a given calibration. All are zero for a perfect calibration.
 enum class RigParameter : std::uint8_t {
-  kLeftK1,     ///< radial distortion left in the left images, of r^2
-  kLeftK2,     ///< the same, of r^4
-  kLeftP1,     ///< tangential distortion left in them
-  kLeftP2,     ///<
-  kRightK1,    ///< the same of the right images
-  kRightK2,    ///<
-  kRightP1,    ///<
-  kRightP2,    ///<
-  kYaw,        ///< rad, the right camera about its y axis, with its principal point moved along
-  kPitch,      ///< rad, about its x axis, likewise
-  kRoll,       ///< rad, about its z axis
-  kRatio,      ///< focal length of the right camera over that of the left one, less 1
-  kOffset,     ///< px, to be added to every disparity: principal points and yaw
-  kRow,        ///< px, rows of the right image less rows of the left one: principal points and pitch
+  kLeftK1,   ///< radial distortion left in the left images, of r^2
+  kLeftK2,   ///< the same, of r^4
+  kLeftP1,   ///< tangential distortion left in them
+  kLeftP2,   ///<
+  kRightK1,  ///< the same of the right images
+  kRightK2,  ///<
+  kRightP1,  ///<
+  kRightP2,  ///<
+  kYaw,      ///< rad, the right camera about its y axis, with its principal point moved along
+  kPitch,    ///< rad, about its x axis, likewise
+  kRoll,     ///< rad, about its z axis
+  kRatio,    ///< focal length of the right camera over that of the left one, less 1
+  kOffset,   ///< px, to be added to every disparity: principal points and yaw
+  kRow,      ///< px, rows of the right image less rows of the left one: principal points and pitch
   kBaselineY,  ///< the right camera is this part of the baseline too low
   kBaselineZ,  ///< the right camera is this part of the baseline in front
   kFocal,      ///< true focal length of both over the given one, less 1; fx * baseline is as given
@@ -57,9 +58,7 @@ class RigCorrection {
   static RigCorrection of_offset(const StereoCamera& given, double offset);
 
   [[nodiscard]] const Parameters& parameters() const { return parameters_; }
-  [[nodiscard]] double operator[](RigParameter p) const {
-    return parameters_[static_cast<int>(p)];
-  }
+  [[nodiscard]] double operator[](RigParameter p) const { return parameters_[static_cast<int>(p)]; }
   [[nodiscard]] double offset() const { return (*this)[RigParameter::kOffset]; }
   /// No correction at all.
   [[nodiscard]] bool none() const { return !bends_ && offset() == 0; }
@@ -128,6 +127,11 @@ const std::array<RigParameterName, RigCorrection::kSize>& rig_parameter_names();
 struct RigEstimate {
   RigCorrection correction;
   RigCorrection::Covariance covariance = RigCorrection::Covariance::Zero();
+
+  RigEstimate() = default;
+  RigEstimate(const RigCorrection& known) : correction(known) {}
+  RigEstimate(const RigCorrection& mean, const RigCorrection::Covariance& around)
+      : correction(mean), covariance(around) {}
 
   /// Standard deviations (px) of (u, v, disparity, row) by the covariance, at a place.
   [[nodiscard]] Eigen::Vector4d sigma(const RigCorrection::Measured& m) const;

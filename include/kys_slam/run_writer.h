@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/evaluation.h>
@@ -44,6 +45,7 @@ struct RunOutcome {
 RunOutcome summarise_run(const System& system, const RunInfo& info);
 
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
+/// submap_N.tum (frames of sub-maps that are not connected to that of trajectory.tum),
 /// ground_truth.tum (when there is any), frames.csv, objects.csv, summary.json, config.yaml,
 /// map.ply, graph.csv. All but summary.json's `timing_ms`, `process`, `peak_memory_mb` and
 /// frames.csv's columns `ms_*` and `resident_mb` depend on input and settings alone.
@@ -56,6 +58,10 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
 /// \throws InputError when `file` could not be written; the message says where the map is instead.
 void save_map_or_beside(const System& system, const std::filesystem::path& file,
                         const std::filesystem::path& folder);
+
+/// "tracking failed: ..." when less than half of the frames are connected
+/// (FrameEstimate::connected), else "".
+std::string describe_failure_to_track(const System& system, const RunOutcome& outcome);
 
 /// The table printed at the end of a run: frames, accuracy, time per stage, memory.
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome);

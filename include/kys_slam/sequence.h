@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys/option_list.h>
@@ -55,8 +56,11 @@ class Sequence : public FrameSource {
     std::vector<TimedPose> ground_truth;               ///< left camera frame
     std::optional<Rigid3> T_b_c;                       ///< rectified left camera to body
     std::shared_ptr<const StereoRectifier> rectifier;  ///< null: images are rectified already
-    std::int64_t dropped = 0;     ///< images without a partner in the other camera
-    bool paired_by_time = false;  ///< false: by number, without a tolerance
+    std::int64_t dropped = 0;        ///< images without a partner in the other camera
+    std::int64_t missing = 0;        ///< images that a list of images has, and no file
+    bool paired_by_time = false;     ///< false: by number, without a tolerance
+    int bits = 16;                   ///< that 16-bit images use
+    std::vector<std::string> notes;  ///< what the user should know of how the images are read
   };
 
   /// \param first_index  index of content.frames[0] in the whole sequence
@@ -82,6 +86,10 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
   /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
+  /// What a user should be told about how the images are read.
+  [[nodiscard]] const std::vector<std::string>& notes() const { return content_.notes; }
+  /// Number of images that are listed (EuRoC's data.csv), but not there.
+  [[nodiscard]] std::int64_t missing() const { return content_.missing; }
   /// Whether images are pairs by their time stamps (SequenceOptions::pairing_tolerance).
   [[nodiscard]] bool paired_by_time() const { return content_.paired_by_time; }
 
@@ -105,15 +113,18 @@ class Sequence : public FrameSource {
 /// - Virtual KITTI 2: Scene01/clone with frames/rgb/Camera_{0,1}, intrinsic.txt, extrinsic.txt;
 ///   10 Hz
 ///
-/// \throws InputError naming the file and what is wrong with it.
+/// Images are pairs by the numbers in their names; those without a partner are left out and
+/// counted. Files with a row per image may have rows of the whole recording, from number 0 on.
+/// times.txt: one time stamp per line, first column, or the second one behind a counter; s, else
+/// ms, us or ns. \throws InputError naming the file and what is wrong with it.
 std::unique_ptr<Sequence> open_kitti_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
 /// Opens an EuRoC or TUM-VI sequence: the folder that holds mav0/, or mav0/ itself. TUM-VI has
 /// dso/camchain.yaml in place of sensor.yaml files. Images are rectified and paired by time stamp;
-/// images without a partner are left out and counted. Ground truth is converted from the body to
-/// the rectified left camera.
-/// \throws InputError naming the file and what is wrong with it.
+/// images without a partner, or without a file, are left out and counted. Ground truth is converted
+/// from the body to the rectified left camera. \throws InputError naming the file and what is wrong
+/// with it.
 std::unique_ptr<Sequence> open_euroc_sequence(const std::filesystem::path& folder,
                                               const SequenceOptions& options = {});
 
@@ -126,7 +137,7 @@ std::unique_ptr<Sequence> open_sequence(const std::filesystem::path& folder,
                                         const SequenceOptions& options = {});
 
 /// Camera calibration in the ASL format (EuRoC's sensor.yaml): T_BS (4x4, camera to body),
-/// resolution, intrinsics, radial-tangential distortion.
+/// resolution, intrinsics, distortion of any lens that read_stereo_rig knows.
 /// \throws InputError naming the file and the key that is missing, malformed or not finite.
 RawCamera read_sensor_yaml(const std::filesystem::path& path);
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/stereo_rectifier.h>
@@ -16,6 +17,8 @@ struct StereoRig {
   RawCamera left;
   RawCamera right;
   std::string name;  ///< the file, for messages
+  /// What to do when the lengths are in another unit, for messages.
+  std::string unit_remedy = "lengths have to be in m";
 
   /// Distance between the two camera centres, m.
   [[nodiscard]] double baseline() const;
@@ -23,8 +26,11 @@ struct StereoRig {
   /// intrinsics, shifted along x. Empty otherwise: use a StereoRectifier.
   [[nodiscard]] std::optional<StereoCamera> rectified() const;
   /// Sets the image size (px) when the calibration has none. \throws InputError when the
-  /// calibration has another image size, or when the baseline is not between 5 mm and 5 m.
+  /// calibration has another image size, or has none and principal points of another size, or when
+  /// the baseline is not between 5 mm and 5 m.
   void set_image_size(int width, int height);
+  /// \throws InputError when the baseline is not between 5 mm and 5 m.
+  void check_baseline() const;
 };
 
 /// ROS's sensor_msgs/CameraInfo.
@@ -35,11 +41,20 @@ struct CameraInfo {
   std::array<double, 9> K{};     ///< of the raw image, row-major
   std::array<double, 9> R{};     ///< raw to rectified, row-major
   std::array<double, 12> P{};    ///< of the rectified image; P[3] = -fx baseline in the right one
+  int binning_x = 0, binning_y = 0;  ///< pixels of the sensor per pixel; 0: 1
+  /// Part of the sensor that images show, px; all 0: the whole sensor.
+  struct Region {
+    int x_offset = 0, y_offset = 0, width = 0, height = 0;
+    friend bool operator==(const Region&, const Region&) = default;
+  };
+  Region roi;
 };
+/// The rig of the images as they are delivered: binned, of a region of interest.
+/// \param width, height of these images, px; 0: not known
 /// \throws InputError when the two are not a stereo pair (P[3] of the right camera must be
-/// negative).
+/// negative), all numbers are 0, or the size that is stated contradicts the region of interest.
 StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
-                               const std::string& name);
+                               const std::string& name, int width = 0, int height = 0);
 
 /// Reads a calibration. One file: Kalibr's camchain (cam0 left, cam1 right), OpenCV's output of
 /// stereoCalibrate (M1 D1 M2 D2 R T, or K1 .. with `image_size`), or our own:

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/frame_observation.h>
@@ -33,6 +34,11 @@ const char* to_string(Schedule schedule);
 struct RigReport {
   RigEstimate applied;         ///< to all measurements; zero covariance: not estimated
   std::optional<RowFit> rows;  ///< of the first frame that shows enough; nothing without images
+
+  /// "none", "offset" (of disparities alone) or "all": what is corrected.
+  [[nodiscard]] const char* corrected() const;
+  /// The applied correction with what is known about it: until the map shows more, by the rows.
+  [[nodiscard]] const RigEstimate& known() const;
 };
 
 /// The SLAM system. Feed rectified stereo frames in order and get poses; get trajectory and map at

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys/distance.h>
 #include <kys/error.h>
 #include <kys/label_space.h>

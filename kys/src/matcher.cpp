@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys/distance_model.h>
 #include <kys/error.h>
 #include <kys/matcher.h>

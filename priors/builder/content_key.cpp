@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/content_key.h"
 
 #include <kys_slam/calibration_hash.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/debug_image.h"
 
 #include <kys_slam/prior_format.h>

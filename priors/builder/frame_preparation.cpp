@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/frame_preparation.h"
 
 #include <kys/belief.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/keypoint_motion.h"
 
 #include <kys_slam/util/median.h>
@@ -79,10 +80,10 @@ std::shared_ptr<const FrameFeatures> KeypointMotion::extract(const GrayImage& le
   extractors[0].extract(left, features[0]);
   extractors[1].extract(right, features[1]);
   kys::Statistics statistics;
-  std::vector<float> u_right = match_stereo(
+  RightPositions columns = match_stereo(
       camera_, scales_, {&features[0], {}, &extractors[0].pyramid()},
       {&features[1], {}, &extractors[1].pyramid()}, StereoOptions{}, model_, statistics);
-  return std::make_shared<const FrameFeatures>(camera_, std::move(features[0]), std::move(u_right),
+  return std::make_shared<const FrameFeatures>(camera_, std::move(features[0]), std::move(columns),
                                                std::vector<kys::Prior>{});
 }
 

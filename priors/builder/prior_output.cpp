@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/prior_output.h"
 
 #include <kys_slam/error.h>

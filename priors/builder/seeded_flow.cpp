@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/seeded_flow.h"
 
 #include <algorithm>

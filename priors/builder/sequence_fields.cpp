@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/sequence_fields.h"
 
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/prior_format.h>
 #include <libdeflate.h>
 

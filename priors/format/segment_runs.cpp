@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/segment_runs.h>
 
 namespace kys_slam {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/fusion/ego_motion.h"
 
 #include <Eigen/Cholesky>

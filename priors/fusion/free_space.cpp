@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/fusion/free_space.h"
 
 #include <kys_slam/util/median.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/fusion/mask_association.h"
 
 #include <dlib/matrix.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/fusion/residual.h"
 
 #include <kys_slam/util/median.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/input/coco_categories.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/input/field_input.h"
 
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "priors/input/panoptic_input.h"
 
 #include <kys_slam/error.h>
@@ -7,6 +8,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "priors/input/coco_categories.h"
 #include "priors/input/json_input.h"
@@ -27,11 +29,55 @@ fs::path first_png(const fs::path& folder) {
   return files.front();
 }
 
-/// Two channels leave blue at 0; of COCO's ids, which are any colours, it is the third byte.
-bool has_blue(const fs::path& image) {
-  const RgbImage rgb = read_rgb(image);
-  return std::any_of(rgb.data(), rgb.data() + rgb.size(),
-                     [](const RgbPixel& pixel) { return pixel[2] != 0; });
+/// Some pictures all over a folder.
+std::vector<fs::path> some_pngs(const fs::path& folder) {
+  constexpr std::size_t kMost = 5;
+  std::vector<fs::path> all;
+  for (const fs::path& path : list_folder(folder)) {
+    if (path.extension() == ".png") all.push_back(path);
+  }
+  std::vector<fs::path> some;
+  const std::size_t count = std::min(kMost, all.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    some.push_back(all[count == 1 ? 0 : i * (all.size() - 1) / (count - 1)]);
+  }
+  return some;
+}
+
+/// What colour pictures without a JSON show.
+struct ColourSigns {
+  bool blue = false;       ///< two channels leave it at 0; of COCO's ids it is the third byte
+  bool instances = false;  ///< green, of two channels the instance
+  bool no_class = false;   ///< an instance without a category: green and blue of an id above 255
+};
+
+ColourSigns colour_signs(const fs::path& folder) {
+  ColourSigns signs;
+  for (const fs::path& image : some_pngs(folder)) {
+    const RgbImage rgb = read_rgb(image);
+    for (std::size_t i = 0; i < rgb.size(); ++i) {
+      const RgbPixel& p = rgb.data()[i];
+      signs.blue = signs.blue || p[2] != 0;
+      signs.instances = signs.instances || p[1] != 0;
+      signs.no_class = signs.no_class || (p[0] == 0 && p[1] != 0);
+    }
+  }
+  return signs;
+}
+
+/// Whether the values of 8-bit pictures are 1, 2, .. without a gap, few of the classes there are:
+/// the numbers of segments, not of classes.
+bool counts_segments(const fs::path& folder, const kys::LabelSpace& labels) {
+  std::set<std::uint8_t> values;
+  for (const fs::path& path : some_pngs(folder)) {
+    const ImageOf<std::uint8_t> image = read_indexed(path);
+    values.insert(image.data(), image.data() + image.size());
+  }
+  values.erase(0);
+  values.erase(255);
+  constexpr std::size_t kFewest = 5;
+  return values.size() >= kFewest && *values.rbegin() == values.size() &&
+         2 * values.size() < labels.classes().size();
 }
 
 /// The colours of Virtual KITTI 2.0.3's class pictures (colors.txt; the same in every scene).
@@ -120,6 +166,13 @@ PanopticMap make_panoptic_map(const ImageOf<std::uint32_t>& keys, const std::str
 
 }  // namespace
 
+std::map<std::string, PanopticEncoding> panoptic_encodings() {
+  return {{"coco", PanopticEncoding::kCoco},
+          {"two-channel", PanopticEncoding::kTwoChannel},
+          {"class-map", PanopticEncoding::kClassMap},
+          {"vkitti", PanopticEncoding::kVkitti}};
+}
+
 PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
                                PanopticEncoding encoding)
     : folder_(std::move(folder)), labels_(&labels), encoding_(encoding) {
@@ -134,15 +187,33 @@ PanopticReader::PanopticReader(fs::path folder, const kys::LabelSpace& labels,
                 : is_vkitti_instances(first)           ? PanopticEncoding::kVkitti
                 : read_image_info(first).channels >= 3 ? PanopticEncoding::kTwoChannel
                                                        : PanopticEncoding::kClassMap;
-    if (encoding_ == PanopticEncoding::kTwoChannel && has_blue(first)) {
-      throw InputError(beside.string() + ": missing; the colours of " + first.string() +
-                       " are ids of COCO panoptic");
-    }
+    require_classes(beside, first);
   }
   if (encoding_ == PanopticEncoding::kCoco) {
     if (!json) throw InputError(beside.string() + ": missing; COCO panoptic needs it");
     json_ = beside;
     read_json();
+  }
+}
+
+void PanopticReader::require_classes(const fs::path& json, const fs::path& first) const {
+  const std::string missing = json.string() + ": missing; ";
+  if (encoding_ == PanopticEncoding::kTwoChannel) {
+    const ColourSigns signs = colour_signs(folder_);
+    if (signs.blue || signs.no_class) {
+      throw InputError(missing + "the colours of " + first.string() + " are ids of COCO panoptic");
+    }
+    if (!signs.instances) {
+      throw InputError(
+          missing + "the colours of " + first.string() +
+          " have no instances in green: ids of COCO panoptic need the JSON, categories in "
+          "red need --panoptic-encoding two-channel");
+    }
+  } else if (encoding_ == PanopticEncoding::kClassMap && counts_segments(folder_, *labels_)) {
+    throw InputError(
+        missing + "the values of " + first.string() +
+        " are 1, 2, 3 .. without a gap: numbers of segments need the JSON, categories need "
+        "--panoptic-encoding class-map");
   }
 }
 

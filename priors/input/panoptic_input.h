@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys/label_space.h>
@@ -24,12 +25,16 @@ enum class PanopticEncoding {
                 ///< .../classSegmentation/Camera_c/classgt_*.png
 };
 
+/// By name, as options have them: coco, two-channel, class-map, vkitti.
+std::map<std::string, PanopticEncoding> panoptic_encodings();
+
 /// Reads segmentations from a folder, frame by frame, and converts them to one convention. Category
 /// ids are those of the data set and are looked up in the label space. Stuff is merged by class;
 /// thing segments stay separate.
 class PanopticReader {
  public:
-  /// Reads DIR.json, if it exists. \throws InputError naming file and reason.
+  /// Reads DIR.json, if it exists. \throws InputError naming file and reason; with kAuto also for
+  /// pictures without DIR.json whose values may be numbers of segments.
   PanopticReader(std::filesystem::path folder, const kys::LabelSpace& labels,
                  PanopticEncoding encoding = PanopticEncoding::kAuto);
 
@@ -47,6 +52,8 @@ class PanopticReader {
 
  private:
   void read_json();
+  /// \throws InputError when pictures without the JSON hold numbers of segments, or may do so
+  void require_classes(const std::filesystem::path& json, const std::filesystem::path& first) const;
   [[nodiscard]] std::uint16_t label_of(std::int64_t category, const std::string& file) const;
   [[nodiscard]] PanopticMap read_coco(const std::string& name) const;
   [[nodiscard]] PanopticMap read_two_channel(const std::string& name) const;

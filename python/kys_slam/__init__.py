@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """KYS-SLAM: stereo visual SLAM with semantic and motion priors in feature matching.
 
     import kys_slam
@@ -27,6 +28,8 @@ from ._core import (  # noqa: F401
     PairCheck,
     PairHistory,
     Priors,
+    RowField,
+    RowMeter,
     Sequence,
     Settings,
     StereoCamera,
@@ -47,18 +50,19 @@ from ._core import (  # noqa: F401
     read_tum,
     rig_from_camera_info,
     to_gray,
+    used_bits,
     write_tum,
 )
 from .maps import LandmarkMap, read_map
 from .priors import PriorCamera, PriorFrame, priors_from_labels, read_prior, write_prior
-from .system import TIERS, MapSnapshot, Objects, Observation, System, Trajectory
+from .system import TIERS, MapSnapshot, Objects, Observation, Rig, RigParameter, System, Trajectory
 
 __all__ = [
     "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
-    "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Sequence",
-    "Settings", "StereoCamera", "StereoFrame", "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory",
-    "builtin_label_spaces", "check_stereo_pair", "check_writable", "evaluate", "has_rig_correction",
-    "mode_needs_priors", "modes",
-    "open_image_pair", "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
-    "rig_from_camera_info", "to_gray", "write_prior", "write_tum",
+    "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Rig",
+    "RigParameter", "RowField", "RowMeter", "Sequence", "Settings", "StereoCamera", "StereoFrame",
+    "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory", "builtin_label_spaces",
+    "check_stereo_pair", "check_writable", "evaluate", "has_rig_correction", "mode_needs_priors", "modes", "open_image_pair",
+    "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
+    "rig_from_camera_info", "to_gray", "used_bits", "write_prior", "write_tum",
 ]

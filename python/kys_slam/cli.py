@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The command kys-slam: track any stereo recording, evaluate and draw what came of it."""
 
 import io
@@ -14,13 +15,16 @@ def _function_of(command: str) -> Callable:
     if command == "run":
         from kys_slam.cli_run import run
         return run
+    if command == "check":
+        from kys_slam.cli_check import check
+        return check
     from kys_slam.cli_commands import COMMANDS
     return COMMANDS[command]
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed, 70
-    for a defect of the program, 130 when interrupted before tracking."""
+    """The program. Returns the exit status: 0, 2 for bad usage or input, 3 when tracking failed
+    or a check cannot tell, 70 for a defect of the program, 130 when interrupted before tracking."""
     for stream in (sys.stdout, sys.stderr):  # names of files may be no text
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

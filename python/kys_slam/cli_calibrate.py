@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The command `kys-slam calibrate` for recordings: runs each, and estimates the correction of the rig's
 calibration from their maps."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The commands of kys-slam that track no recording. Each returns an exit status."""
 
 import json
@@ -22,10 +23,11 @@ def evaluate(args) -> int:
         reference = Path(args.estimate) / "ground_truth.tum"
         if not reference.exists():
             raise InputError(f"{args.estimate}: has no ground truth; give --reference FILE")
-    figures = kys_slam.evaluate(*kys_slam.read_tum(reference), *estimate,
-                                alignment=args.align)
+    truth = kys_slam.read_tum(reference)
+    figures = kys_slam.evaluate(*truth, *estimate, alignment=args.align)
     if figures["pairs"] < 2:
-        raise InputError("the two trajectories have no times in common")
+        raise InputError(f"{args.estimate}: has no times in common with {reference}: "
+                         f"{_span(estimate[0])}, and {_span(truth[0])}")
     if args.json:
         print(json.dumps(figures, indent=2))
         return 0
@@ -41,6 +43,10 @@ def evaluate(args) -> int:
     return 0
 
 
+def _span(times: np.ndarray) -> str:
+    return f"{times[0]:.3f} to {times[-1]:.3f} s" if len(times) else "none"
+
+
 def plot(args) -> int:
     from kys_slam.plot import draw, load_run
     reference = Path(args.reference) if args.reference else None
@@ -51,16 +57,26 @@ def plot(args) -> int:
         if run.figures:
             values = " ".join(f"{run.figures[key]:9.4f}" for key in ("rmse", "mean", "median", "max"))
             print(f"  {run.name:<28} {values}   {len(run.errors)}")
-    draw(runs, Path(args.output))
-    print(f"wrote {args.output}")
+    output = _output(args, "paths.png")
+    draw(runs, output)
+    print(f"wrote {output}")
     return 0
 
 
 def report(args) -> int:
     from kys_slam.report import write_report
-    write_report([Path(run) for run in args.runs], Path(args.output))
-    print(f"wrote {args.output}")
+    output = _output(args, "report.html")
+    write_report([Path(run) for run in args.runs], output)
+    print(f"wrote {output}")
     return 0
+
+
+def _output(args, name: str) -> Path:
+    """Where a picture goes: beside the results of the one run that it shows, else where the user is."""
+    if args.output:
+        return Path(args.output)
+    run = Path(args.runs[0])
+    return run / name if len(args.runs) == 1 and run.is_dir() else Path(name)
 
 
 def view(args) -> int:
@@ -90,6 +106,7 @@ def calibrate(args) -> int:
     if args.given or all(is_recording(file) for file in args.files):
         return calibrate_recordings(args)
     rig = kys_slam.read_stereo_rig(args.files, args.calibration_unit)
+    rig.check_baseline()
     corrected = any(kys_slam.has_rig_correction(file) for file in args.files)
     if corrected and args.output:
         raise InputError(f"{rig.name}: has a correction, which a copy would lose; it is our YAML already "
@@ -98,7 +115,11 @@ def calibrate(args) -> int:
     if args.size:
         width, height = args.size
     if width == 0:
-        raise InputError(f"{rig.name}: does not say the size of the images; give --size WxH")
+        if args.output:
+            raise InputError(f"{rig.name}: does not say the size of the images; give --size WxH")
+        print(f"  raw images   of a size that {rig.name} does not say; cameras {rig.baseline:.5f} m apart")
+        print("  rectified    depends on the size; give --size WxH")
+        return 0
     rig.set_image_size(width, height)
     camera = rig.rectified()
     print(f"  raw images   {width}x{height} px, cameras {rig.baseline:.5f} m apart"

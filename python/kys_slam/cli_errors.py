@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Exit statuses and messages of kys-slam."""
 
 import contextlib
@@ -11,6 +12,7 @@ from typing import Iterator, List, Tuple
 from kys_slam import InputError
 
 BAD_INPUT, TRACKING_FAILED, DEFECT, INTERRUPTED = 2, 3, 70, 130
+CANNOT_TELL = 3  #: of `check`: too few matches
 
 
 def describe(error: BaseException) -> Tuple[int, str]:

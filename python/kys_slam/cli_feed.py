@@ -1,8 +1,9 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Feeds a recording to the system: progress, checks of the pairs, masks."""
 
 import sys
 import time
-from typing import Callable
+from typing import Callable, List
 
 import kys_slam
 from kys_slam import InputError
@@ -65,8 +66,11 @@ def _check_pair(frame) -> None:
 class Feed:
     """Feeds the frames of a recording to a system."""
 
-    def __init__(self, args, slam, masks, total: int) -> None:
-        self.args, self.slam, self.masks = args, slam, masks
+    def __init__(self, args, slam, masks, fixed, notes: List[str], total: int) -> None:
+        """masks: MaskFolder or None. fixed: FixedMasks or None. notes: warnings about the recording."""
+        self.args, self.slam, self.masks, self.fixed, self.notes = args, slam, masks, fixed, notes
+        for note in notes:
+            warn(note)
         self.progress, self.watch = _Progress(total, args.quiet), _PairWatch()
         self.done, self._told = 0, set()
 
@@ -89,6 +93,8 @@ class Feed:
         segments = None
         if mask and self.masks.classes:
             segments, mask = self.masks.priors(mask), self.masks.without_classes(mask)
+        if self.fixed:
+            mask = self.fixed.add_to(mask)
         if isinstance(frame, kys_slam.StereoFrame):
             report = self.slam.feed_frame(frame, segments, mask)
         else:
@@ -105,4 +111,4 @@ class Feed:
 
     def finish(self) -> list:
         """All warnings that a run's summary has."""
-        return self.watch.finish() + ([self.masks.warning] if self.masks and self.masks.warning else [])
+        return self.notes + self.watch.finish() + ([self.masks.warning] if self.masks and self.masks.warning else [])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Input of `kys-slam run`: the recording and the settings that the command line names."""
 
 from pathlib import Path

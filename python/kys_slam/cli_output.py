@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Output of kys-slam: the folder of a run, files that are not overwritten, recorders."""
 
 import os

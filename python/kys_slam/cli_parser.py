@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Commands and options of kys-slam, and the checks of their values."""
 
 import argparse
@@ -15,6 +16,7 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run left/ right/ --calibration camchain.yaml --rate 20
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
   kys-slam run recording.bag --view                      shows observations and map while it runs
+  kys-slam check SEQUENCE                                how well its pairs are rectified
   kys-slam calibrate RECORDING ... --from camchain.yaml -o refined.yaml
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
@@ -52,12 +54,8 @@ def _size(text: str) -> Tuple[int, int]:
     return int(sides[0]), int(sides[1])
 
 
-def _add_run(commands) -> None:
-    p = commands.add_parser(
-        "run", help="track a recording",
-        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
-        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
-        "by side, a ROS bag, or a feature file. The content of the input decides its kind.")
+def _add_input(p: argparse.ArgumentParser):
+    """The recording and its cameras. Returns the group of the camera's options."""
     p.add_argument("input", nargs="+", metavar="INPUT", help="one path, or LEFT and RIGHT")
     camera = p.add_argument_group("camera")
     camera.add_argument("--calibration", nargs="+", metavar="FILE",
@@ -76,6 +74,16 @@ def _add_run(commands) -> None:
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
                         help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
                         "exist), or image_2 and image_3")
+    return camera
+
+
+def _add_run(commands) -> None:
+    p = commands.add_parser(
+        "run", help="track a recording",
+        description="Tracks a recording: a sequence folder (KITTI odometry or Tracking, Virtual "
+        "KITTI 2, EuRoC, TUM-VI), two folders of images, two videos, one video of both images side "
+        "by side, a ROS bag, or a feature file. The content of the input decides its kind.")
+    camera = _add_input(p)
     camera.add_argument("--no-check", action="store_true",
                         help="do not check whether the pair is swapped or not rectified")
     slam = p.add_argument_group("tracking")
@@ -84,7 +92,10 @@ def _add_run(commands) -> None:
                       help="with --priors: a missing prior file is an error")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
-                      "DIR/classes.txt they are priors (python/README.md)")
+                      "DIR/classes.txt they are priors (docs/guide.md)")
+    slam.add_argument("--mask", nargs="+", metavar="FILE",
+                      help="8-bit PNG of what no frame uses (the robot itself), 0 = use: of the left "
+                      "camera, or of both")
     slam.add_argument("--mode", help="matching mode:  " + ", ".join(kys_slam.modes()) +
                       " (default: verified with priors, stock without)")
     slam.add_argument("--kind", choices=("driving", "indoor"),
@@ -115,6 +126,22 @@ def _add_run(commands) -> None:
                      help="record the observations to FILE.rrd (Rerun) or FILE.mcap (Foxglove); may "
                      "be repeated")
     out.add_argument("--quiet", action="store_true", help="no progress, no table")
+
+
+def _add_check(commands) -> None:
+    p = commands.add_parser(
+        "check", help="how well the pairs of a recording are rectified",
+        description="Measures by how much rows differ between left and right images, over the image: "
+        "zero for a rectified pair with a right calibration. Takes what `run` takes; no motion is "
+        "needed. Exit status 0 whatever the result, 3 when too few matches are found to tell.")
+    _add_input(p)
+    p.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
+    p.add_argument("--frames", type=_whole(1), default=5, metavar="N",
+                   help="number of pairs measured, spread over a sequence of images; of videos and bags "
+                   "every tenth frame from the first one on (default: 5)")
+    p.add_argument("--plot", metavar="FILE.png", help="draw the differences over the first left image")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing FILE.png")
+    p.add_argument("--json", action="store_true")
 
 
 def _add_calibrate(commands) -> None:
@@ -160,6 +187,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"KYS-SLAM {kys_slam.__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_run(commands)
+    _add_check(commands)
 
     p = commands.add_parser("evaluate", help="errors of a run, or of a trajectory, in figures")
     p.add_argument("estimate", metavar="RUN|FILE", help="folder of a run, or a TUM file")
@@ -173,11 +201,13 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--reference", metavar="FILE",
                    help="TUM file of the same camera (default: each run's ground_truth.tum)")
     p.add_argument("--align", default="se3", choices=("se3", "sim3", "none"))
-    p.add_argument("--output", default="paths.png", metavar="FILE", help="default: paths.png")
+    p.add_argument("--output", metavar="FILE",
+                   help="default: paths.png in the folder of the run; of several runs in this folder")
 
     p = commands.add_parser("report", help="one HTML page of one or several runs")
     p.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs")
-    p.add_argument("--output", default="report.html", metavar="FILE", help="default: report.html")
+    p.add_argument("--output", metavar="FILE",
+                   help="default: report.html in the folder of the run; of several runs in this folder")
 
     p = commands.add_parser("view", help="shows a recording (--record) in Rerun's viewer")
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")

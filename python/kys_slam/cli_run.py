@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The command `kys-slam run`: tracks a recording and saves what came of it."""
 
 import contextlib
@@ -36,6 +37,10 @@ def _run_recording(args) -> int:
     if args.masks:
         from kys_slam.masks import MaskFolder
         masks = MaskFolder(args.masks, settings.get("control.label_space"))
+    fixed = None
+    if args.mask:
+        from kys_slam.masks import FixedMasks
+        fixed = FixedMasks(args.mask, (recording.camera.width, recording.camera.height))
     output = output_folder(args, recording.name, mode)
     slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
                            strict_priors=args.strict_priors)
@@ -49,7 +54,7 @@ def _run_recording(args) -> int:
     if args.schedule == "realtime":
         frames = Playback(recording, args.late, args.queue, args.speed,
                           float(settings.get("control.stall_ms")))
-    feed = Feed(args, slam, masks, len(recording))
+    feed = Feed(args, slam, masks, fixed, list(getattr(recording, "notes", ())), len(recording))
     start_up_s = time.monotonic() - began
     with _signals_save(slam, frames) as guard:
         failures = Failures()
@@ -107,15 +112,16 @@ def _tell(args, result: Optional[dict], output: Path, failures: Failures) -> int
     failures.print()
     if failures.status:
         return failures.status
-    if 2 * result["tracked"] < result["frames"] or not result["frames"]:
-        print(f"kys-slam: tracking failed: {result['tracked']} of {result['frames']} frames tracked",
-              file=sys.stderr)
+    if result["failure"]:
+        print(f"kys-slam: {result['failure']}", file=sys.stderr)
         return TRACKING_FAILED
     return 0
 
 
 def _check_options(args) -> None:
     """Raises InputError for options that contradict each other and for files that cannot be written."""
+    if len(args.mask or ()) > 2:
+        raise InputError("--mask: one file for the left camera, or two for both")
     if args.localize_only and not args.load_map:
         raise InputError("--localize-only needs --load-map")
     if args.load_map and args.calibration and correction_of(args):
@@ -190,7 +196,6 @@ def _signals_save(slam: kys_slam.System, frames) -> Iterator[_InterruptGuard]:
 def _left_out(recording, frames, masks) -> dict:
     """Counts of what the recording holds and was not used, by what it is."""
     counts = dict(getattr(recording, "counts", {}))
-    counts["images without a partner"] = getattr(recording, "dropped", 0)
     counts["frames that came too fast"] = frames.dropped if isinstance(frames, Playback) else 0
     counts["frames without a mask"] = masks.missing if masks else 0
     return {what: int(count) for what, count in counts.items() if count}

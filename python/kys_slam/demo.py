@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A small simulated corridor, drawn and tracked: shows that the installation works."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What viewers show of a frame and of the end of a run, worked out of what the system reported."""
 
 import struct

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Paths and files as the modules of the package take them."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reads and writes prior files (.kysp, version 1). Needs NumPy only.
 
 The format is described byte by byte in priors/README.md. A file read and written again has the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Names of files as text. Standard library only: the tools outside the package use it too."""
 
 import os

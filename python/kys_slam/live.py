@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Frames that come when they come: between a camera and a system that may be slower.
 
     frames = FrameQueue("drop-oldest")

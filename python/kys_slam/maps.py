@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reads the map that a run leaves (map.ply)."""
 
 from typing import Dict, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Masks of moving or unwanted things, as plain 8-bit PNG files.
 
 DIR/left/NAME.png and DIR/right/NAME.png, NAME being the stem of the left image; or DIR/NAME.png for
@@ -15,13 +16,35 @@ Classes are those of the label space; values that are not listed mean do not use
 """
 
 from pathlib import Path
-from typing import Dict, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ._core import InputError, LabelSpace, read_indexed
 from .files import PathLike
 from .priors import PriorFrame, priors_from_labels
+
+Masks = Tuple[Optional[np.ndarray], Optional[np.ndarray]]  #: left, right; None: use all pixels
+
+
+class FixedMasks:
+    """One mask for all frames of a camera: what it always sees of its own vehicle."""
+
+    def __init__(self, files: Sequence[PathLike], size: Tuple[int, int]) -> None:
+        """files: of the left camera, or of both. size: (width, height) of the images, px."""
+        self.masks: List[Optional[np.ndarray]] = [None, None]
+        for side, file in enumerate(files):
+            mask = read_indexed(file)
+            if mask.shape != size[::-1]:
+                raise InputError(f"{file}: a mask of {mask.shape[1]}x{mask.shape[0]} px; images are "
+                                 f"{size[0]}x{size[1]}")
+            self.masks[side] = mask
+
+    def add_to(self, masks: Optional[Masks]) -> Masks:
+        """Those of a frame, or of none, and these."""
+        pairs = zip(masks or (None, None), self.masks)
+        left, right = (b if a is None else a if b is None else np.maximum(a, b) for a, b in pairs)
+        return left, right
 
 
 class MaskFolder:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Paths and errors of one or several runs over ground truth. evo (evo.core) associates, aligns and
 measures; matplotlib draws."""
 
@@ -95,7 +96,9 @@ def align_run(run: RunPaths, align: str = "se3") -> PlottedRun:
     try:
         there, own = sync.associate_trajectories(*as_evo, max_diff=MAX_DIFFERENCE)
     except sync.SyncException:
-        raise CannotAlign(f"{path}: has no times in common with {reference}") from None
+        raise CannotAlign(f"{path}: has no times in common with {reference} ({estimate.times[0]:.3f} to "
+                          f"{estimate.times[-1]:.3f} s, {truth.times[0]:.3f} to {truth.times[-1]:.3f} s)"
+                          ) from None
     if own.num_poses < 3:
         raise CannotAlign(f"{path}: {own.num_poses} poses have ground truth, too few to align")
     whole = as_evo[1]

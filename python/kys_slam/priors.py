@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Prior files (.kysp): what perception says about the pixels of a stereo frame.
 
 Three lines make priors of a class map:

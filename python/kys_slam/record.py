@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the system sees, shown while it runs or recorded for later.
 
     recorder = open_recorder("run.rrd", slam)              # or run.mcap, or VIEWER

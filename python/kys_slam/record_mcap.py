@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """MCAP files with Foxglove's schemas; numbers and loops as JSON."""
 
 import json

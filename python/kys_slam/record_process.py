@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The process that draws and writes a recording: frames come in by its standard input, what became
 of it goes out as lines of JSON (kys_slam.record starts it)."""
 

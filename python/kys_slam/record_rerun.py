@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings and the live view of Rerun (rerun-sdk)."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Stereo recordings that are no sequence folders: two videos, a video of both images side by side,
 ROS 1 and ROS 2 bags (SQLite and MCAP). Frames come out rectified and grey, in order.
 
@@ -8,175 +9,20 @@ Needs opencv-python-headless for videos, rosbags for bags.
 """
 
 import contextlib
-import sys
 from collections import deque
 from pathlib import Path
-from typing import Deque, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Deque, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, decode_gray,
-                    rig_from_camera_info, to_gray)
+from ._core import InputError, StereoRig, decode_image, rig_from_camera_info, to_gray
 from .files import PathLike
+from .pair_frames import PairFrame, Recording, Rig  # noqa: F401
+from .videos import _cv2, open_videos  # noqa: F401
 
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"}
 BAG_SUFFIXES = {".bag", ".mcap", ".db3"}
 
-
-class PairFrame(NamedTuple):
-    """A rectified stereo pair."""
-
-    index: int  #: position in the recording, from 0
-    name: str
-    timestamp: float  #: s
-    left: np.ndarray  #: (H, W) uint8
-    right: np.ndarray  #: (H, W) uint8
-
-
-class Recording:
-    """Frames of a recording, in order: iterate over it once."""
-
-    def __init__(self, name: str, layout: str, rig: StereoRig, pairs: Iterator,
-                 size: Optional[int], counts: Dict[str, int], start: int) -> None:
-        """pairs: those from number `start` on."""
-        self.name, self.layout = name, layout
-        self.ground_truth = None
-        self.has_images = True
-        self.counts = counts  #: images that were left out, by why
-        self._pairs, self._size, self._start = pairs, size, start
-        self._first = next(pairs, None)
-        if self._first is None:
-            raise InputError(f"{name}: holds no stereo pair" + (f" at {start} (start)" if start else ""))
-        height, width = self._first[2].shape[:2]
-        rig.set_image_size(width, height)
-        self.rig = rig
-        camera = rig.rectified()
-        self._rectifier = None if camera else StereoRectifier(rig)
-        self.camera: StereoCamera = camera or self._rectifier.camera
-
-    def __len__(self) -> int:
-        return min(self._size or 0, sys.maxsize)  # of a damaged bag, anything
-
-    def __iter__(self) -> Iterator[PairFrame]:
-        index = self._start
-        first, self._first = self._first, None
-        if first is not None:
-            yield self._rectified(index, first)
-        for pair in self._pairs:
-            index += 1
-            yield self._rectified(index, pair)
-
-    def _rectified(self, index: int, pair) -> PairFrame:
-        name, stamp, left, right = pair
-        size = (self.camera.height, self.camera.width)
-        for side, image in (("left", left), ("right", right)):
-            if image.shape[:2] != size:
-                raise InputError(f"{self.name}: frame {name}: the {side} image is "
-                                 f"{image.shape[1]}x{image.shape[0]} px, the first one "
-                                 f"{size[1]}x{size[0]}")
-        if self._rectifier:
-            left = self._rectifier.rectify_left(left)
-            right = self._rectifier.rectify_right(right)
-        return PairFrame(index, name, stamp, left, right)
-
-
-# Videos
-
-def _cv2():
-    try:
-        import cv2
-    except ImportError:
-        raise InputError("videos need OpenCV: pip install opencv-python-headless") from None
-    return cv2
-
-
-def _open_video(path: PathLike):
-    cv2 = _cv2()
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file")
-    video = cv2.VideoCapture(str(path))
-    if not video.isOpened():
-        raise InputError(f"{path}: not a video that OpenCV can read")
-    return video
-
-
-def _video_rate(video, path: PathLike, rate: Optional[float]) -> float:
-    value = rate or video.get(_cv2().CAP_PROP_FPS)
-    if not value or not np.isfinite(value) or value <= 0 or value > 1e5:
-        raise InputError(f"{path}: does not say its frame rate; give --rate")
-    return float(value)
-
-
-def _video_length(video) -> int:
-    """Frames, as the header counts them; 0: it does not."""
-    value = video.get(_cv2().CAP_PROP_FRAME_COUNT)
-    return int(value) if 0 < value < 2**31 else 0
-
-
-def _check_same_rate(paths, videos, lengths) -> None:
-    """Raises InputError when the frames of one number are not of one moment, by the rates of two videos.
-    Rates that containers measure are right to a frame in the length of the video."""
-    rates = [v.get(_cv2().CAP_PROP_FPS) for v in videos]
-    if len(videos) < 2 or not all(np.isfinite(r) and 0 < r <= 1e5 for r in rates):
-        return
-    shared = min(lengths)
-    if abs(rates[1] / rates[0] - 1) <= max(5e-4, 1 / shared if shared else 0):
-        return
-    raise InputError(f"{paths[1]}: {rates[1]:.6g} frames per second, {paths[0]} has {rates[0]:.6g}, and "
-                     "frames are paired by number; give --rate when frames of one number are of one "
-                     "moment all the same")
-
-
-def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, start: int = 0,
-                frames: Optional[int] = None, rate: Optional[float] = None) -> Recording:
-    """Two videos of the same frames, or one (`right` None) with both images side by side.
-
-    rate: frames per second; None: as the left video says. Frames are paired by number: two videos whose
-    rates differ by more than 0.05 %, and by more than one frame in the whole length, are an InputError
-    unless `rate` is given.
-
-    A video that ends more than one frame before the number that its header counts is an InputError,
-    after the frames before. One frame is counted: some containers state their duration alone.
-    """
-    paths = [left] if right is None else [left, right]
-    videos = [_open_video(path) for path in paths]
-    fps = _video_rate(videos[0], left, rate)
-    lengths = [_video_length(v) for v in videos]
-    if not rate:
-        _check_same_rate(paths, videos, lengths)
-    counts = {"frames of the longer video": max(lengths) - min(lengths) if all(lengths) else 0,
-              "frames that a video does not hold": 0}
-
-    def check_end(path: PathLike, length: int, index: int) -> None:
-        if length - index > 1:
-            raise InputError(f"{path}: damaged or truncated: frame {index} cannot be read, the header "
-                             f"counts {length}")
-        counts["frames that a video does not hold"] += length - index == 1
-
-    def pairs():
-        index = -1
-        while frames is None or index + 1 < start + frames:
-            read = [v.read() for v in videos]
-            index += 1
-            if not all(ok for ok, _ in read):
-                for path, length, (ok, _) in zip(paths, lengths, read):
-                    if not ok:
-                        check_end(path, length, index)
-                return
-            if index < start:
-                continue
-            images = [image for _, image in read]
-            if len(images) == 1:
-                half = images[0].shape[1] // 2
-                images = [images[0][:, :half], images[0][:, half:2 * half]]
-            yield (f"{index:06d}", index / fps, *(to_gray(i, bgr=True) for i in images))
-
-    size = max(0, min(lengths) - start)
-    return Recording(Path(left).resolve().stem, "video pair", rig, pairs(),
-                     size if frames is None else min(size, frames), counts, start)
-
-
-# Bags
 
 _IMAGE = "sensor_msgs/msg/Image"
 _COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -254,23 +100,30 @@ def _camera_info(reader, path: PathLike, topic: str) -> Optional[dict]:
     wanted = base.rsplit("/", 1)[0] + "/camera_info"
     connections = [c for c in reader.connections
                    if c.msgtype == _CAMERA_INFO and c.topic == wanted]
+    found = None
     for _, _, _, m in _messages(reader, path, connections) if connections else ():
         low = hasattr(m, "k")
         values = {k: list(map(float, getattr(m, k.lower() if low else k))) for k in "DKRP"}
+        model = str(m.distortion_model)
         if "rect" in base.rsplit("/", 1)[-1]:  # rectified already: P is all that counts
             p = values["P"]
             values["K"] = [p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]]
             values["D"], values["R"] = [], [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]
-        return {"width": int(m.width), "height": int(m.height),
-                "distortion_model": str(m.distortion_model), **values}
-    return None
+            model = ""
+        found = {"width": int(m.width), "height": int(m.height), "distortion_model": model,
+                 "binning_x": int(m.binning_x), "binning_y": int(m.binning_y),
+                 "roi": [int(v) for v in (m.roi.x_offset, m.roi.y_offset, m.roi.width, m.roi.height)],
+                 **values}
+        if any(values["K"]) or any(values["P"]):  # drivers may start before they have a calibration
+            break
+    return found
 
 
 _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "rgba8": 4}
 
 
 def _decode_image(message, topic: str) -> np.ndarray:
-    """(H, W) uint8 of an Image message."""
+    """(H, W) uint8, or uint16 of an Image message with 16 bits."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     encoding, data = str(message.encoding), np.asarray(message.data, np.uint8)
     if height < 1 or step < 1 or data.size < height * step:
@@ -279,8 +132,9 @@ def _decode_image(message, topic: str) -> np.ndarray:
     if encoding in ("mono16", "16UC1"):
         if step < 2 * width:
             raise InputError(f"{topic}: an image message with too few bytes")
-        high = 0 if message.is_bigendian else 1
-        return np.ascontiguousarray(rows[:, high:2 * width:2])
+        pixels = np.ascontiguousarray(rows[:, :2 * width]).view(
+            ">u2" if message.is_bigendian else "<u2")
+        return pixels.astype(np.uint16)
     if encoding.startswith("bayer_") and encoding.endswith("8"):
         cv2 = _cv2()
         code = {"bayer_rggb8": cv2.COLOR_BayerBG2BGR, "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
@@ -339,11 +193,13 @@ _MOST_WAITING = 100
 
 
 def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
-                 counts: Dict[str, int]) -> Iterator[Tuple[int, object, object]]:
+                 counts: Dict[str, int], nearest: Optional[List[int]] = None
+                 ) -> Iterator[Tuple[int, object, object]]:
     """Pairs of the items of two cameras by time.
 
     stream: (side 0 or 1, stamp in ns, item), roughly in order.
     tolerance: s, largest difference of the stamps of a pair.
+    nearest: gets the smallest difference of two stamps that were compared, ns.
     Yields (left stamp, left item, right item). What has no partner, or one that is nearer to another
     item, is counted, and so is an item whose stamp is out of order: late, or far ahead of those that
     follow it. At most _MOST_WAITING items of a camera wait for the other one; the oldest of more have no
@@ -359,6 +215,8 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
         left, right = queues
         while min(len(left), len(right)) >= least:
             difference = right[0][0] - left[0][0]
+            if nearest is not None:
+                nearest[:] = [min([abs(difference), *nearest])]
             # A later image may be nearer.
             if len(right) > 1 and abs(right[1][0] - left[0][0]) < abs(difference):
                 counts["unmatched right"] += 1
@@ -419,12 +277,14 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
     for topic in (left, right):
         if topic not in known:
             raise InputError(f"{path}: has no topic {topic}; it has: {', '.join(sorted(known))}")
+    calibration: Optional[Rig] = rig
     if rig is None:
         infos = [_camera_info(reader, path, topic) for topic in (left, right)]
         if None in infos:
             raise InputError(f"{path}: no camera_info beside {left} and {right}; "
                              "give --calibration")
-        rig = rig_from_camera_info(infos, str(path))
+        calibration = lambda size: rig_from_camera_info(infos, str(path), size)  # noqa: E731
+    nearest: List[int] = []
     counts: Dict[str, int] = {}
     connections = [c for c in reader.connections if c.topic in (left, right)]
     for connection in connections:
@@ -441,19 +301,26 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
         number, connection, message = item
         with _reading(path, f"message {number} cannot be read"):
             if connection.msgtype == _COMPRESSED:
-                return decode_gray(bytes(message.data), connection.topic)
+                return decode_image(bytes(message.data), connection.topic)
             return _decode_image(message, connection.topic)
 
     def pairs():
-        for index, (stamp, a, b) in enumerate(pair_by_time(stream(), tolerance, counts)):
+        for index, (stamp, a, b) in enumerate(pair_by_time(stream(), tolerance, counts, nearest)):
             if index < start:
                 continue
             if frames is not None and index >= start + frames:
                 return
             yield str(stamp), stamp * 1e-9, image(a), image(b)
 
+    def why_none() -> str:
+        text = f": {messages[0]} images of {left}, {messages[1]} of {right}"
+        if nearest:
+            text += (f"; the nearest are {nearest[0] * 1e-9:.6g} s apart, --tolerance {tolerance:g}"
+                     if nearest[0] > round(tolerance * 1e9) else "")
+        return text
+
     messages: List[int] = [sum(c.msgcount for c in connections if c.topic == t)
                            for t in (left, right)]
     size = max(0, min(messages) - start)
-    return Recording(Path(path).resolve().stem, "bag", rig, pairs(),
-                     size if frames is None else min(size, frames), counts, start)
+    return Recording(Path(path).resolve().stem, "bag", calibration, pairs(),
+                     size if frames is None else min(size, frames), counts, start, why_none)

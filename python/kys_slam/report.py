@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """One HTML page of runs: figures, paths, errors over time, what each frame cost."""
 
 import base64
@@ -20,7 +21,8 @@ table { border-collapse: collapse } td, th { border-bottom: 1px solid #ccc; padd
 text-align: right } td:first-child, th:first-child { text-align: left } img { max-width: 100% }"""
 
 
-_SUMMARY = {"mode": str, "frames": int, "frames_tracked": int, "keyframes": int, "loops_closed": int,
+_SUMMARY = {"mode": str, "frames": int, "frames_tracked": int, "frames_connected": int, "submaps": int,
+            "keyframes": int, "loops_closed": int,
             "path_length_m": (int, float), "complete": bool, "end_reason": str, "left_out": dict}
 
 
@@ -74,6 +76,13 @@ def _cell(value, form: str = "") -> str:
     return "" if value is None else html.escape(format(value, form))
 
 
+def _pieces(summary: dict) -> str:
+    """Of a run in several sub-maps, how many frames the trajectory has."""
+    if not (summary.get("submaps") or 0) > 1:
+        return ""
+    return _cell(f", {summary.get('frames_connected')} connected, {summary['submaps']} sub-maps")
+
+
 def _table(runs: List[_Run]) -> str:
     rows = ["<tr><th>run</th><th>mode</th><th>frames tracked</th><th>keyframes</th><th>loops</th>"
             "<th>path, m</th><th>ATE, m</th><th>RPE, m</th><th>ms per frame</th></tr>"]
@@ -81,7 +90,7 @@ def _table(runs: List[_Run]) -> str:
         s, f = run.summary, run.figures
         times = run.frames["ms_total"]
         cells = [_cell(run.name), _cell(s.get("mode")),
-                 _cell(s.get("frames_tracked")) + " of " + _cell(s.get("frames")),
+                 _cell(s.get("frames_tracked")) + " of " + _cell(s.get("frames")) + _pieces(s),
                  _cell(s.get("keyframes")), _cell(s.get("loops_closed")),
                  _cell(s.get("path_length_m"), ".1f"),
                  _cell(f and f["ate_m"]["rmse"], ".4f"),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The SLAM system."""
 
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
@@ -71,6 +72,34 @@ class MapSnapshot(NamedTuple):
     edge_loop: np.ndarray  #: (E,) bool, closed loop
 
 
+class RigParameter(NamedTuple):
+    """One way in which the cameras differ from the given calibration (kys_slam/rig_correction.h)."""
+
+    value: float  #: 0: not corrected
+    sigma: Optional[float]  #: standard deviation; None: not estimated
+    unit: str  #: "px", "rad", or "": a ratio
+
+
+class Rig(NamedTuple):
+    """The calibration as the images show it."""
+
+    corrected: str  #: "none", "offset" (of disparities alone) or "all"
+    rows_sigma_before: Optional[float]  #: px, standard deviation of row differences; None: not measured
+    rows_sigma_after: Optional[float]  #: px, the same with the correction that fits them
+    rows_field: Optional[float]  #: px, root mean square of what that correction changes in rows
+    parameters: Dict[str, RigParameter]  #: of the correction that is applied
+
+    @property
+    def offset(self) -> float:
+        """px, added to every disparity."""
+        return self.parameters["offset"].value
+
+    @property
+    def offset_sigma(self) -> Optional[float]:
+        """px, its standard deviation; None: not estimated."""
+        return self.parameters["offset"].sigma
+
+
 class System(_core.System):
     """The SLAM system: feed rectified stereo frames in order, get poses.
 
@@ -104,8 +133,9 @@ class System(_core.System):
              ) -> _core.FrameReport:
         """Tracks the next frame.
 
-        left, right: (H, W) uint8, (H, W) uint16 (the high byte counts) or (H, W, 3) uint8; any
-            strides. Rectified, of the camera's size.
+        left, right: (H, W) uint8, (H, W) uint16 or (H, W, 3) uint8; any strides. Rectified, of
+            the camera's size. Of uint16 the upper 8 of the bits count that the first pair uses (8 to 16);
+            fewer than 16 are a warning of the logger "kys_slam".
         timestamp: s, strictly increasing.
         segments: the priors of this frame (or the bytes of a prior file), in place of the folder's.
         masks: (left, right), (H, W) uint8 each or None: 0 use, anything else not.
@@ -145,6 +175,12 @@ class System(_core.System):
         """What moves, as mode `verified` judged it; nothing in other modes."""
         return Objects(*self._objects())
 
+    def rig(self) -> Rig:
+        """What the images said about the calibration, and the correction that is applied."""
+        d = self._rig()
+        d["parameters"] = {name: RigParameter(*p) for name, p in d["parameters"].items()}
+        return Rig(**d)
+
     def snapshot(self) -> MapSnapshot:
         """The whole map as it is now."""
         d = self._snapshot()
@@ -165,7 +201,8 @@ class System(_core.System):
         warnings: what the user was shown, e.g. PairHistory.warning.
         recording: Sequence.recording, by which the C++ programs do not overwrite results of another
             recording of the same name.
-        Returns a dict: frames, tracked, loops, table (text).
+        Returns a dict: frames, tracked, connected, loops, table (text), failure ("tracking failed: ..."
+            when less than half of the frames are connected, else "").
         """
         return self._write_run(folder, sequence, ground_truth, start_up_s, wall_s, cpu_s,
                                end_reason, left_out or {}, list(warnings), recording)

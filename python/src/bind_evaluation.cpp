@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/evaluation.h>
 #include <kys_slam/trajectory_file.h>
 #include <nanobind/stl/filesystem.h>

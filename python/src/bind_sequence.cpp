@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/frame_input.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/image_pair.h>
@@ -5,6 +6,7 @@
 #include <kys_slam/read_ahead.h>
 #include <kys_slam/settings.h>
 #include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -246,6 +248,12 @@ void bind_sequence(nb::module_& m) {
             return sequence == nullptr ? 0 : sequence->dropped();
           },
           "Images without a partner in the other camera.")
+      .def_prop_ro(
+          "counts", [](const Input& s) { return s.input.left_out; },
+          "Images that were left out, by why.")
+      .def_prop_ro(
+          "notes", [](const Input& s) { return s.input.notes; },
+          "What a user should be told about how the images are read.")
       .def("__len__", [](const Input& s) { return s.input.frames->size().value_or(0); })
       .def(
           "read",
@@ -303,9 +311,10 @@ void bind_sequence(nb::module_& m) {
       "left"_a, "right"_a, "rig"_a, "start"_a = 0, "frames"_a = nb::none(),
       "pairing_tolerance"_a = 0.003, "rate"_a = nb::none(), "times"_a = "",
       "Opens the images of two folders. `rate`: frames per second, for names that are no time "
-      "stamps; `times`: a file with one stamp (s) per image; not both. Names of 13 digits or more "
-      "are time stamps: in ns, or of Unix time in us (16 digits) or ms (13 digits) when images "
-      "would be less than 1 ms apart otherwise. `pairing_tolerance`: s, of names that are stamps.");
+      "stamps; `times`: a file with one stamp per image; not both. Names of 13 digits or more "
+      "are time stamps. Stamps are in the unit (in a file s, else ms, us, ns) in which images are "
+      "1 ms "
+      "to 10 s apart. `pairing_tolerance`: s, of names that are stamps.");
 
   m.def(
       "decode_gray",
@@ -315,6 +324,25 @@ void bind_sequence(nb::module_& m) {
         return image_to_numpy(decode_gray(bytes, name));
       },
       "data"_a, "name"_a, "PNG or JPEG bytes as (H, W) uint8 grey. `name` starts messages.");
+  m.def(
+      "decode_image",
+      [](const nb::bytes& data, const std::string& name) -> nb::object {
+        const std::span<const std::uint8_t> bytes(static_cast<const std::uint8_t*>(data.data()),
+                                                  data.size());
+        const ImageInfo info = decode_image_info(bytes, name);
+        if (info.bits != 16 || info.channels != 1) {
+          return nb::cast(image_to_numpy(decode_gray(bytes, name)));
+        }
+        const Image16 image = decode_u16(bytes, name);
+        return nb::cast(to_numpy(
+            std::vector<std::uint16_t>(image.data(), image.data() + image.size()),
+            {static_cast<std::size_t>(image.height()), static_cast<std::size_t>(image.width())}));
+      },
+      "data"_a, "name"_a,
+      nb::sig("def decode_image(data: bytes, name: str) -> numpy.typing.NDArray[numpy.uint8] | "
+              "numpy.typing.NDArray[numpy.uint16]"),
+      "PNG or JPEG bytes as (H, W) grey: uint16 of a 16-bit grey PNG, else uint8. `name` starts "
+      "messages.");
   m.def(
       "read_indexed",
       [](const std::filesystem::path& path) { return image_to_numpy(read_indexed(path)); },

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/run_main.h>
@@ -92,7 +93,10 @@ void warn(const std::string& message) {
 using MaybeArray = std::optional<AnyArray>;
 
 GrayImage mask_of(const MaybeArray& array, const char* what) {
-  return array ? to_gray(view_of(*array, what, false)) : GrayImage();
+  if (!array) return {};
+  ImageView view = view_of(*array, what, false);
+  view.bits = 8;  // of 16-bit numbers of instances none becomes 0
+  return to_gray(view);
 }
 
 /// The writing thread takes the GIL to let go of a frame that Python owns, so nobody may wait for
@@ -136,16 +140,21 @@ class Slam {
                    const std::string& name, const std::optional<nb::bytes>& segments,
                    const std::tuple<MaybeArray, MaybeArray>& masks, bool bgr,
                    std::optional<std::int64_t> index) {
-    const ImageView l = view_of(left, "left image", bgr), r = view_of(right, "right image", bgr);
+    ImageView l = view_of(left, "left image", bgr), r = view_of(right, "right image", bgr);
     const auto frame = std::make_shared<StereoFrame>();
     frame->name = name;
     frame->timestamp = timestamp;
     std::optional<PriorFile> given = parse(segments);
     const auto bytes = bytes_of(segments);
     const nb::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    if (bits_ == 0) {  // the first pair of 16 bits decides for all
+      bits_ = std::max(used_bits(l), used_bits(r));
+      if (const std::string note = note_of_bits(bits_); !note.empty()) warn(note);
+    }
+    l.bits = r.bits = bits_;
     frame->left = to_gray(l);
     frame->right = to_gray(r);
-    const std::lock_guard lock(mutex_);
     frame->index = index.value_or(fed_);
     return feed_locked(frame, std::move(given), bytes, masks);
   }
@@ -197,6 +206,8 @@ class Slam {
     nb::dict d;
     d["frames"] = outcome.trajectory.size();
     d["tracked"] = outcome.tracked;
+    d["connected"] = outcome.connected.size();
+    d["failure"] = describe_failure_to_track(*system_, outcome);
     d["loops"] = outcome.loops;
     d["table"] = text;
     return d;
@@ -290,6 +301,7 @@ class Slam {
   Priors* priors_ = nullptr;    // the system's
   std::recursive_mutex mutex_;  // of feeding and of what follows; an observer may come back here
   std::int64_t fed_ = 0;
+  int bits_ = 0;  // of 16-bit images, 0: not known yet
   std::vector<std::shared_ptr<PythonPipe>> pipes_;
   std::shared_ptr<const GrayImage> left_;   // of the frame being fed
   std::span<const std::uint8_t> segments_;  // given with it
@@ -355,6 +367,28 @@ nb::dict to_dict(const MapSnapshot& s) {
   d["edge_shared"] = column<std::int32_t>(s.edges, [](const E& e) { return e.shared_landmarks; });
   d["edge_tree"] = column<std::uint8_t>(s.edges, [](const E& e) { return e.spanning_tree; });
   d["edge_loop"] = column<std::uint8_t>(s.edges, [](const E& e) { return e.loop; });
+  return d;
+}
+
+nb::dict to_dict(const RigReport& report) {
+  nb::dict d;
+  const auto rows = [&](double RowFit::*value) {
+    return report.rows ? nb::cast((*report.rows).*value) : nb::none();
+  };
+  d["corrected"] = report.corrected();
+  d["rows_sigma_before"] = rows(&RowFit::sigma_before);
+  d["rows_sigma_after"] = rows(&RowFit::sigma_after);
+  d["rows_field"] = rows(&RowFit::field);
+  const RigEstimate& known = report.known();
+  nb::dict parameters;
+  for (int k = 0; k < RigCorrection::kSize; ++k) {
+    const RigParameterName& name = rig_parameter_names()[static_cast<std::size_t>(k)];
+    const double variance = known.covariance(k, k);
+    parameters[nb::str(name.name.data(), name.name.size())] = nb::make_tuple(
+        known.correction.parameters()[k], variance > 0 ? nb::cast(std::sqrt(variance)) : nb::none(),
+        nb::str(name.unit.data(), name.unit.size()));
+  }
+  d["parameters"] = parameters;
   return d;
 }
 
@@ -599,6 +633,7 @@ void bind_system(nb::module_& m) {
           "(N, 3) float64, m: landmarks of the sub-map the trajectory is expressed in.")
       .def("_snapshot",
            [](Slam& s) { return to_dict(without_gil([&] { return s.system().snapshot(); })); })
+      .def("_rig", [](Slam& s) { return to_dict(without_gil([&] { return s.system().rig(); })); })
       .def_prop_ro(
           "submaps", [](Slam& s) { return without_gil([&] { return s.system().submaps(); }); },
           "number of sub-maps that were never connected")

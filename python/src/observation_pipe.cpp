@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "observation_pipe.h"
 
 #include <kys_slam/error.h>

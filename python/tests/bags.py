@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Writes ROS bags of recorded images, for tests."""
 
 import numpy as np
@@ -36,11 +37,13 @@ def ros_camera_info(typestore, info, stamp, ros1):
     t = typestore.types
     case = str if ros1 else str.lower
     numbers = {case(k): np.array(info[k], float) for k in "DKRP"}
+    x, y, width, height = info.get("roi", (0, 0, 0, 0))
     roi = t["sensor_msgs/msg/RegionOfInterest"](
-        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+        x_offset=x, y_offset=y, height=height, width=width, do_rectify=False)
     return t["sensor_msgs/msg/CameraInfo"](
         header=ros_header(t, stamp, ros1), height=info["height"], width=info["width"],
-        distortion_model=info["distortion_model"], binning_x=0, binning_y=0, roi=roi, **numbers)
+        distortion_model=info["distortion_model"], binning_x=info.get("binning_x", 0),
+        binning_y=info.get("binning_y", 0), roi=roi, **numbers)
 
 
 def write_bag(path, kind, shots, encoding, drop=lambda i, side: False, jitter=lambda i: 0,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Paths of the build and the data. Tests that need the real excerpts are skipped without them."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What recording costs, on one sequence.
 
     python recording_cost.py SEQUENCE [--priors DIR] [--frames 50] [--rounds 8] [--kinds rrd mcap]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibrations in every format, rectification, the check of a pair."""
 
 import numpy as np
@@ -52,7 +53,7 @@ def camera_matrix(side):
 
 
 def opencv(unit=1.0):
-    text = "%YAML:1.0\n---\n"
+    text = "%YAML:1.0\n---\ndistortion_model: radtan\n"
     for i, side in enumerate(("left", "right"), 1):
         text += opencv_matrix(f"M{i}", camera_matrix(side)) + opencv_matrix(f"D{i}", RADTAN[side])
     return (text + opencv_matrix("R", T_RIGHT_LEFT[:3, :3]) +
@@ -196,7 +197,7 @@ def test_wrong_calibrations_say_so(tmp_path):
         with pytest.raises(kys_slam.InputError, match=match):
             rectified(tmp_path, *texts, unit=unit)
 
-    fails("other units", opencv(unit=0.001))
+    fails("another unit", opencv(unit=0.001))
     fails("neither Kalibr", "a: 1\n")
     fails("not a calibration", "just text")
     fails("T_cn_cnm1", kalibr().replace("T_cn_cnm1", "T_other"))

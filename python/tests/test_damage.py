@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Damaged recordings, full disks, signals, options that do not apply: one message, status 2, and
 nothing that is computed is lost."""
 
@@ -253,7 +254,7 @@ def test_signals_save_what_there_is(folders, number):
     for side in ("left", "right"):
         for i, path in enumerate(sorted((folders / side).iterdir())):
             path.rename(path.with_name(f"{i:03d}.png"))
-    (folders / "times.txt").write_text("".join(f"{i * 50}\n" for i in range(12)))
+    (folders / "times.txt").write_text("".join(f"{i * 10}\n" for i in range(12)))
     command = [sys.executable, "-m", "kys_slam",
                *run_of(folders, "--schedule", "realtime", "--times", folders / "times.txt")]
 

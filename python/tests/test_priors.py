@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Prior files, priors from memory, the distance model."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings for viewers say what the files of the run say."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Folders, videos and bags give what the sequence they were made of gives."""
 
 import json
@@ -230,7 +231,8 @@ def test_a_camera_without_the_other_takes_no_memory(sides, begin, end, ahead_s, 
 def test_a_topic_without_a_slash():
     from types import SimpleNamespace
     k = [50.0, 0, 30, 0, 50, 20, 0, 0, 1]
-    info = SimpleNamespace(width=60, height=40, distortion_model="plumb_bob", d=[0.0] * 5, k=k,
+    roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    info = SimpleNamespace(width=60, height=40, binning_x=0, binning_y=0, roi=roi, distortion_model="plumb_bob", d=[0.0] * 5, k=k,
                            r=[1.0, 0, 0, 0, 1, 0, 0, 0, 1], p=[0.0] * 12)
     connection = SimpleNamespace(topic="left/camera_info", msgtype="sensor_msgs/msg/CameraInfo")
     reader = SimpleNamespace(connections=[connection], deserialize=lambda raw, kind: info,

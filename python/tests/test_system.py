@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The system fed with NumPy arrays: the same poses as the command line, errors, threads."""
 
 import functools

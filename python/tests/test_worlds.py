@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Simulated worlds in every form a user may have them: bags, calibrations, lenses, masks.
 
 The worlds are those of the regression suite: KYS_WORLDS is its folder of input.

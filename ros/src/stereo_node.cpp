@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Untested: see ../README.md.
 #include <kys_slam/error.h>
 #include <kys_slam/image_view.h>
@@ -36,10 +37,15 @@ kys_slam::CameraInfo convert(const CameraInfo& m) {
   std::copy(m.k.begin(), m.k.end(), info.K.begin());
   std::copy(m.r.begin(), m.r.end(), info.R.begin());
   std::copy(m.p.begin(), m.p.end(), info.P.begin());
+  info.binning_x = static_cast<int>(m.binning_x);
+  info.binning_y = static_cast<int>(m.binning_y);
+  info.roi = {static_cast<int>(m.roi.x_offset), static_cast<int>(m.roi.y_offset),
+              static_cast<int>(m.roi.width), static_cast<int>(m.roi.height)};
   return info;
 }
 
-kys_slam::GrayImage gray(const Image& m) {
+/// The pixels of a message, which must outlive the view.
+kys_slam::ImageView view_of(const Image& m) {
   using kys_slam::PixelFormat;
   PixelFormat format = PixelFormat::kGray8;
   int channels = 1, bytes = 1;
@@ -55,11 +61,11 @@ kys_slam::GrayImage gray(const Image& m) {
   }
   kys_slam::ImageView view{m.data.data(), static_cast<int>(m.width), static_cast<int>(m.height),
                            format, static_cast<std::ptrdiff_t>(m.step)};
-  if (bytes == 2) {  // the high byte alone, in whichever order they are
-    view.data = m.data.data() + (m.is_bigendian ? 0 : 1);
-    view.pixel_step = 2;
+  if (bytes == 2) {
+    view.pixel_step = 2;  // big endian: the high byte alone
+    if (!m.is_bigendian) view.format = PixelFormat::kGray16;
   }
-  return kys_slam::to_gray(view);
+  return view;
 }
 
 class StereoNode : public rclcpp::Node {
@@ -73,9 +79,11 @@ class StereoNode : public rclcpp::Node {
     path_ = create_publisher<nav_msgs::msg::Path>("path", 1);
     for (int side = 0; side < 2; ++side) {
       const std::string name = side == 0 ? "left" : "right";
-      info_subscribers_[side] = create_subscription<CameraInfo>(
-          name + "/camera_info", 1,
-          [this, side](const CameraInfo& m) { infos_[side] = convert(m); });
+      info_subscribers_[side] = create_subscription<CameraInfo>(name + "/camera_info", 1,
+                                                                [this, side](const CameraInfo& m) {
+                                                                  if (m.k[0] != 0 || m.p[0] != 0)
+                                                                    infos_[side] = convert(m);
+                                                                });
       images_[side].subscribe(this, name + "/image", rmw_qos_profile_sensor_data);
     }
     pairs_ =
@@ -100,8 +108,14 @@ class StereoNode : public rclcpp::Node {
  private:
   using Policy = message_filters::sync_policies::ApproximateTime<Image, Image>;
 
-  void start() {
-    const kys_slam::StereoRig rig = kys_slam::rig_from_camera_info(*infos_[0], *infos_[1], "ros");
+  void start(const kys_slam::ImageView& left, const kys_slam::ImageView& right) {
+    kys_slam::StereoRig rig =
+        kys_slam::rig_from_camera_info(*infos_[0], *infos_[1], "ros", left.width, left.height);
+    rig.set_image_size(left.width, left.height);
+    bits_ = std::max(kys_slam::used_bits(left), kys_slam::used_bits(right));
+    if (const std::string note = kys_slam::note_of_bits(bits_); !note.empty()) {
+      RCLCPP_WARN(get_logger(), "%s", note.c_str());
+    }
     kys_slam::StereoCamera camera;
     if (const auto rectified = rig.rectified()) {
       camera = *rectified;
@@ -120,17 +134,23 @@ class StereoNode : public rclcpp::Node {
       return;
     }
     try {
-      if (!slam_) start();
+      kys_slam::ImageView views[2] = {view_of(*left), view_of(*right)};
+      if (!slam_) start(views[0], views[1]);
+      for (kys_slam::ImageView& view : views) view.bits = bits_;
       kys_slam::StereoFrame frame;
       frame.index = frames_++;
       frame.timestamp = rclcpp::Time(left->header.stamp).seconds();
-      frame.left = gray(*left);
-      frame.right = gray(*right);
+      frame.left = kys_slam::to_gray(views[0]);
+      frame.right = kys_slam::to_gray(views[1]);
       if (rectifier_) {
         frame.left = rectifier_->rectify_left(frame.left);
         frame.right = rectifier_->rectify_right(frame.right);
       }
       const kys_slam::FrameReport report = slam_->feed(frame);
+      if (report.warning != warning_ && !report.warning.empty()) {
+        RCLCPP_WARN(get_logger(), "%s", report.warning.c_str());
+      }
+      warning_ = report.warning;
       if (report.status == kys_slam::FrameStatus::kLost) {
         RCLCPP_WARN(get_logger(), "lost: %s", report.reason.c_str());
         return;
@@ -185,6 +205,8 @@ class StereoNode : public rclcpp::Node {
   kys_slam::Settings settings_;
   std::unique_ptr<kys_slam::System> slam_;
   std::int64_t frames_ = 0;
+  int bits_ = 0;         // of 16-bit images, 0: not known
+  std::string warning_;  // of the last frame
 };
 
 }  // namespace

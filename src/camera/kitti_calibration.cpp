@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "camera/kitti_calibration.h"
 
 #include <kys_slam/error.h>
@@ -32,7 +33,8 @@ StereoCamera stereo_camera_from_projections(const ProjectionMatrix& P_left,
   camera.baseline = (P_left(0, 3) - P_right(0, 3)) / fx;
   if (!(camera.baseline > 0)) fail("the right camera is not to the right of the left one");
   if (!camera.is_valid()) fail("invalid calibration");
-  require_plausible(camera, name);
+  require_plausible(camera, name,
+                    "the fourth number of the right camera's row is -fx * baseline, px m");
   // KITTI's own rows differ by 1 % of the baseline; beyond this, rows do not match.
   const double rows_apart = std::abs(P_left(1, 3) - P_right(1, 3));
   if (rows_apart > 0.05 * camera.bf()) {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/rig_correction.h>
 
 namespace kys_slam {
@@ -68,8 +69,7 @@ Eigen::Vector2d RigCorrection::right_ray(const Eigen::Vector2d& m) const {
   const Eigen::Vector2d moved =
       lens_terms(m) * parameters_.segment<kLensTerms>(at(RigParameter::kRightK1)) +
       pose_terms(m) * parameters_.segment<kPoseTerms>(at(RigParameter::kYaw));
-  return m + moved -
-         Eigen::Vector2d(offset() / given_.fx, (*this)[RigParameter::kRow] / given_.fy);
+  return m + moved - Eigen::Vector2d(offset() / given_.fx, (*this)[RigParameter::kRow] / given_.fy);
 }
 
 double RigCorrection::inverse_depth(double x_left, double x_right) const {
@@ -103,17 +103,16 @@ RigCorrection::Ideal RigCorrection::pair(const Measured& m) const {
   const double q = inverse_depth(l.x(), r.x());
   ideal.u_right = ideal.u - given_.fx * scale_ * q;
   if (std::isnan(m.v_right)) return ideal;
-  const double expected = (l.y() - (*this)[RigParameter::kBaselineY] * q) /
-                          (1 - (*this)[RigParameter::kBaselineZ] * q);
+  const double expected =
+      (l.y() - (*this)[RigParameter::kBaselineY] * q) / (1 - (*this)[RigParameter::kBaselineZ] * q);
   ideal.row = given_.fy * (r.y() - expected);
   return ideal;
 }
 
 Eigen::Vector2d RigCorrection::measured_left(double u, double v) const {
   if (!bends_) return {u, v};
-  const Eigen::Vector2d m =
-      invert({(u - given_.cx) / given_.fx, (v - given_.cy) / given_.fy},
-             [&](const Eigen::Vector2d& at_m) { return left_ray(at_m); });
+  const Eigen::Vector2d m = invert({(u - given_.cx) / given_.fx, (v - given_.cy) / given_.fy},
+                                   [&](const Eigen::Vector2d& at_m) { return left_ray(at_m); });
   return {given_.fx * scale_ * m.x() + given_.cx, given_.fy * scale_ * m.y() + given_.cy};
 }
 

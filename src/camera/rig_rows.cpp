@@ -1,10 +1,10 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/rig_rows.h>
 #include <kys_slam/util/median.h>
 
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <vector>
 
 namespace kys_slam {
@@ -32,8 +32,8 @@ RigCorrection::Covariance rig_prior() {
   const auto set = [&](RigParameter p, double sigma) { prior(at(p), at(p)) = sigma * sigma; };
   for (const RigParameter k1 : {RigParameter::kLeftK1, RigParameter::kRightK1}) set(k1, 0.01);
   for (const RigParameter k2 : {RigParameter::kLeftK2, RigParameter::kRightK2}) set(k2, 0.005);
-  for (const RigParameter p : {RigParameter::kLeftP1, RigParameter::kLeftP2,
-                               RigParameter::kRightP1, RigParameter::kRightP2}) {
+  for (const RigParameter p : {RigParameter::kLeftP1, RigParameter::kLeftP2, RigParameter::kRightP1,
+                               RigParameter::kRightP2}) {
     set(p, 0.003);
   }
   // Lenses of one rig are of one kind, and their calibrations come from the same pictures.
@@ -48,21 +48,6 @@ RigCorrection::Covariance rig_prior() {
   set(RigParameter::kBaselineY, 0.005);
   set(RigParameter::kBaselineZ, 0.005);
   set(RigParameter::kFocal, 0.005);
-  if (const char* off = getenv("RIGPRIOR")) {  // "name=sigma,name=sigma"
-    std::string text(off);
-    for (std::size_t from = 0; from < text.size();) {
-      const std::size_t to = std::min(text.find(',', from), text.size());
-      const std::string item = text.substr(from, to - from);
-      const std::size_t eq = item.find('=');
-      for (int k = 0; k < RigCorrection::kSize; ++k) {
-        if (rig_parameter_names()[k].name != item.substr(0, eq)) continue;
-        const double f = std::stod(item.substr(eq + 1)) / std::sqrt(prior(k, k));
-        prior.row(k) *= f;
-        prior.col(k) *= f;
-      }
-      from = to + 1;
-    }
-  }
   return prior;
 }
 
@@ -119,8 +104,7 @@ RowFit fit_rows(const StereoCamera& given, std::span<const RowObservation> obser
     }
     const Parameters step = H.llt().solve(b);
     x -= step;
-    fit.rig.correction =
-        RigCorrection(given, start.correction.parameters() + Parameters(root * x));
+    fit.rig.correction = RigCorrection(given, start.correction.parameters() + Parameters(root * x));
     if (step.norm() < 1e-4 * std::sqrt(static_cast<double>(kSize))) break;
   }
   fit.rig.covariance = root * H.llt().solve(RigCorrection::Covariance(root.transpose()));

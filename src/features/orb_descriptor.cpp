@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "features/orb_descriptor.h"
 
 #include <algorithm>

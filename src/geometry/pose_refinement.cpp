@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/pose_refinement.h"
 
 #include <Eigen/LU>

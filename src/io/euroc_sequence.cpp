@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rectifier.h>
@@ -26,11 +28,18 @@ double seconds(std::int64_t nanoseconds) {
   return static_cast<double>(nanoseconds) * 1e-9;
 }
 
-/// The rows "timestamp,file name" of one camera.
-std::vector<Shot> read_shots(const fs::path& camera) {
+struct Shots {
+  std::vector<Shot> shots;
+  std::int64_t missing = 0;  // listed, but not there
+};
+
+/// The rows "timestamp,file name" of one camera, without those whose image is missing.
+/// \throws InputError naming the first of these when they are most
+Shots read_shots(const fs::path& camera) {
   constexpr std::int64_t kLeastInterval = 100000;  // ns; seconds since 1970 have steps of 238 ns
   const TextTable table(camera / "data.csv");
   std::vector<Shot> shots;
+  std::size_t first_missing = 0;
   std::set<std::string_view> names;
   for (const TextRow& row : table.rows()) {
     if (row.fields.size() != 2) table.fail(row, "expected 'timestamp,file name'");
@@ -49,12 +58,22 @@ std::vector<Shot> read_shots(const fs::path& camera) {
                             " ns after the image before: cameras are slower");
       }
     }
-    if (!path_exists(shots.back().image)) {
-      table.fail(row, "the image " + shots.back().image.string() + " is missing");
-    }
   }
   if (shots.empty()) throw InputError(table.path().string() + ": lists no images");
-  return shots;
+  Shots there;
+  for (std::size_t i = 0; i < shots.size(); ++i) {
+    if (path_exists(shots[i].image)) {
+      there.shots.push_back(std::move(shots[i]));
+    } else if (there.missing++ == 0) {
+      first_missing = i;
+    }
+  }
+  if (2 * there.shots.size() < shots.size()) {
+    table.fail(table.rows()[first_missing],
+               fmt::format("the image {} is missing, as are {} of {} that are listed",
+                           shots[first_missing].image.string(), there.missing, shots.size()));
+  }
+  return there;
 }
 
 std::vector<std::int64_t> stamps_of(const std::vector<Shot>& shots) {
@@ -63,14 +82,22 @@ std::vector<std::int64_t> stamps_of(const std::vector<Shot>& shots) {
   return stamps;
 }
 
-void pair_by_time(const std::vector<Shot>& left, const std::vector<Shot>& right, double tolerance,
-                  Sequence::Content& content) {
-  for (const auto& [l, r] : pair_stamps(stamps_of(left), stamps_of(right), tolerance)) {
+void pair_by_time(const Shots& left_shots, const Shots& right_shots, const fs::path& mav,
+                  double tolerance, Sequence::Content& content) {
+  const std::vector<Shot>&left = left_shots.shots, &right = right_shots.shots;
+  const std::vector<std::int64_t> left_ns = stamps_of(left), right_ns = stamps_of(right);
+  for (const auto& [l, r] : pair_stamps(left_ns, right_ns, tolerance)) {
     content.frames.push_back({left[l].image.stem().string(), seconds(left[l].nanoseconds),
                               left[l].image, right[r].image});
   }
   content.dropped =
       static_cast<std::int64_t>(left.size() + right.size() - 2 * content.frames.size());
+  content.missing = left_shots.missing + right_shots.missing;
+  if (content.frames.empty()) {
+    throw InputError(
+        (mav / "cam1" / "data.csv").string() +
+        ": no image has the time stamp of a left one: " + nearest_stamps(left_ns, right_ns));
+  }
 }
 
 /// The folder that holds cam0 and cam1, given it or its parent.
@@ -94,36 +121,26 @@ bool is_tum_vi(const fs::path& mav) {
   return !path_exists(mav / "cam0" / "sensor.yaml") && path_exists(camchain_of(mav));
 }
 
-/// \param first the first image of the left camera, "" without: the calibration has to be of its
-///   size before tables of that size are made
-StereoRectifier read_rectifier(const fs::path& mav, const fs::path& first) {
+StereoRig read_rig(const fs::path& mav) {
   if (is_tum_vi(mav)) {
     const std::array<fs::path, 1> camchain{camchain_of(mav)};
     StereoRig rig = read_stereo_rig(camchain);
-    if (!first.empty()) {
-      const ImageInfo image = read_image_info(first);
-      rig.set_image_size(image.width, image.height);
-    }
-    return {rig.left, rig.right, rig.name};
+    rig.unit_remedy = "translations have to be in m";
+    return rig;
   }
-  const fs::path file = mav / "cam0" / "sensor.yaml";
-  const RawCamera left = read_sensor_yaml(file);
-  const RawCamera right = read_sensor_yaml(mav / "cam1" / "sensor.yaml");
-  if (!first.empty()) {
-    const ImageInfo image = read_image_info(first);
-    if (image.width != left.width || image.height != left.height) {
-      throw InputError(first.string() + ": image is " + std::to_string(image.width) + "x" +
-                       std::to_string(image.height) + ", " + file.string() + " says " +
-                       std::to_string(left.width) + "x" + std::to_string(left.height));
-    }
-  }
-  return {left, right, mav.string()};
+  const fs::path left = mav / "cam0" / "sensor.yaml", right = mav / "cam1" / "sensor.yaml";
+  return {read_sensor_yaml(left), read_sensor_yaml(right), left.string() + ", " + right.string(),
+          "the translation in T_BS has to be in m"};
+}
+
+StereoRectifier rectifier_of(const StereoRig& rig) {
+  return {rig.left, rig.right, rig.name};
 }
 
 }  // namespace
 
 Rigid3 read_euroc_T_b_c(const fs::path& folder) {
-  return read_rectifier(find_mav(sequence_folder(folder)), "").T_b_c();
+  return rectifier_of(read_rig(find_mav(sequence_folder(folder)))).T_b_c();
 }
 
 std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
@@ -134,14 +151,13 @@ std::unique_ptr<Sequence> open_euroc_sequence(const fs::path& given,
   content.name = mav.parent_path().filename().string();
   content.layout = is_tum_vi(mav) ? "TUM-VI" : "EuRoC";
   content.paired_by_time = true;
-  pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), options.pairing_tolerance,
+  pair_by_time(read_shots(mav / "cam0"), read_shots(mav / "cam1"), mav, options.pairing_tolerance,
                content);
-  if (content.frames.empty()) {
-    throw InputError((mav / "cam1" / "data.csv").string() +
-                     ": no image has the time stamp of a left one");
-  }
-  const auto rectifier =
-      std::make_shared<StereoRectifier>(read_rectifier(mav, content.frames.front().left));
+  StereoRig rig = read_rig(mav);
+  // Before tables of that size are made.
+  const ImageInfo image = read_image_info(content.frames.front().left);
+  rig.set_image_size(image.width, image.height);
+  const auto rectifier = std::make_shared<StereoRectifier>(rectifier_of(rig));
   content.camera = rectifier->camera();
   content.T_b_c = rectifier->T_b_c();
   content.rectifier = rectifier;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
@@ -19,6 +20,7 @@
 #include <span>
 #include <stdexcept>
 
+#include "camera/plausible.h"
 #include "io/feature_payload.h"
 #include "util/byte_stream.h"
 
@@ -310,6 +312,7 @@ std::uint64_t FeatureSequence::Impl::read_header() {
   c.width = static_cast<int>(width);
   c.height = static_cast<int>(height);
   if (!c.is_valid()) fail("the camera makes no sense");
+  require_plausible(c, name);
   if (!(info.scale_factor > 1 && info.scale_factor < 4) || levels < 1 || levels > 64) {
     fail("the octaves make no sense");
   }

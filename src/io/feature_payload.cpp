@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/feature_payload.h"
 
 #include <kys/error.h>

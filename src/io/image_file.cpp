@@ -1,8 +1,10 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/read_bytes.h>
 
+#include <algorithm>
 #include <vector>
 
 #include "io/jpeg_codec.h"
@@ -29,8 +31,32 @@ void require_image(Bytes file, const std::string& name) {
   }
 }
 
-GrayImage decode_png_gray(const PngDecoder& png) {
+/// The samples of a 16-bit PNG.
+std::vector<std::uint16_t> decode_samples(const PngDecoder& png) {
   const ImageInfo& info = png.info();
+  std::vector<std::uint16_t> samples(static_cast<std::size_t>(info.channels) * info.width *
+                                     info.height);
+  png.decode(reinterpret_cast<std::uint8_t*>(samples.data()));
+  return samples;
+}
+
+GrayImage decode_png_gray16(const PngDecoder& png, int bits) {
+  const ImageInfo& info = png.info();
+  const std::vector<std::uint16_t> samples = decode_samples(png);
+  GrayImage gray(info.width, info.height);
+  const auto channels = static_cast<std::size_t>(info.channels);
+  for (std::size_t i = 0; i < gray.size(); ++i) {
+    const std::uint16_t* p = &samples[i * channels];
+    gray.data()[i] =
+        channels < 3 ? upper_byte(*p, bits)
+                     : luma(upper_byte(p[0], bits), upper_byte(p[1], bits), upper_byte(p[2], bits));
+  }
+  return gray;
+}
+
+GrayImage decode_png_gray(const PngDecoder& png, int bits) {
+  const ImageInfo& info = png.info();
+  if (info.bits == 16) return decode_png_gray16(png, bits);
   GrayImage gray(info.width, info.height);
   if (info.channels == 1 && info.bits == 8 && !info.indexed) {
     png.decode(gray.data());
@@ -59,9 +85,17 @@ ImageInfo decode_image_info(Bytes file, const std::string& name) {
   return is_jpeg(file) ? jpeg_info(file, name) : PngDecoder(file, name).info();
 }
 
-GrayImage decode_gray(Bytes file, const std::string& name) {
+GrayImage decode_gray(Bytes file, const std::string& name, int bits) {
   require_image(file, name);
-  return is_jpeg(file) ? decode_jpeg_gray(file, name) : decode_png_gray(PngDecoder(file, name));
+  return is_jpeg(file) ? decode_jpeg_gray(file, name)
+                       : decode_png_gray(PngDecoder(file, name), bits);
+}
+
+int used_bits(Bytes file, const std::string& name) {
+  const ImageInfo info = decode_image_info(file, name);
+  if (info.bits != 16) return 0;
+  const std::vector<std::uint16_t> samples = decode_samples(PngDecoder(file, name));
+  return bits_of_largest(*std::max_element(samples.begin(), samples.end()));
 }
 
 RgbImage decode_rgb(Bytes file, const std::string& name) {
@@ -103,8 +137,8 @@ ImageOf<std::uint8_t> decode_indexed(Bytes file, const std::string& name) {
 ImageInfo read_image_info(const fs::path& path) {
   return decode_image_info(read_bytes(path), path.string());
 }
-GrayImage read_gray(const fs::path& path) {
-  return decode_gray(read_bytes(path), path.string());
+GrayImage read_gray(const fs::path& path, int bits) {
+  return decode_gray(read_bytes(path), path.string(), bits);
 }
 RgbImage read_rgb(const fs::path& path) {
   return decode_rgb(read_bytes(path), path.string());

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
@@ -9,6 +11,7 @@
 #include <limits>
 
 #include "camera/plausible.h"
+#include "io/frame_times.h"
 #include "io/sequence_parts.h"
 
 namespace kys_slam {
@@ -22,30 +25,17 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The unit of stamps in ns. Unix time has 19 digits in ns, 16 in us and 13 in ms; 13 and 16 digits
-/// may be ns as well, since the start of a computer. Then the distance of the images decides: no
-/// camera takes 1000 pairs per second, and none that is tracked takes less than one in 10 s.
-/// Nothing when numbers are too close to be times.
-std::optional<std::int64_t> unit_of(const fs::path& first,
-                                    const std::vector<std::int64_t>& stamps) {
-  constexpr std::int64_t kMillisecond = 1'000'000;  // ns
-  if (stamps.size() < 2) return 1;
-  std::vector<std::int64_t> apart;
-  for (std::size_t i = 1; i < stamps.size(); ++i) apart.push_back(stamps[i] - stamps[i - 1]);
-  const auto middle = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2);
-  std::nth_element(apart.begin(), middle, apart.end());
-  const std::size_t digits = std::to_string(stamps.front()).size();
-  if (*middle < kMillisecond) {
-    if (digits == 16) return 1'000;
-    if (digits == 13) return kMillisecond;
-    return std::nullopt;
-  }
-  if (digits == 16 && *middle < 10 * kMillisecond) {
-    throw InputError(first.string() +
-                     ": the names are time stamps in ns or in us, which cannot be told apart; give "
-                     "--rate or --times");
-  }
-  return 1;
+/// Units per second of names that are stamps. Names of frames have fewer digits than times in s, so
+/// these are in ms, us or ns. Nothing when no unit makes them times.
+std::optional<std::int64_t> unit_of(const fs::path& first, const std::vector<std::int64_t>& names) {
+  if (names.size() < 2) return 1'000'000'000;
+  const std::vector<std::int64_t> units = units_of_stamps({names.begin(), names.end()});
+  if (units.empty()) return std::nullopt;
+  if (units.size() == 1) return units.front();
+  throw InputError(
+      fmt::format("{}: the names are time stamps in {} or in {}, which cannot be told "
+                  "apart; give --rate or --times",
+                  first.string(), unit_name(units[0]), unit_name(units[1])));
 }
 
 /// ns, when every name is a stamp and they increase.
@@ -59,23 +49,25 @@ std::optional<std::vector<std::int64_t>> stamps_of(const std::vector<fs::path>& 
     stamps.push_back(*value);
   }
   const auto unit = unit_of(images.front(), stamps);
-  if (!unit || stamps.back() > std::numeric_limits<std::int64_t>::max() / *unit)
-    return std::nullopt;
-  for (std::int64_t& stamp : stamps) stamp *= *unit;
+  if (!unit) return std::nullopt;
+  const std::int64_t nanoseconds = 1'000'000'000 / *unit;
+  if (stamps.back() > std::numeric_limits<std::int64_t>::max() / nanoseconds) return std::nullopt;
+  for (std::int64_t& stamp : stamps) stamp *= nanoseconds;
   return stamps;
 }
 
-void set_times(const fs::path& left, const ImagePairOptions& options,
-               std::vector<Sequence::Frame>& frames) {
-  if (!options.times.empty()) return read_times(options.times, frames);
+void set_times(const fs::path& left, const ImagePairOptions& options, NamedPairs& pairs) {
+  if (!options.times.empty()) return read_times(options.times, pairs);
   const fs::path beside = left.parent_path() / "times.txt";
-  if (!options.rate && path_exists(beside)) return read_times(beside, frames);
+  if (!options.rate && path_exists(beside)) return read_times(beside, pairs);
   if (!options.rate) {
     throw InputError(left.string() +
                      ": the names of the images are no time stamps; give --rate or --times");
   }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    frames[i].timestamp = static_cast<double>(i) / *options.rate;
+  // The rate is that of the images there are: of numbers 0, 10, 20 .. it is that of every tenth.
+  const std::int64_t step = pairs.step();
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    pairs.frames[i].timestamp = pairs.time_of(i, *options.rate, step);
   }
 }
 
@@ -109,17 +101,20 @@ std::unique_ptr<Sequence> open_image_pair(const fs::path& left_given, const fs::
     content.dropped = static_cast<std::int64_t>(left_images.size() + right_images.size() -
                                                 2 * content.frames.size());
     if (content.frames.empty()) {
-      throw InputError(right.string() + ": no image has the time stamp of a left one");
+      throw InputError(right.string() + ": no image has the time stamp of a left one: " +
+                       nearest_stamps(*left_ns, *right_ns));
     }
   } else {
-    content.frames = pair_by_name(left, right);
-    set_times(left, options, content.frames);
+    NamedPairs pairs = pair_by_name(left, right);
+    set_times(left, options, pairs);
+    content.dropped = pairs.dropped;
+    content.frames = std::move(pairs.frames);
   }
   const ImageInfo info = read_image_info(content.frames.front().left);
   rig.set_image_size(info.width, info.height);
   if (const auto camera = rig.rectified()) {
     content.camera = *camera;
-    require_plausible(*camera, rig.name);
+    require_plausible(*camera, rig.name, rig.unit_remedy);
   } else {
     const auto rectifier = std::make_shared<StereoRectifier>(rig.left, rig.right, rig.name);
     content.camera = rectifier->camera();

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/jpeg_codec.h"
 
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/paths.h>
@@ -9,18 +10,14 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Official poses are of camera 0; camera 2 stands 6 cm beside it.
-std::vector<TimedPose> read_ground_truth(const fs::path& file,
-                                         const std::vector<Sequence::Frame>& frames,
+std::vector<TimedPose> read_ground_truth(const fs::path& file, const NamedPairs& pairs,
                                          double x_shift) {
   const std::vector<Rigid3> poses = read_kitti_poses(file);
-  if (poses.size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(poses.size()) +
-                     " poses, but there are " + std::to_string(frames.size()) + " images");
-  }
   const Rigid3 T_c0_c(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-x_shift, 0, 0));
   std::vector<TimedPose> ground_truth;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    ground_truth.push_back({frames[i].timestamp, T_c0_c.inverse() * poses[i] * T_c0_c});
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    const Rigid3& pose = poses[pairs.row_of(i, poses.size(), file, "poses")];
+    ground_truth.push_back({pairs.frames[i].timestamp, T_c0_c.inverse() * pose * T_c0_c});
   }
   return ground_truth;
 }
@@ -38,9 +35,9 @@ std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
   content.layout = "KITTI odometry";
   const fs::path calibration = folder / "calib.txt";
   if (!path_exists(calibration)) throw InputError(calibration.string() + ": no such file");
-  content.frames = pair_by_name(folder / ("image_" + left), folder / ("image_" + right));
-  content.camera = kitti_camera(calibration, "P" + left, "P" + right, content.frames.front().left);
-  read_times(folder / "times.txt", content.frames);
+  NamedPairs pairs = pair_by_name(folder / ("image_" + left), folder / ("image_" + right));
+  content.camera = kitti_camera(calibration, "P" + left, "P" + right, pairs.frames.front().left);
+  read_times(folder / "times.txt", pairs);
 
   fs::path poses = folder / "poses.txt";
   if (!path_exists(poses)) {
@@ -48,8 +45,10 @@ std::unique_ptr<Sequence> open_kitti_odometry(const fs::path& folder,
   }
   if (path_exists(poses)) {
     const auto P = kitti_projection(calibration, "P" + left);
-    content.ground_truth = read_ground_truth(poses, content.frames, P(0, 3) / P(0, 0));
+    content.ground_truth = read_ground_truth(poses, pairs, P(0, 3) / P(0, 0));
   }
+  content.dropped = pairs.dropped;
+  content.frames = std::move(pairs.frames);
   return make_sequence(std::move(content), options, folder);
 }
 

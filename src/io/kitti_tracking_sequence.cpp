@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/paths.h>
@@ -51,24 +52,20 @@ Rigid3 oxts_pose(const std::vector<double>& packet, double scale) {
 }
 
 std::vector<TimedPose> read_oxts(const fs::path& file, const fs::path& calibration,
-                                 const std::vector<Sequence::Frame>& frames) {
+                                 const NamedPairs& pairs) {
   const Rigid3 T_imu_c = read_T_imu_cam2(calibration);
   const TextTable table(file);
-  if (table.rows().size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
-                     " rows, but there are " + std::to_string(frames.size()) + " images");
-  }
   std::vector<TimedPose> poses;
   double scale = 0;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const TextRow& row = table.rows()[i];
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    const TextRow& row = table.rows()[pairs.row_of(i, table.rows().size(), file, "rows")];
     const std::vector<double> packet = table.numbers(row);
     if (packet.size() < 6) table.fail(row, "too few columns");
     if (std::abs(packet[0]) >= 90 || std::abs(packet[1]) > 360) {
       table.fail(row, "no such latitude and longitude");
     }
     if (i == 0) scale = std::cos(packet[0] * std::numbers::pi / 180.0);
-    poses.push_back({frames[i].timestamp, oxts_pose(packet, scale) * T_imu_c});
+    poses.push_back({pairs.frames[i].timestamp, oxts_pose(packet, scale) * T_imu_c});
   }
   make_relative_to_first(poses);
   return poses;
@@ -85,14 +82,15 @@ std::unique_ptr<Sequence> open_kitti_tracking(const fs::path& folder,
   content.layout = "KITTI Tracking";
   const fs::path calibration = root / "calib" / (name + ".txt");
   if (!path_exists(calibration)) throw InputError(calibration.string() + ": no such file");
-  content.frames = pair_by_name(folder, root / "image_03" / name);
-  require_consecutive(content.frames);
-  for (std::size_t i = 0; i < content.frames.size(); ++i) {
-    content.frames[i].timestamp = static_cast<double>(i) / kFrameRate;
+  NamedPairs pairs = pair_by_name(folder, root / "image_03" / name);
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    pairs.frames[i].timestamp = pairs.time_of(i, kFrameRate);
   }
-  content.camera = kitti_camera(calibration, "P2", "P3", content.frames.front().left);
+  content.camera = kitti_camera(calibration, "P2", "P3", pairs.frames.front().left);
   const fs::path oxts = root / "oxts" / (name + ".txt");
-  if (path_exists(oxts)) content.ground_truth = read_oxts(oxts, calibration, content.frames);
+  if (path_exists(oxts)) content.ground_truth = read_oxts(oxts, calibration, pairs);
+  content.dropped = pairs.dropped;
+  content.frames = std::move(pairs.frames);
   return make_sequence(std::move(content), options, folder);
 }
 

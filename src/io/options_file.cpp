@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/options_file.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/util/nearest_name.h>

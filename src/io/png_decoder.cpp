@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/png_decoder.h"
 
 #include <kys_slam/error.h>

@@ -1,17 +1,18 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
+#include <kys_slam/same_picture.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/read_bytes.h>
 
-#include <algorithm>
 #include <cstdint>
 
 namespace kys_slam {
 namespace {
 
-GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera) {
+GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera, int bits) {
   const std::vector<std::uint8_t> bytes = read_bytes(path);
   // Before memory for an image of any other size is asked for.
   const ImageInfo info = decode_image_info(bytes, path.string());
@@ -20,14 +21,7 @@ GrayImage read_image(const std::filesystem::path& path, const StereoCamera& came
                      std::to_string(info.height) + ", the sequence is " +
                      std::to_string(camera.width) + "x" + std::to_string(camera.height));
   }
-  return decode_gray(bytes, path.string());
-}
-
-/// Equal, and not of one shade (a shut or a dazzled camera).
-bool is_same_picture(const GrayImage& a, const GrayImage& b) {
-  if (!std::equal(a.data(), a.data() + a.size(), b.data())) return false;
-  return std::any_of(a.data(), a.data() + a.size(),
-                     [&](std::uint8_t value) { return value != *a.data(); });
+  return decode_gray(bytes, path.string(), bits);
 }
 
 }  // namespace
@@ -43,14 +37,13 @@ StereoFrame Sequence::read(std::int64_t position) const {
   result.index = first_index_ + position;
   result.name = source.name;
   result.timestamp = source.timestamp;
-  result.left = read_image(source.left, content_.camera);
-  result.right = read_image(source.right, content_.camera);
-  if (is_same_picture(result.left, result.right)) {
-    throw InputError(source.right.string() + ": the same picture as " + source.left.string());
-  }
+  result.left = read_image(source.left, content_.camera, content_.bits);
+  result.right = read_image(source.right, content_.camera, content_.bits);
   if (content_.rectifier) {
+    // What is one picture before rectification stays one, for those who look at rectified images.
+    const bool same = is_same_picture(result.left, result.right);
     result.left = content_.rectifier->rectify_left(result.left);
-    result.right = content_.rectifier->rectify_right(result.right);
+    result.right = same ? result.left : content_.rectifier->rectify_right(result.right);
   }
   return result;
 }

@@ -1,17 +1,22 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "io/sequence_parts.h"
 
+#include <fmt/format.h>
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
-#include <kys_slam/util/parse_number.h>
+#include <kys_slam/image_view.h>
 #include <kys_slam/util/paths.h>
+#include <kys_slam/util/read_bytes.h>
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 
 #include "camera/kitti_calibration.h"
+#include "io/frame_times.h"
 
 namespace kys_slam {
 
@@ -21,45 +26,6 @@ void describe(kys::OptionList& list, SequenceOptions& o) {
   list.add("sequence.pairing_tolerance", o.pairing_tolerance, {0, 1e3}, "s");
 }
 namespace fs = std::filesystem;
-namespace {
-
-/// The digits a stem ends in, and those before: "000012_10" -> "000012", "10". The last is "" when
-/// the stem does not end in digits.
-std::vector<std::string> numbers_of(const fs::path& image) {
-  std::vector<std::string> numbers;
-  bool inside = false;
-  for (const char c : image.stem().string()) {
-    const bool digit = c >= '0' && c <= '9';
-    if (digit && !inside) numbers.emplace_back();
-    if (digit) numbers.back() += c;
-    inside = digit;
-  }
-  if (!inside) numbers.emplace_back();
-  return numbers;
-}
-
-/// Whether image `i` of both cameras is of one frame: all numbers in the names are the same, but
-/// for one before the last that tells the cameras apart, and is the same in all names of a camera.
-bool same_frame(const std::vector<fs::path>& left, const std::vector<fs::path>& right,
-                std::size_t i) {
-  const std::vector<std::string> a = numbers_of(left[i]), b = numbers_of(right[i]);
-  if (a.back() != b.back()) return false;
-  if (a.size() != b.size()) return true;
-  const auto constant = [&](const std::vector<fs::path>& images, std::size_t k,
-                            const std::string& number) {
-    for (const fs::path& image : {images.front(), images.back()}) {
-      const std::vector<std::string> numbers = numbers_of(image);
-      if (k >= numbers.size() || numbers[k] != number) return false;
-    }
-    return true;
-  };
-  for (std::size_t k = 0; k + 1 < a.size(); ++k) {
-    if (a[k] != b[k] && !(constant(left, k, a[k]) && constant(right, k, b[k]))) return false;
-  }
-  return true;
-}
-
-}  // namespace
 
 fs::path sequence_folder(const fs::path& folder) {
   std::error_code error;
@@ -89,23 +55,6 @@ std::vector<fs::path> list_images(const fs::path& folder) {
   return images;
 }
 
-std::vector<Sequence::Frame> pair_by_name(const fs::path& left, const fs::path& right) {
-  const std::vector<fs::path> left_images = list_images(left);
-  const std::vector<fs::path> right_images = list_images(right);
-  if (left_images.size() != right_images.size()) {
-    throw InputError(right.string() + ": " + std::to_string(right_images.size()) + " images, but " +
-                     left.filename().string() + " has " + std::to_string(left_images.size()));
-  }
-  std::vector<Sequence::Frame> frames;
-  for (std::size_t i = 0; i < left_images.size(); ++i) {
-    if (!same_frame(left_images, right_images, i)) {
-      throw InputError(left_images[i].string() + ": no image of this number in " + right.string());
-    }
-    frames.push_back({left_images[i].stem().string(), 0, left_images[i], right_images[i]});
-  }
-  return frames;
-}
-
 std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std::int64_t> left,
                                                              std::span<const std::int64_t> right,
                                                              double tolerance) {
@@ -131,29 +80,23 @@ std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std
   return pairs;
 }
 
-void read_times(const fs::path& file, std::vector<Sequence::Frame>& frames) {
-  const TextTable table(file);
-  if (table.rows().size() != frames.size()) {
-    throw InputError(file.string() + ": " + std::to_string(table.rows().size()) +
-                     " time stamps, but there are " + std::to_string(frames.size()) + " images");
+std::string nearest_stamps(std::span<const std::int64_t> left,
+                           std::span<const std::int64_t> right) {
+  std::int64_t nearest = std::numeric_limits<std::int64_t>::max();
+  for (std::size_t l = 0, r = 0; l < left.size() && r < right.size();) {
+    nearest = std::min(nearest, std::abs(right[r] - left[l]));
+    ++(left[l] < right[r] ? l : r);
   }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const TextRow& row = table.rows()[i];
-    frames[i].timestamp = table.number(row, 0);
-    if (i > 0 && frames[i].timestamp <= frames[i - 1].timestamp) {
-      table.fail(row, "time stamps do not increase");
-    }
-  }
+  return fmt::format(
+      "{} left and {} right images, of which the nearest are {:.6g} s apart; "
+      "--tolerance S allows more",
+      left.size(), right.size(), static_cast<double>(nearest) * 1e-9);
 }
 
-void require_consecutive(const std::vector<Sequence::Frame>& frames) {
-  for (std::size_t i = 1; i < frames.size(); ++i) {
-    const auto before = parse_int(numbers_of(frames[i - 1].left).back());
-    const auto number = parse_int(numbers_of(frames[i].left).back());
-    if (!before || !number || *number - *before == 1) continue;
-    throw InputError(frames[i].left.string() + ": follows " +
-                     frames[i - 1].left.filename().string() +
-                     ", but frames of this layout have to be consecutive");
+void read_times(const fs::path& file, NamedPairs& pairs) {
+  const std::vector<double> times = read_time_file(file);
+  for (std::size_t i = 0; i < pairs.frames.size(); ++i) {
+    pairs.frames[i].timestamp = times[pairs.row_of(i, times.size(), file, "time stamps")];
   }
 }
 
@@ -198,6 +141,31 @@ void make_relative_to_first(std::vector<TimedPose>& poses) {
   for (TimedPose& pose : poses) pose.T_w_c = T_first_w * pose.T_w_c;
 }
 
+namespace {
+
+/// Bits that 16-bit images use, by some all over the recording: the first ones may be dark.
+void find_bits(const fs::path& folder, Sequence::Content& content) {
+  constexpr std::size_t kSamples = 6;
+  int bits = 0;
+  const std::size_t last = content.frames.size() - 1;
+  for (std::size_t k = 0; k < kSamples && bits < 16; ++k) {
+    const Sequence::Frame& frame = content.frames[last * k / (kSamples - 1)];
+    for (const fs::path& image : {frame.left, frame.right}) {
+      try {
+        const std::vector<std::uint8_t> bytes = read_bytes(image);
+        if (k == 0 && decode_image_info(bytes, image.string()).bits != 16) return;
+        bits = std::max(bits, used_bits(bytes, image.string()));
+      } catch (const InputError&) {  // told when it is its turn
+      }
+    }
+  }
+  if (bits > 0) content.bits = bits;
+  const std::string note = note_of_bits(bits);
+  if (!note.empty()) content.notes.push_back(folder.string() + ": " + note);
+}
+
+}  // namespace
+
 std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const SequenceOptions& options,
                                         const fs::path& folder) {
   const auto count = static_cast<std::int64_t>(content.frames.size());
@@ -218,6 +186,7 @@ std::unique_ptr<Sequence> make_sequence(Sequence::Content content, const Sequenc
       throw InputError(folder.string() + ": ground truth with numbers that are too large");
     }
   }
+  find_bits(folder, content);
   const std::int64_t used =
       options.frames ? std::min(*options.frames, count - options.start) : count - options.start;
   const auto cut = [&](auto& list) {

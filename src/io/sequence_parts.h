@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/sequence.h>
@@ -25,10 +26,28 @@ std::filesystem::path sequence_folder(const std::filesystem::path& folder);
 /// when there are none, and for two files of one frame (3.png and 003.png, 3.png and 3.jpg).
 std::vector<std::filesystem::path> list_images(const std::filesystem::path& folder);
 
-/// Pairs left and right images by the numbers in their names; every image must have its partner in
-/// the other camera. Time stamps are 0.
-std::vector<Sequence::Frame> pair_by_name(const std::filesystem::path& left,
-                                          const std::filesystem::path& right);
+/// Images of two folders as pairs of the same numbers in their names. Time stamps are 0.
+struct NamedPairs {
+  std::vector<Sequence::Frame> frames;
+  std::int64_t dropped = 0;            ///< images without a partner
+  std::vector<std::int64_t> numbers;   ///< of the frames, increasing; empty: names have none
+  std::vector<std::size_t> positions;  ///< of the frames among the left images
+  std::size_t left_images = 0;
+
+  /// Which row of a file with one row per image belongs to a frame: rows of all left images, or of
+  /// the whole recording, whose numbers count from 0 or 1.
+  /// \throws InputError "FILE: N WHAT, but there are M images" when it is neither
+  [[nodiscard]] std::size_t row_of(std::size_t frame, std::size_t rows,
+                                   const std::filesystem::path& file, const char* what) const;
+  /// Seconds of a frame after the first one at a constant rate, by the numbers if there are some.
+  /// \param step  of the numbers from one frame to the next
+  [[nodiscard]] double time_of(std::size_t frame, double rate, std::int64_t step = 1) const;
+  /// The distance of most numbers; 1 without numbers.
+  [[nodiscard]] std::int64_t step() const;
+};
+/// Images without a partner are left out and counted. \throws InputError when they are most of a
+/// folder.
+NamedPairs pair_by_name(const std::filesystem::path& left, const std::filesystem::path& right);
 
 /// Pairs the images of two cameras by time, in order: each takes the nearest one that is at most
 /// `tolerance` (s) away. Images without a partner are left out, so that a lost image does not shift
@@ -39,13 +58,13 @@ std::vector<std::pair<std::size_t, std::size_t>> pair_stamps(std::span<const std
                                                              std::span<const std::int64_t> right,
                                                              double tolerance);
 
-/// Sets the time stamps: the first number of every line, in the order of the frames.
-/// \throws InputError when their numbers differ or time stamps do not increase
-void read_times(const std::filesystem::path& file, std::vector<Sequence::Frame>& frames);
+/// How many stamps (ns, increasing) there are and how near they come, for messages about images
+/// that pair_stamps found no pair of.
+std::string nearest_stamps(std::span<const std::int64_t> left, std::span<const std::int64_t> right);
 
-/// For layouts whose frames have no times but a rate. Names without a number are not looked at.
-/// \throws InputError naming the image after a gap in the numbers that names end in
-void require_consecutive(const std::vector<Sequence::Frame>& frames);
+/// Sets the time stamps to those of a text file (read_time_file).
+/// \throws InputError when rows and frames differ in number
+void read_times(const std::filesystem::path& file, NamedPairs& pairs);
 
 /// Named matrices of a KITTI calibration file, e.g. 12 numbers of "P0" or "P0:". The first of
 /// `names` that the file has counts.

@@ -1,17 +1,17 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
 #include <kys_slam/error.h>
-#include <kys_slam/image_file.h>
 #include <kys_slam/stereo_rig.h>
-#include <kys_slam/trajectory_file.h>
-#include <kys_slam/util/parse_number.h>
-#include <kys_slam/util/read_bytes.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <initializer_list>
-#include <string_view>
 #include <utility>
 
+#include "camera/plausible.h"
+#include "io/calibration_file.h"
+#include "io/camera_info.h"
 #include "io/yaml_file.h"
 
 namespace kys_slam {
@@ -20,113 +20,12 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A YAML file whose numbers are asked for by key.
-class CalibrationFile {
- public:
-  explicit CalibrationFile(const fs::path& path) : path_(path) {
-    // OpenCV's matrices are marked by a tag, which the reader of plain trees refuses.
-    constexpr std::string_view kTag = "!!opencv-matrix";
-    std::string text = read_text(path, 1 << 20);
-    for (std::size_t at = 0; (at = text.find(kTag, at)) != std::string::npos;) {
-      text.erase(at, kTag.size());
-    }
-    root_ = parse_yaml(std::move(text), path.string());
-    if (!root_.IsMap()) throw InputError(path.string() + ": not a calibration in YAML");
-  }
-
-  [[nodiscard]] const fs::path& path() const { return path_; }
-  [[nodiscard]] std::string name() const { return path_.string(); }
-  [[nodiscard]] const YAML::Node& root() const { return root_; }
-  [[nodiscard]] bool has(const char* key) const { return static_cast<bool>(root_[key]); }
-
-  [[noreturn]] void fail(const std::string& what) const { throw InputError(name() + ": " + what); }
-
-  /// Numbers of a list, of a list of lists, or of a matrix with `data`.
-  [[nodiscard]] std::vector<double> numbers(const YAML::Node& node, const std::string& key) const {
-    std::vector<double> values;
-    append(node && node.IsMap() ? node["data"] : node, key, values);
-    return values;
-  }
-  [[nodiscard]] std::vector<double> numbers(const YAML::Node& parent, const std::string& key,
-                                            std::size_t count) const {
-    std::vector<double> values = numbers(parent[key], key);
-    if (values.size() != count) {
-      fail("'" + key + "' has " + std::to_string(values.size()) + " numbers instead of " +
-           std::to_string(count));
-    }
-    return values;
-  }
-  [[nodiscard]] double number(const YAML::Node& parent, const std::string& key) const {
-    const YAML::Node node = parent[key];
-    const auto value = node && node.IsScalar() ? parse_double(node.Scalar()) : std::nullopt;
-    if (!value) fail("'" + key + "' is missing or not a finite number");
-    return *value;
-  }
-  [[nodiscard]] int side(double value, const std::string& key) const {
-    if (!(value >= 2 && value <= kMaxImageSide && value == std::floor(value))) {
-      fail("'" + key + "' is no image size");
-    }
-    return static_cast<int>(value);
-  }
-  [[nodiscard]] Rigid3 rigid(const std::vector<double>& values, const std::string& key,
-                             double unit) const {
-    if (values.size() != 16) fail("'" + key + "' is not a 4x4 matrix");
-    auto T = rigid_from_row_major(values.data());
-    if (!T) fail("'" + key + "' is not a rigid transformation");
-    T->translation *= unit;
-    return *T;
-  }
-
- private:
-  void append(const YAML::Node& node, const std::string& key, std::vector<double>& values) const {
-    if (!node || !node.IsSequence()) fail("'" + key + "' is missing or not a list of numbers");
-    for (const YAML::Node& item : node) {
-      if (item.IsSequence()) {
-        append(item, key, values);
-        continue;
-      }
-      const auto value = item.IsScalar() ? parse_double(item.Scalar()) : std::nullopt;
-      if (!value) fail("'" + key + "' holds something that is not a finite number");
-      values.push_back(*value);
-      if (values.size() > 64) fail("'" + key + "' is too long");
-    }
-  }
-
-  fs::path path_;
-  YAML::Node root_;
-};
-
-LensModel lens_of(const CalibrationFile& file, const std::string& name) {
-  for (const char* known :
-       {"radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "none", ""}) {
-    if (name == known) return LensModel::kRadialTangential;
-  }
-  for (const char* known : {"equidistant", "fisheye", "kannala_brandt"}) {
-    if (name == known) return LensModel::kEquidistant;
-  }
-  file.fail("distortion model '" + name + "' is not known: radtan or equidistant");
-}
-
-std::string word(const YAML::Node& node) {
-  return node && node.IsScalar() ? node.Scalar() : std::string();
-}
-
 /// cam0, cam1 of a Kalibr camchain.
 RawCamera kalibr_camera(const CalibrationFile& file, const char* key) {
   const YAML::Node node = file.root()[key];
   if (!node.IsMap()) file.fail(std::string("'") + key + "' is no camera");
-  if (word(node["camera_model"]) != "pinhole") {
-    file.fail(std::string(key) + ": camera_model '" + word(node["camera_model"]) +
-              "' is not supported: calibrate as pinhole-radtan or pinhole-equi");
-  }
   RawCamera camera;
-  const std::vector<double> k = file.numbers(node, "intrinsics", 4);
-  const std::vector<double> size = file.numbers(node, "resolution", 2);
-  camera.width = file.side(size[0], "resolution");
-  camera.height = file.side(size[1], "resolution");
-  camera.fx = k[0], camera.fy = k[1], camera.cx = k[2], camera.cy = k[3];
-  camera.distortion = file.numbers(node["distortion_coeffs"], "distortion_coeffs");
-  camera.lens = lens_of(file, word(node["distortion_model"]));
+  file.read_pinhole(node, std::string(key) + ": ", camera);
   return camera;
 }
 
@@ -152,7 +51,8 @@ RawCamera own_camera(const CalibrationFile& file, const char* key) {
   camera.fx = file.number(node, "fx"), camera.fy = file.number(node, "fy");
   camera.cx = file.number(node, "cx"), camera.cy = file.number(node, "cy");
   if (node["distortion"]) camera.distortion = file.numbers(node["distortion"], "distortion");
-  camera.lens = lens_of(file, word(node["model"]));
+  camera.lens = lens_of(word(node["model"]), camera.distortion, "model", file.name());
+  drop_padding(camera.distortion, camera.lens);
   return camera;
 }
 
@@ -196,10 +96,8 @@ void opencv_size(std::span<const CalibrationFile> files, StereoRig& rig) {
   const Found width = find_key(files, {"image_width", "imageWidth", "width"});
   const Found height = find_key(files, {"image_height", "imageHeight", "height"});
   if (list.file != nullptr) {
-    const auto size = list.file->numbers(list.file->root()[list.key], list.key);
-    if (size.size() != 2) list.file->fail("'" + list.key + "' is no image size");
-    rig.left.width = list.file->side(size[0], list.key);
-    rig.left.height = list.file->side(size[1], list.key);
+    const YAML::Node node = list.file->root()[list.key];
+    list.file->set_size(list.file->numbers(node, list.key), list.key, rig.left);
   } else if (width.file != nullptr && height.file != nullptr) {
     rig.left.width = width.file->side(width.file->number(width.file->root(), width.key), width.key);
     rig.left.height =
@@ -207,6 +105,15 @@ void opencv_size(std::span<const CalibrationFile> files, StereoRig& rig) {
   }
   rig.right.width = rig.left.width;
   rig.right.height = rig.left.height;
+}
+
+/// The name of the lens model; "" without.
+std::string opencv_model(std::span<const CalibrationFile> files) {
+  const Found model = find_key(files, {"distortion_model", "model"});
+  if (model.file != nullptr) return word(model.file->root()[model.key]);
+  const Found flag = find_key(files, {"fisheye_model"});
+  if (flag.file == nullptr) return "";
+  return flag.file->number(flag.file->root(), flag.key) != 0 ? "fisheye" : "radtan";
 }
 
 StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
@@ -220,15 +127,10 @@ StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
   const auto T = opencv_matrix(files, {"T"}, 3);
   rig.left.fx = K1[0], rig.left.cx = K1[2], rig.left.fy = K1[4], rig.left.cy = K1[5];
   rig.right.fx = K2[0], rig.right.cx = K2[2], rig.right.fy = K2[4], rig.right.cy = K2[5];
+  const std::string model = opencv_model(files);
   for (RawCamera* camera : {&rig.left, &rig.right}) {
-    // calibrateCamera pads with zeros up to 14 coefficients.
-    auto& d = camera->distortion;
-    while (d.size() > 8 && d.back() == 0) d.pop_back();
-    if (d.size() > 5 && d.size() < 8) d.resize(8);
-  }
-  const Found model = find_key(files, {"distortion_model", "model"});
-  if (model.file != nullptr) {
-    rig.left.lens = rig.right.lens = lens_of(*model.file, word(model.file->root()[model.key]));
+    camera->lens = lens_of(model, camera->distortion, "distortion_model", rig.name);
+    drop_padding(camera->distortion, camera->lens);
   }
   opencv_size(files, rig);
   const std::vector<double> rows{R[0], R[1], R[2], T[0], R[3], R[4], R[5], T[1],
@@ -237,81 +139,22 @@ StereoRig read_opencv(std::span<const CalibrationFile> files, double unit) {
   return rig;
 }
 
-CameraInfo read_camera_info(const CalibrationFile& file) {
-  CameraInfo info;
-  const YAML::Node& root = file.root();
-  const bool saved = file.has("camera_matrix");  // by camera_calibration; else an echoed message
-  const auto key = [&](const char* in_file, const char* upper, const char* lower) {
-    return std::string(saved ? in_file : file.has(upper) ? upper : lower);
-  };
-  const auto matrix = [&](const std::string& name, auto& out) {
-    const auto values = file.numbers(root[name], name);
-    if (values.size() != out.size()) file.fail("'" + name + "' has the wrong size");
-    std::copy(values.begin(), values.end(), out.begin());
-  };
-  const char* w = saved ? "image_width" : "width";
-  const char* h = saved ? "image_height" : "height";
-  info.width = file.side(file.number(root, w), w);
-  info.height = file.side(file.number(root, h), h);
-  info.distortion_model = word(root["distortion_model"]);
-  const std::string d = key("distortion_coefficients", "D", "d");
-  info.D = file.numbers(root[d], d);
-  matrix(key("camera_matrix", "K", "k"), info.K);
-  matrix(key("rectification_matrix", "R", "r"), info.R);
-  matrix(key("projection_matrix", "P", "p"), info.P);
-  return info;
-}
-
-bool is_camera_info(const CalibrationFile& file) {
-  return file.has("camera_matrix") || (file.has("K") && file.has("P")) ||
-         (file.has("k") && file.has("p"));
-}
-
-RawCamera raw_camera(const CameraInfo& info, const std::string& name) {
-  RawCamera camera;
-  camera.width = info.width;
-  camera.height = info.height;
-  camera.fx = info.K[0], camera.cx = info.K[2], camera.fy = info.K[4], camera.cy = info.K[5];
-  camera.distortion = info.D;
-  if (info.distortion_model == "equidistant" || info.distortion_model == "fisheye") {
-    camera.lens = LensModel::kEquidistant;
-  } else if (!info.distortion_model.empty() && info.distortion_model != "plumb_bob" &&
-             info.distortion_model != "rational_polynomial") {
-    throw InputError(name + ": distortion model '" + info.distortion_model + "' is not known");
-  }
-  return camera;
-}
-
 std::string list(std::span<const double> values) {
   std::string text;
   for (const double value : values) text += (text.empty() ? "[" : ", ") + yaml_number(value);
   return text.empty() ? "[]" : text + "]";
 }
 
-}  // namespace
-
-StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
-                               const std::string& name) {
-  StereoRig rig{raw_camera(left, name), raw_camera(right, name), name};
-  if (!(right.P[0] > 0) || !std::isfinite(right.P[3])) {
-    throw InputError(name + ": the right camera's P is not that of a rectified camera");
-  }
-  const double shift = right.P[3] / right.P[0] - (left.P[0] > 0 ? left.P[3] / left.P[0] : 0);
-  if (!(shift < 0)) {
-    throw InputError(name + ": the right camera's P[3] is " + std::to_string(right.P[3]) +
-                     ", not negative: no stereo calibration, or left and right are swapped");
-  }
-  // x_rectified = R x_raw in both; the right rectified camera sees x - baseline.
-  const auto rotation = [&](const std::array<double, 9>& R) {
-    const std::vector<double> rows{R[0], R[1], R[2], 0, R[3], R[4], R[5], 0, R[6], R[7], R[8], 0};
-    const auto T = rigid_from_row_major(rows.data());
-    if (!T) throw InputError(name + ": R is not a rotation");
-    return *T;
-  };
-  const Rigid3 T_shift(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-shift, 0, 0));
-  rig.right.T_b_s = rotation(left.R).inverse() * T_shift * rotation(right.R);
-  return rig;
+/// How to adapt a calibration to images that are smaller or larger by one factor.
+std::string resize_hint(const RawCamera& camera, int width, int height) {
+  const double x = static_cast<double>(width) / camera.width;
+  const double y = static_cast<double>(height) / camera.height;
+  if (std::abs(x - y) > 0.01 * x) return "";
+  return fmt::format(
+      ". If the images were resized, multiply fx, fy, cx and cy by {:.4g} and state their size", x);
 }
+
+}  // namespace
 
 StereoRig read_stereo_rig(std::span<const fs::path> paths, double unit) {
   if (paths.empty() || paths.size() > 2) throw InputError("one or two calibration files");
@@ -337,6 +180,7 @@ StereoRig read_stereo_rig(std::span<const fs::path> paths, double unit) {
         "neither Kalibr's camchain (cam0, cam1), nor OpenCV's stereo calibration (M1, D1, "
         "M2, D2, R, T), nor left: and right: cameras, nor one of two camera_info files");
   }
+  rig.unit_remedy = "--calibration-unit says how many metres a unit has (mm: 0.001)";
   return rig;
 }
 
@@ -381,18 +225,26 @@ std::optional<StereoCamera> StereoRig::rectified() const {
 
 void StereoRig::set_image_size(int width, int height) {
   for (RawCamera* camera : {&left, &right}) {
-    if (camera->width == 0) camera->width = width;
-    if (camera->height == 0) camera->height = height;
-    if (camera->width != width || camera->height != height) {
-      throw InputError(name + ": made for images of " + std::to_string(camera->width) + "x" +
-                       std::to_string(camera->height) + " px, these are " + std::to_string(width) +
-                       "x" + std::to_string(height));
+    if (camera->width == 0 && camera->height == 0) {
+      if (const std::string other = other_image_size(camera->cx, camera->cy, width, height);
+          !other.empty()) {
+        throw InputError(name + ": " + other +
+                         "; if they were not, add the size to the calibration (image_width, "
+                         "image_height)");
+      }
+      camera->width = width;
+      camera->height = height;
     }
+    if (camera->width == width && camera->height == height) continue;
+    throw InputError(fmt::format("{}: made for images of {}x{} px, these are {}x{}{}", name,
+                                 camera->width, camera->height, width, height,
+                                 resize_hint(*camera, width, height)));
   }
-  if (const double b = baseline(); !(b >= 0.005 && b <= 5)) {
-    throw InputError(name + ": the baseline is " + std::to_string(b) +
-                     " m; is the calibration in other units? (mm: --calibration-unit 0.001)");
-  }
+  check_baseline();
+}
+
+void StereoRig::check_baseline() const {
+  require_baseline(baseline(), name, unit_remedy);
 }
 
 }  // namespace kys_slam

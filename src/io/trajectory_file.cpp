@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/text_table.h>

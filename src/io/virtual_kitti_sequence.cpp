@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/trajectory_file.h>
@@ -79,9 +80,11 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   content.name = folder.parent_path().filename().string() + "-" + folder.filename().string();
   content.layout = "Virtual KITTI 2";
   const fs::path images = folder / "frames" / "rgb";
-  content.frames = pair_by_name(images / "Camera_0", images / "Camera_1");
-  require_consecutive(content.frames);
-  read_intrinsics(folder / "intrinsic.txt", content.camera);
+  NamedPairs pairs = pair_by_name(images / "Camera_0", images / "Camera_1");
+  content.dropped = pairs.dropped;
+  content.frames = std::move(pairs.frames);
+  const fs::path intrinsic_file = folder / "intrinsic.txt";
+  read_intrinsics(intrinsic_file, content.camera);
   const ImageInfo info = read_image_info(content.frames.front().left);
   content.camera.width = info.width;
   content.camera.height = info.height;
@@ -91,7 +94,7 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   std::vector<double> baselines;
   for (std::size_t i = 0; i < content.frames.size(); ++i) {
     Sequence::Frame& frame = content.frames[i];
-    frame.timestamp = static_cast<double>(i) / kFrameRate;
+    frame.timestamp = pairs.time_of(i, kFrameRate);
     const auto found = extrinsics.find(number_of(frame.name));
     if (found == extrinsics.end() || !found->second[0] || !found->second[1]) {
       throw InputError(extrinsic_file.string() + ": no pose of both cameras for " + frame.name);
@@ -110,9 +113,9 @@ std::unique_ptr<Sequence> open_virtual_kitti(const fs::path& folder,
   // baseline would be off by as much.
   content.camera.baseline = median(baselines);
   if (!content.camera.is_valid()) {
-    throw InputError((folder / "intrinsic.txt").string() + ": invalid calibration");
+    throw InputError(intrinsic_file.string() + ": invalid calibration");
   }
-  require_plausible(content.camera, (folder / "intrinsic.txt").string());
+  require_plausible(content.camera, intrinsic_file.string() + ", " + extrinsic_file.string());
   make_relative_to_first(content.ground_truth);
   return make_sequence(std::move(content), options, folder);
 }

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/full_bundle.h"
 
 #include <kys_slam/check_options.h>

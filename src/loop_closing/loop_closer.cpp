@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/loop_closer.h"
 
 #include <kys_slam/util/stopwatch.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/rigid3.h>
@@ -63,9 +64,9 @@ struct ChangeSet {
       replaced;  ///< old (erased) id -> id of its successor
   std::vector<std::pair<KeyFrameId, KeyFrameView>> keyframes;  ///< new or changed, by id
   std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
-  bool moved = false;          ///< many keyframes moved together, as by a loop
-  RigCorrection rig;           ///< of new frames
-  double scale = 1;            ///< Map::scale
+  bool moved = false;  ///< many keyframes moved together, as by a loop
+  RigCorrection rig;   ///< of new frames
+  double scale = 1;    ///< Map::scale
 };
 
 }  // namespace kys_slam

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "map/map.h"
 
 #include <kys/hamming.h>
@@ -128,8 +129,7 @@ void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.submap.valid()) keyframe.submap = id;
   if (keyframes_.empty() && keyframe_id_end() == 0) rig_.correction = keyframe.features->rig();
   if (keyframe.features->rig() != rig()) {
-    keyframe.features =
-        std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
+    keyframe.features = std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
   }
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "map/map_contents.h"
 
 #include <algorithm>
@@ -75,7 +76,7 @@ bool MapContents::has_priors() const {
 }
 
 MapContents Map::contents() const {
-  MapContents contents{camera_,           scales_,           rig_, {}, {}, {},
+  MapContents contents{camera_,           scales_,           rig_,          {}, {}, {},
                        keyframe_id_end(), landmark_id_end(), keeps_beliefs_};
   contents.keyframes.reserve(keyframes_.size());
   keyframes_.for_each([&](KeyFrameId id, const KeyFrame& k) {
@@ -100,9 +101,7 @@ MapContents Map::contents() const {
 }
 
 Map::Map(MapContents contents)
-    : camera_(contents.camera),
-      scales_(contents.scales),
-      rig_(contents.rig) {
+    : camera_(contents.camera), scales_(contents.scales), rig_(contents.rig) {
   check_shared(contents);
   check_ids(contents.keyframes, contents.keyframe_id_end);
   check_ids(contents.culled, contents.keyframe_id_end);

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "map_file/map_file.h"
 
 #include <kys_slam/util/atomic_file.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <array>
@@ -17,6 +18,7 @@ using byte_stream::require;
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
 inline constexpr std::uint16_t kVersion = 2;
+inline constexpr std::uint16_t kOffsetVersion = 1;  ///< a disparity offset in place of a rig
 inline constexpr std::size_t kHeaderSize = 40;
 inline constexpr std::size_t kAtVersion = 8;
 inline constexpr std::size_t kAtHeaderSize = 10;

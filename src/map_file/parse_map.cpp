@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys/error.h>
 #include <kys/label_space.h>
 #include <kys/prior.h>
@@ -23,6 +24,7 @@ constexpr std::size_t kPriorSize = 15;
 constexpr std::size_t kFeatureSize = 5 * 4 + 1 + 32;  // without prior
 
 struct Header {
+  std::uint16_t version;
   std::uint32_t keyframes;
   std::uint32_t culled;
   std::uint32_t landmarks;
@@ -36,9 +38,10 @@ Header check_header(std::span<const std::uint8_t> bytes) {
   require(bytes.size() >= mf::kHeaderSize, "is truncated (no complete header)");
   ByteReader reader(bytes.subspan(mf::kAtVersion));
   const std::uint16_t version = reader.u16();
-  if (version != mf::kVersion) {
+  if (version != mf::kVersion && version != mf::kOffsetVersion) {
     throw mf::Damage("has map format version " + std::to_string(version) +
-                     ", this program reads version " + std::to_string(mf::kVersion));
+                     ", this program reads versions " + std::to_string(mf::kOffsetVersion) +
+                     " and " + std::to_string(mf::kVersion));
   }
   require(reader.u16() == mf::kHeaderSize, "has a header of wrong size");
   const std::uint32_t sum = reader.u32();
@@ -49,7 +52,7 @@ Header check_header(std::span<const std::uint8_t> bytes) {
   }
   require(sum == mf::checksum(bytes.subspan(mf::kAtChecked)),
           "is corrupt (checksum does not match)");
-  const Header header{reader.u32(), reader.u32(), reader.u32(), reader.u32()};
+  const Header header{version, reader.u32(), reader.u32(), reader.u32(), reader.u32()};
   require((header.flags & ~mf::kHasBeliefs) == 0, "has unknown flags");
   return header;
 }
@@ -113,7 +116,7 @@ RigEstimate read_rig(ByteReader& in, const StereoCamera& camera) {
 }
 
 /// The first chunk. \returns the name of the label space
-std::string read_shared(ByteReader in, MapContents& contents) {
+std::string read_shared(ByteReader in, std::uint16_t version, MapContents& contents) {
   StereoCamera& camera = contents.camera;
   const std::uint32_t width = in.u32();
   const std::uint32_t height = in.u32();
@@ -125,7 +128,12 @@ std::string read_shared(ByteReader in, MapContents& contents) {
     require(std::abs(*x) <= 1e6, "has a camera that makes no sense");
   }
   require(camera.is_valid(), "has a camera that makes no sense");
-  contents.rig = read_rig(in, camera);
+  if (version == mf::kOffsetVersion) {
+    const float offset = read_f32(in, -1000, 1000, "has no valid disparity offset");
+    contents.rig = RigCorrection::of_offset(camera, offset);
+  } else {
+    contents.rig = read_rig(in, camera);
+  }
   contents.scales.log_factor = read_f32(in, -100, 100, "has no valid scale factor");
   const std::size_t levels = in.count(4);
   require(levels >= 1 && levels <= mf::kMaxLevels, "has no valid number of scale levels");
@@ -142,7 +150,8 @@ std::string read_shared(ByteReader in, MapContents& contents) {
   return name;
 }
 
-std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapContents& contents) {
+std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, std::uint16_t version,
+                                                   const MapContents& contents) {
   const std::size_t n = in.count(kFeatureSize);
   require(n <= std::numeric_limits<std::uint16_t>::max(), "has a keyframe of too many features");
   const std::uint8_t flags = in.u8();
@@ -175,6 +184,9 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   };
   read_right(right.u);
   if (with_rows) read_right(right.v);
+  if (version == mf::kOffsetVersion) {  // columns contain the offset
+    for (float& u : right.u) u += static_cast<float>(contents.rig.correction.offset());
+  }
   for (Keypoint& k : set.keypoints) k.octave = in.u8();
   set.descriptors.reserve(n);
   for (std::size_t i = 0; i < n; ++i) set.descriptors.push_back(read_descriptor(in));
@@ -197,7 +209,7 @@ std::shared_ptr<const FrameFeatures> read_features(ByteReader& in, const MapCont
   return features;
 }
 
-KeyFrame read_keyframe(ByteReader in, const MapContents& contents) {
+KeyFrame read_keyframe(ByteReader in, std::uint16_t version, const MapContents& contents) {
   KeyFrame keyframe;
   keyframe.id = {in.u32()};
   keyframe.submap = {in.u32()};
@@ -212,7 +224,7 @@ KeyFrame read_keyframe(ByteReader in, const MapContents& contents) {
   keyframe.T_c_w = read_pose(in);
   keyframe.loop_edges.resize(in.count(4));
   for (KeyFrameId& id : keyframe.loop_edges) id = {in.u32()};
-  keyframe.features = read_features(in, contents);
+  keyframe.features = read_features(in, version, contents);
   return keyframe;
 }
 
@@ -271,9 +283,11 @@ Map parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
   contents.beliefs = (header.flags & mf::kHasBeliefs) != 0;
-  const std::string stored_space = read_shared(ByteReader(mf::take_chunk(file)), contents);
+  const std::string stored_space =
+      read_shared(ByteReader(mf::take_chunk(file)), header.version, contents);
   while (contents.keyframes.size() < header.keyframes) {
-    contents.keyframes.push_back(read_keyframe(ByteReader(mf::take_chunk(file)), contents));
+    contents.keyframes.push_back(
+        read_keyframe(ByteReader(mf::take_chunk(file)), header.version, contents));
   }
   read_batches(file, header.culled, contents.culled, read_culled);
   read_batches(file, header.landmarks, contents.landmarks, read_landmark);

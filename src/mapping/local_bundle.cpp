@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/local_bundle.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/map_observations.h>
 
@@ -13,8 +14,9 @@ namespace kys_slam {
 MapObservations read_map_observations(const std::filesystem::path& file,
                                       const MapSelection& selection) {
   const Map map = load_map_of_any_labels(file);
-  RigProblem problem = rig_problem(map, newest_keyframes(map, selection.keyframes),
-                                   selection.min_observers, selection.observations);
+  RigProblem problem = rig_view(map, newest_keyframes(map, selection.keyframes),
+                                selection.min_observers, selection.observations)
+                           .problem;
   if (problem.points.empty()) {
     throw InputError(file.string() + ": holds no landmark that " +
                      std::to_string(selection.min_observers) + " keyframes observe");

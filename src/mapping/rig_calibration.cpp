@@ -1,10 +1,11 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/rig_calibration.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "geometry/camera_path.h"
@@ -33,7 +34,18 @@ void describe(kys::OptionList& list, RigCalibrationOptions& o) {
 
 namespace {
 
-constexpr std::array kLooks = {1, 2, 8};  // times `keyframes`, in the map at an estimate
+// Keyframes in the map at the estimates, over `keyframes`. Of an offset alone: as many as make it
+// certain. A rig that is bent changes disparities by half a pixel and more, and what a map keeps
+// is what agrees with them, so that a late estimate finds a part of the error only: the first comes
+// early. On rendered blocks the rest was 0.06-0.12 px with a first one at 20, 0.02-0.04 px at 8.
+constexpr std::array kOffsetLooks = {1.0, 2.0, 8.0};
+constexpr std::array kRigLooks = {0.25, 0.5, 1.0, 2.0, 4.0, 8.0};
+
+std::span<const double> looks_of(const Map& map) {
+  if (map.rig().bends()) return kRigLooks;
+  return kOffsetLooks;
+}
+
 constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
 // Least share of `keyframes` in the map at an estimate, for its systematic error: that of 80
 // keyframes is no smaller where all of them look along one street.
@@ -41,10 +53,14 @@ constexpr double kLeastShare = 0.5;
 // What the last estimate must differ by from an offset that is there: standard deviations from
 // noise, since the systematic error is in both.
 constexpr double kRefinement = 2;
-constexpr int kIterations = 10;  // of both rounds, after the disparities have changed
+constexpr int kIterations = 10;    // of both rounds, after the disparities have changed
+constexpr int kFewIterations = 4;  // the same, from the poses of the estimate
 constexpr std::size_t kMostKeyframes = 80;
-constexpr std::size_t kMostObservations = 30000;
+constexpr std::size_t kMostObservations = 20000;
 constexpr int kLeastObservations = 300;
+// Standard deviations of the prior that a parameter may be from its mean: beyond, the estimate is a
+// failure, or no calibration error.
+constexpr double kMostFromPrior = 6;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
 
 struct Whole {
@@ -69,11 +85,11 @@ Whole whole_map(const Map& map) {
 }
 
 /// Adjusts the whole map after the disparities have changed.
-void adjust_whole(Map& map, const std::atomic<bool>* stop) {
+/// \param before length of the camera's path until then, m
+void adjust_whole(Map& map, double before, int iterations, const std::atomic<bool>* stop) {
   Whole whole = whole_map(map);
-  const double before = camera_path_length(whole.problem.T_c_w);
   BundleOptions options;
-  options.iterations = options.refine_iterations = kIterations;
+  options.iterations = options.refine_iterations = iterations;
   options.stop = stop;
   adjust_bundle(whole.problem, options);
   if (before > 0) map.note_rescaling(camera_path_length(whole.problem.T_c_w) / before);
@@ -88,45 +104,55 @@ void adjust_whole(Map& map, const std::atomic<bool>* stop) {
 
 constexpr int kAtOffset = static_cast<int>(RigParameter::kOffset);
 
-}  // namespace
+RigView view_of(const Map& map, const RigCalibrationOptions& options) {
+  return rig_view(map, newest_keyframes(map, kMostKeyframes), options.min_observers,
+                  kMostObservations);
+}
 
-std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
-                                        const RigEstimate& prior, const std::atomic<bool>* stop) {
-  RigProblem problem = rig_problem(map, newest_keyframes(map, kMostKeyframes),
-                                   options.min_observers, kMostObservations);
-  if (map.rig().bends()) {
+bool is_plausible(const RigCorrection& found, const RigEstimate& prior) {
+  const RigCorrection::Parameters off = found.parameters() - prior.correction.parameters();
+  const RigCorrection::Parameters most = kMostFromPrior * prior.covariance.diagonal().cwiseSqrt();
+  return (off.array().abs() <= most.array()).all();  // false for NaN
+}
+
+/// Solves the problem of a view. \return nothing without enough to see, or when stopped
+std::optional<RigEstimate> solve(RigView& view, const RigEstimate& prior,
+                                 const std::atomic<bool>* stop) {
+  RigProblem& problem = view.problem;
+  if (problem.rig.bends()) {
     problem.prior = prior;
   } else {
     problem.prior.covariance(kAtOffset, kAtOffset) = kOffsetPrior * kOffsetPrior;
   }
   const RigSummary summary = adjust_rig(problem, stop);
-  if (getenv("RIGDBG")) {
-    fprintf(stderr, "LOOK kf %zu obs %zu/%d cost %.1f -> %.1f unit %.3f it %d\n",
-            problem.T_c_w.size(), problem.observations.size(), summary.observations,
-            summary.initial_cost, summary.final_cost, summary.unit, summary.iterations);
-    for (int k = 0; k < RigCorrection::kSize; ++k)
-      fprintf(stderr, " %s %.5f+-%.5f", rig_parameter_names()[k].name.data(),
-              problem.rig.parameters()[k], std::sqrt(summary.covariance(k, k)));
-    fprintf(stderr, "\n");
-  }
   if (summary.stopped || summary.observations < kLeastObservations) return {};
-  if (!problem.rig.parameters().allFinite() || !summary.covariance.allFinite()) return {};
+  if (!is_plausible(problem.rig, problem.prior) || !summary.covariance.allFinite()) return {};
   return RigEstimate{problem.rig, summary.covariance};
 }
 
+}  // namespace
+
+std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOptions& options,
+                                        const RigEstimate& prior, const std::atomic<bool>* stop) {
+  RigView view = view_of(map, options);
+  return solve(view, prior, stop);
+}
+
 bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
-  if (!options_.enabled || looks_ >= kLooks.size()) return false;
-  const auto unit = static_cast<std::size_t>(options_.keyframes);
-  if (map.keyframes().size() < unit * kLooks[looks_]) return false;
+  const std::span<const double> looks = looks_of(map);
+  if (!options_.enabled || looks_ >= looks.size()) return false;
+  const auto keyframes = static_cast<double>(map.keyframes().size());
+  if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
   ++looks_;
-  return look(map, looks_ == kLooks.size(), stop);
+  return look(map, looks_ == looks.size(), stop);
 }
 
 bool RigCalibration::finish(Map& map, const std::atomic<bool>* stop) {
-  if (looks_ == 0 || looks_ >= kLooks.size()) return false;
+  const std::size_t all = looks_of(map).size();
+  if (looks_ == 0 || looks_ >= all) return false;
   const auto keyframes = static_cast<double>(map.keyframes().size());
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
-  looks_ = kLooks.size();
+  looks_ = all;
   return look(map, false, stop);
 }
 
@@ -152,11 +178,16 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) con
 
 bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   seen_ = map.keyframes().size();
-  std::optional<RigEstimate> found = estimate_rig(map, options_, prior_, stop);
+  RigView view = view_of(map, options_);
+  std::optional<RigEstimate> found = solve(view, prior_, stop);
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
   map.set_rig(*found);
-  adjust_whole(map, stop);
+  const double before = camera_path_length(whole_map(map).problem.T_c_w);
+  // The poses of the estimate are those of its correction, which an offset may have lost.
+  const bool begun = seen_ <= kMostKeyframes && map.rig() == view.problem.rig;
+  if (begun) view.write_to(map);
+  adjust_whole(map, before, begun ? kFewIterations : kIterations, stop);
   return true;
 }
 

@@ -1,8 +1,9 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/rig_view.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+#include <utility>
 
 namespace kys_slam {
 
@@ -18,11 +19,14 @@ constexpr double kWeightFound = 8;
 constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 
 /// Poses and landmarks of a rig problem, by index in its arrays.
-class RigView {
+class ViewMaker {
  public:
-  RigView(const Map& map, const std::vector<KeyFrameId>& poses, int min_observers,
-          std::size_t most_observations)
+  ViewMaker(const Map& map, std::vector<KeyFrameId> keyframes, int min_observers,
+            std::size_t most_observations)
       : map_(map) {
+    view.poses = std::move(keyframes);
+    const std::vector<KeyFrameId>& poses = view.poses;
+    RigProblem& problem = view.problem;
     for (std::size_t k = 0; k < poses.size(); ++k) index_.put(poses[k], k);
     problem.camera = map.camera();
     problem.rig = map.rig();
@@ -30,7 +34,7 @@ class RigView {
       problem.T_c_w.push_back(map.keyframe(id).T_c_w);
       problem.pose_fixed.push_back(0);
     }
-    hold_submaps(poses);
+    hold_submaps();
     std::vector<LandmarkId> chosen;
     std::size_t observations = 0;
     map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
@@ -43,28 +47,30 @@ class RigView {
     });
     const std::size_t every = (observations + most_observations - 1) / most_observations;
     for (std::size_t i = 0; i < chosen.size(); i += std::max<std::size_t>(1, every)) {
+      view.landmarks.push_back(chosen[i]);
       add(map.landmarks().at(chosen[i]));
     }
     const bool aligned = 2 * aligned_ >= problem.observations.size();
     problem.information_disparity *= aligned ? kWeightAligned : kWeightFound;
-    if (const char* w = getenv("RIGW")) problem.information_disparity *= atof(w);
   }
 
-  RigProblem problem;
+  RigView view;
 
  private:
   /// One keyframe of every sub-map stays.
-  void hold_submaps(const std::vector<KeyFrameId>& poses) {
+  void hold_submaps() {
+    const std::vector<KeyFrameId>& poses = view.poses;
     IdTable<KeyFrameId, std::uint8_t> held;
     for (std::size_t k = 0; k < poses.size(); ++k) {
       const KeyFrameId submap = map_.keyframe(poses[k]).submap;
       if (held.contains(submap)) continue;
       held.put(submap, 1);
-      problem.pose_fixed[k] = 1;
+      view.problem.pose_fixed[k] = 1;
     }
   }
 
   void add(const Landmark& landmark) {
+    RigProblem& problem = view.problem;
     problem.points.push_back(landmark.p_w);
     problem.first.push_back(problem.first.back());
     for (const Observation& o : landmark.observations) {
@@ -101,9 +107,18 @@ class RigView {
 
 }  // namespace
 
-RigProblem rig_problem(const Map& map, const std::vector<KeyFrameId>& poses, int min_observers,
-                       std::size_t most_observations) {
-  return RigView(map, poses, min_observers, most_observations).problem;
+void RigView::write_to(Map& map) const {
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    if (problem.pose_fixed[k] == 0) map.set_pose(poses[k], problem.T_c_w[k]);
+  }
+  for (std::size_t k = 0; k < landmarks.size(); ++k) {
+    map.set_position(landmarks[k], problem.points[k]);
+  }
+}
+
+RigView rig_view(const Map& map, std::vector<KeyFrameId> poses, int min_observers,
+                 std::size_t most_observations) {
+  return ViewMaker(map, std::move(poses), min_observers, most_observations).view;
 }
 
 std::vector<KeyFrameId> newest_keyframes(const Map& map, std::size_t most) {

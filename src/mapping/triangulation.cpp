@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/triangulation.h"
 
 #include <Eigen/SVD>

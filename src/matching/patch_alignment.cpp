@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/patch_alignment.h"
 
 #include <Eigen/Cholesky>
@@ -92,8 +93,7 @@ Eigen::Vector3f step_of(const patch::Sums& s, const PatchAlignment& at) {
 }  // namespace
 
 std::optional<PatchAlignment> align_patch(const GrayImage& left, const GrayImage& right,
-                                          const Eigen::Vector2f& at,
-                                          const Eigen::Vector2f& start) {
+                                          const Eigen::Vector2f& at, const Eigen::Vector2f& start) {
   static const patch::Window window = make_window();
   if (!fits(left, right, at, start)) return {};
   const patch::Kernels& kernels = patch::kernels();

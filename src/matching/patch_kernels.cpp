@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/patch_kernels.h"
 
 #include "util/kernel_variants.h"

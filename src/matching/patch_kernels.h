@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstddef>
@@ -39,8 +40,8 @@ struct Source {
   std::ptrdiff_t right_stride;
   int right_columns;  ///< of the image
   int first;          ///< first column of the strip; columns outside the image repeat the border
-  float fraction_x;  ///< px, of the left patch, 0..1
-  float fraction_y;  ///< px, of the left patch
+  float fraction_x;   ///< px, of the left patch, 0..1
+  float fraction_y;   ///< px, of the left patch
   float right_fraction_y;  ///< px, of the right rows
 };
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/row_alignment.h"
 
 #include <Eigen/Cholesky>
@@ -13,15 +14,15 @@ namespace {
 constexpr int kReach = 5;  // px of the octave, half side of the patch
 constexpr int kSide = 2 * kReach + 1;
 constexpr int kSteps = 10;
-constexpr int kCoarsest = 4;        // octave: coarser corners tell rows to a pixel only
-constexpr float kWindowSigma = 4;   // px
-constexpr float kMaxMove = 2.5f;    // px
+constexpr int kCoarsest = 4;         // octave: coarser corners tell rows to a pixel only
+constexpr float kWindowSigma = 4;    // px
+constexpr float kMaxMove = 2.5f;     // px
 constexpr float kConverged = 0.01f;  // px
 // Grey levels squared per px^2, of the direction with less contrast: below, noise decides.
 constexpr float kMinContrast = 400;
 // Weight of a pixel that is off by e: 1 / (1 + e^2 / (kTolerance residual^2 + kNoise)).
 constexpr float kTolerance = 2.25f;
-constexpr float kNoise = 9;        // grey levels squared
+constexpr float kNoise = 9;         // grey levels squared
 constexpr float kSlantPrior = 100;  // as in patch_alignment.cpp
 
 using Patch = std::array<float, static_cast<std::size_t>(kSide) * kSide>;
@@ -166,8 +167,8 @@ std::vector<float> measure_rows(const StereoView& left, const StereoView& right,
     const Keypoint& k = left.features->keypoints[i];
     const std::size_t level = k.octave;
     const RigCorrection::Ideal ideal = rig.pair({k.x, k.y, u_right[i]});
-    const auto expected = static_cast<float>(
-        rig.measured_right(ideal.u, ideal.v, ideal.u_right).y());
+    const auto expected =
+        static_cast<float>(rig.measured_right(ideal.u, ideal.v, ideal.u_right).y());
     const std::optional<float> row =
         align_row(left.pyramid->levels[level], right.pyramid->levels[level],
                   left.pyramid->to_level(level, k.x, k.y),

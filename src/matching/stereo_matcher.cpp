@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/stereo_matcher.h"
 
 #include <kys_slam/error.h>
@@ -126,9 +127,8 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float
   const int xr = static_cast<int>(std::lround(right_at.x()));
   const int yr = static_cast<int>(std::lround(right_at.y()));
   const bool fits = y - kHalf >= 0 && y + kHalf < l.height() && yr - kHalf >= 0 &&
-                    yr + kHalf < r.height() &&
-                    xl - kHalf >= 0 && xl + kHalf < l.width() && xr - kSlide - kHalf >= 0 &&
-                    xr + kSlide + kHalf < r.width();
+                    yr + kHalf < r.height() && xl - kHalf >= 0 && xl + kHalf < l.width() &&
+                    xr - kSlide - kHalf >= 0 && xr + kSlide + kHalf < r.width();
   if (!fits) return {};
   std::array<std::int32_t, 2 * kSlide + 1> difference;
   patch::kernels().slide(l.row(y - kHalf) + xl - kHalf, l.width(),
@@ -138,8 +138,7 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float
   // The whole-pixel search was centred on the rounded left pixel: its remainder moves both alike.
   const float remainder = left_at.x() - static_cast<float>(xl);
   const auto start = static_cast<float>(xr + static_cast<int>(best) - kSlide) + remainder;
-  const std::optional<PatchAlignment> aligned =
-      align_patch(l, r, left_at, {start, right_at.y()});
+  const std::optional<PatchAlignment> aligned = align_patch(l, r, left_at, {start, right_at.y()});
   if (!aligned) return {};
   return Refined{right_pyramid.to_full(octave, aligned->column, 0).x(), aligned->residual};
 }
@@ -209,6 +208,7 @@ struct Columns {
       : u_right(n, std::numeric_limits<float>::quiet_NaN()), residual(n, -1) {}
 
   std::vector<float> u_right;   // px, NaN: no match
+  std::vector<float> rows;      // px, of right keypoints; empty: with images
   std::vector<float> residual;  // grey levels, -1: not aligned
 };
 
@@ -265,7 +265,10 @@ void match_some(std::size_t begin, std::size_t end, const Pair& pair, const Ster
       u = refined->u_right;
       columns.residual[i] = refined->residual;
     }
-    if (const auto column = checked_column(pair, l, u, options)) columns.u_right[i] = *column;
+    const auto column = checked_column(pair, l, u, options);
+    if (!column) continue;
+    columns.u_right[i] = *column;
+    if (!columns.rows.empty()) columns.rows[i] = r.y;
   }
 }
 
@@ -292,14 +295,16 @@ void cut_poor(const StereoView& left, const StereoOptions& options, const kys::D
 
 }  // namespace
 
-std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
-                                const StereoView& left, const StereoView& right,
-                                const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics, Worker* helper,
-                                const RigCorrection& rig) {
+RightPositions match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
+                            const StereoView& left, const StereoView& right,
+                            const StereoOptions& options, const kys::DistanceModel& model,
+                            kys::Statistics& statistics, Worker* helper, const RigCorrection& rig) {
   const std::size_t n = left.features->size();
   Columns columns(n);
   if (n == 0 || right.features->size() == 0) return std::move(columns.u_right);
+  if (left.pyramid == nullptr || right.pyramid == nullptr) {
+    columns.rows.assign(n, std::numeric_limits<float>::quiet_NaN());
+  }
   std::vector<Place> right_places = places_of(*right.features, rig, false);
   RowIndex rows(*right.features, right_places, camera.height, scales, options.row_tolerance);
   const Pair pair{left,
@@ -321,7 +326,7 @@ std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& s
     match(0, n, statistics);
   }
   cut_poor(left, options, model, columns);
-  return std::move(columns.u_right);
+  return {std::move(columns.u_right), std::move(columns.rows)};
 }
 
 }  // namespace kys_slam

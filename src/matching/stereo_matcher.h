@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys/distance_model.h>
@@ -39,11 +40,12 @@ struct StereoView {
 /// patch (patch_alignment.h), and rejection of poor alignments.
 /// \param rig correction of what is measured: rows and disparities of the perfect pair are compared
 /// \param helper a thread that does half of the work, or null; the result is the same
-/// \return px of the right image as it is, NaN where there is no match.
-std::vector<float> match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
-                                const StereoView& left, const StereoView& right,
-                                const StereoOptions& options, const kys::DistanceModel& model,
-                                kys::Statistics& statistics, Worker* helper = nullptr,
-                                const RigCorrection& rig = {});
+/// \return px of the right image as it is, NaN where there is no match; rows without images only,
+/// those of the right keypoints (with images: row_alignment.h)
+RightPositions match_stereo(const StereoCamera& camera, const ScaleLevels& scales,
+                            const StereoView& left, const StereoView& right,
+                            const StereoOptions& options, const kys::DistanceModel& model,
+                            kys::Statistics& statistics, Worker* helper = nullptr,
+                            const RigCorrection& rig = {});
 
 }  // namespace kys_slam

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "motion/leave_out.h"
 
 #include <Eigen/Cholesky>

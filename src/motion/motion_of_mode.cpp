@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "motion/motion_of_mode.h"
 
 #include <kys/prior.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/front_kernels.h"
 
 #include "util/kernel_variants.h"

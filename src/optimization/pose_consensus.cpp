@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/pose_consensus.h"
 
 #include <algorithm>

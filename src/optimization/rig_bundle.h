@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/rig_correction.h>
@@ -19,15 +20,16 @@ struct RigProblem {
     bool row = false;     ///< the row in the right image is measured, not expected
   };
   StereoCamera camera;
-  RigEstimate prior;  ///< mean and covariance of the parameters; those without variance stay
-  RigCorrection rig;  ///< changed in place
-  double information_v = 1;          ///< of v over that of u
-  double information_disparity = 1;  ///< of the disparity over that of u
-  std::vector<Rigid3> T_c_w;         ///< changed in place
-  std::vector<std::uint8_t> pose_fixed;      ///< per pose, at least one not zero
-  std::vector<Eigen::Vector3d> points;       ///< p_w, m; changed in place
-  std::vector<Observation> observations;     ///< by point
-  std::vector<std::int32_t> first{0};        ///< per point its first observation; then their number
+  /// Mean and covariance of the parameters. One without variance stays: one has some, or all have.
+  RigEstimate prior;
+  RigCorrection rig;                      ///< changed in place
+  double information_v = 1;               ///< of v over that of u
+  double information_disparity = 1;       ///< of the disparity over that of u
+  std::vector<Rigid3> T_c_w;              ///< changed in place
+  std::vector<std::uint8_t> pose_fixed;   ///< per pose, at least one not zero
+  std::vector<Eigen::Vector3d> points;    ///< p_w, m; changed in place
+  std::vector<Observation> observations;  ///< by point
+  std::vector<std::int32_t> first{0};     ///< per point its first observation; then their number
 };
 
 struct RigSummary {
@@ -42,10 +44,10 @@ struct RigSummary {
 };
 
 /// Minimises reprojection errors in the perfect pair, and row differences where they were measured,
-/// over poses, points and the correction of the rig (bundle adjustment with self-calibration; Triggs
-/// et al., "Bundle adjustment: a modern synthesis", Sec. 2.3 and 6.1): Huber's loss, observations
-/// far off left out. Points are eliminated; the rest is dense, so that problems have at most some
-/// hundred poses. One thread; the same bytes every time.
+/// over poses, points and the correction of the rig (bundle adjustment with self-calibration;
+/// Triggs et al., "Bundle adjustment: a modern synthesis", Sec. 2.3 and 6.1): Huber's loss,
+/// observations far off left out. Points are eliminated; the rest is dense, so that problems have
+/// at most some hundred poses. One thread; the same bytes every time.
 RigSummary adjust_rig(RigProblem& problem, const std::atomic<bool>* stop = nullptr);
 
 }  // namespace kys_slam

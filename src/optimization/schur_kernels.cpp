@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/schur_kernels.h"
 
 namespace kys_slam::schur {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <fmt/format.h>
 #include <kys_slam/error.h>
 #include <kys_slam/feature_file.h>
@@ -73,6 +74,11 @@ FrameInput frame_input_of(std::unique_ptr<Sequence> sequence, std::int64_t start
   input.ground_truth = sequence->ground_truth();
   const Sequence::Frame& first = sequence->frame(0);
   input.recording = recording_of(start, first.timestamp, first.left);
+  input.notes = sequence->notes();
+  if (sequence->dropped() > 0) input.left_out["images without a partner"] = sequence->dropped();
+  if (sequence->missing() > 0) {
+    input.left_out["images that are listed, but not there"] = sequence->missing();
+  }
   input.frames = std::move(sequence);
   return input;
 }

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <fmt/format.h>
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
@@ -22,6 +23,7 @@
 
 #include "map/map.h"
 #include "system/private_access.h"
+#include "system/rig_report.h"
 
 namespace kys_slam {
 
@@ -235,6 +237,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["frames_connected"] = outcome.connected.size();
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
+  json["rig"] = rig_json(system.rig());
   json["left_out"] = nlohmann::ordered_json::object();
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
@@ -322,6 +325,28 @@ class Files {
   std::exception_ptr first_;
 };
 
+/// submap_N.tum: the frames of every sub-map that is not connected to the one of trajectory.tum,
+/// each in a frame of its own. N is that of frames.csv. Files of a run before are removed.
+void write_other_submaps(const std::filesystem::path& folder,
+                         const std::vector<FrameEstimate>& trajectory, Files& files) {
+  for (const std::filesystem::path& file : list_folder(folder)) {
+    const std::string name = file.filename().string();
+    std::error_code ignored;
+    if (name.starts_with("submap_") && name.ends_with(".tum")) {
+      std::filesystem::remove(file, ignored);
+    }
+  }
+  std::map<std::int64_t, std::vector<TimedPose>> others;
+  for (const FrameEstimate& e : trajectory) {
+    if (e.submap >= 0 && !e.connected) others[e.submap].push_back({e.timestamp, e.T_w_c});
+  }
+  for (const auto& [submap, poses] : others) {
+    files.write([&, n = submap, &p = poses] {
+      write_tum_poses(folder / fmt::format("submap_{}.tum", n), p);
+    });
+  }
+}
+
 }  // namespace
 
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,
@@ -338,6 +363,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   files.write(
       [&] { write_kitti_poses(folder / "trajectory.kitti", all_poses(outcome.trajectory)); });
   files.write([&] { write_tum_poses(folder / "keyframes.tum", system.keyframes()); });
+  write_other_submaps(folder, outcome.trajectory, files);
   if (!info.ground_truth.empty()) {
     files.write([&] { write_tum_poses(folder / "ground_truth.tum", info.ground_truth); });
   }
@@ -376,17 +402,37 @@ void save_map_or_beside(const System& system, const std::filesystem::path& file,
   }
 }
 
+std::string describe_failure_to_track(const System& system, const RunOutcome& outcome) {
+  const std::size_t frames = outcome.trajectory.size();
+  if (frames > 0 && 2 * outcome.connected.size() >= frames) return "";
+  const auto tracked = static_cast<std::size_t>(outcome.tracked);
+  if (tracked == outcome.connected.size()) {
+    return fmt::format("tracking failed: {} of {} frames tracked", tracked, frames);
+  }
+  return fmt::format(
+      "tracking failed: {} of {} frames connected; {} are tracked, in {} sub-maps without a "
+      "connection",
+      outcome.connected.size(), frames, tracked, system.submaps());
+}
+
 std::string describe_run(const System& system, const RunInfo& info, const RunOutcome& outcome) {
   std::string text;
   const auto row = [&](const char* name, const std::string& value) {
     text += fmt::format("  {:<28} {}\n", name, value);
   };
   row("frames tracked", fmt::format("{} of {}", outcome.tracked, outcome.trajectory.size()));
+  if (system.submaps() > 1) {
+    row("frames connected", fmt::format("{} of {}: trajectory.tum", outcome.connected.size(),
+                                        outcome.trajectory.size()));
+    row("sub-maps",
+        fmt::format("{}: the others are not connected to it, submap_*.tum", system.submaps()));
+  }
   row("keyframes, landmarks",
       fmt::format("{}, {}", map_of(system).keyframes().size(), map_of(system).landmarks().size()));
   if (outcome.loops + outcome.merges + outcome.relocalised > 0) {
     row("loops closed", std::to_string(outcome.loops));
-    row("sub-maps left, merged", fmt::format("{}, {}", system.submaps(), outcome.merges));
+    if (system.submaps() == 1) row("sub-maps", "1");
+    row("sub-maps merged", std::to_string(outcome.merges));
     row("frames relocalised", std::to_string(outcome.relocalised));
   }
   row("path length", fmt::format("{:.2f} m", path_length(outcome.connected)));
@@ -395,6 +441,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
     row("RPE per frame, rmse",
         fmt::format("{:.4f} m, {:.4f} deg", a->rpe_translation.rmse, a->rpe_rotation.rmse));
   }
+  if (const std::string rig = describe_rig(system.rig()); !rig.empty()) row("calibration", rig);
   for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
   const std::vector<FrameReport> reports = system.reports();
   for (const Stage& stage : kStages) {

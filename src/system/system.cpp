@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <fmt/format.h>
 #include <kys_slam/error.h>
 #include <kys_slam/logic_error.h>
@@ -16,6 +17,7 @@
 #include "camera/plausible.h"
 #include "map_file/map_file.h"
 #include "motion/motion_of_mode.h"
+#include "system/frame_notes.h"
 #include "system/system_impl.h"
 
 namespace kys_slam {
@@ -89,6 +91,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
                kBytesPerPixel * static_cast<std::size_t>(camera.width) *
                    static_cast<std::size_t>(camera.height));
   impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
+  impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
 }
 
 System::~System() = default;
@@ -104,8 +107,10 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   }
   check_labels(map, s.options.control.label_space, file);
   if (!(map.camera() == s.camera)) {
-    throw InputError(file.string() + ": the map was made with another camera (" +
-                     describe(map.camera()) + ") than this one (" + describe(s.camera) + ")");
+    throw InputError(
+        file.string() + ": the map was made with another camera (" + describe(map.camera()) +
+        ") than this one (" + describe(s.camera) +
+        "); give the calibration that the map was made with, or make a map with this one");
   }
   if (map.scales().scale != s.scales.scale || map.scales().log_factor != s.scales.log_factor) {
     throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
@@ -224,9 +229,12 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   if (tracked.status == TrackingStatus::kLost && seen.features->size() == 0) {
     report.reason = "the image has no corners";
   }
-  report.warning = seen.fault;
+  if (!is_by_parallax(seen.fault, *seen.features, camera.width)) report.warning = seen.fault;
   if (report.warning.empty() && tracked.jumped) {
-    report.warning = "the camera seems to move as none can: it may follow something that moves";
+    report.warning =
+        "the camera seems to move as none can: time stamps that are wrong or irregular, lost "
+        "frames, "
+        "or it follows something that moves";
   }
   report.T_w_c = tracked.T_c_w.inverse();
   report.keypoints = static_cast<int>(seen.features->size());
@@ -280,8 +288,8 @@ FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
   }
   // Without the lock, so that the observer may ask for the map.
   if (observer) {
-    observer({&s.seen_report, s.seen_keypoints, s.seen_depths,
-              s.seen_features->priors(), s.seen_landmarks, s.seen_tiers, s.seen_instances});
+    observer({&s.seen_report, s.seen_keypoints, s.seen_depths, s.seen_features->priors(),
+              s.seen_landmarks, s.seen_tiers, s.seen_instances});
   }
   return report;
 }
@@ -291,8 +299,10 @@ FrameReport System::feed(double timestamp, const ImageView& left, const ImageVie
   StereoFrame frame;
   frame.index = impl_->count;
   frame.timestamp = timestamp;
-  frame.left = to_gray(left);
-  frame.right = to_gray(right);
+  {
+    const std::lock_guard lock(impl_->mutex);
+    impl_->set_images(left, right, frame);
+  }
   return feed(frame, masks);
 }
 
@@ -345,6 +355,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
   FrontEndResult seen = s.front_end.process(frame, masks);
+  const bool same = s.drop_same_picture(frame, seen);
   Stopwatch track_watch;
   s.apply(s.runner.collect(s.count));
   s.front_end.renew(seen);
@@ -361,6 +372,12 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   report.timestamp = frame.timestamp;
   report.keyframe = tracked.keyframe.has_value();
   s.note(tracked, seen, report);
+  s.note_masks(masks, report);
+  if (same) {
+    report.reason = kSamePicture;
+    add_phrase(report.warning, kSamePicture);
+  }
+  add_phrase(report.warning, std::exchange(s.first_note, ""));
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
   s.reports.push_back(report);

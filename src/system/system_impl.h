@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys_slam/system.h>
@@ -8,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -56,6 +58,10 @@ struct System::Impl {
   [[nodiscard]] KeyFrameId main_submap() const;
   void drain();
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
+  void note_masks(const StereoMasks& masks, FrameReport& report) const;
+  bool drop_same_picture(const StereoFrame& frame, FrontEndResult& seen);
+  /// Both as 8-bit grey, by the bits that the first pair uses.
+  void set_images(const ImageView& left, const ImageView& right, StereoFrame& frame);
 
   std::mutex mutex;  // held while a frame is fed and while the map is read
   bool finished = false;
@@ -83,6 +89,9 @@ struct System::Impl {
   RelativeFramePoses frame_poses;  // of every frame fed
   std::int64_t count = 0;          // frames fed: the index everything inside goes by
   KeyFrameId first_keyframe{0};    // older ones come from a loaded map
+  std::int64_t same_pictures = 0;  // frames from the first one on whose images are one picture
+  int bits = 0;                    // of 16-bit views, 8 to 16; 0: no pair yet that shows it
+  std::string first_note;          // a warning of the next frame's report
   InterruptibleWait stall;
   int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
 };

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "system/system_options.h"
 
 #include <kys/error.h>

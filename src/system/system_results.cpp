@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/logic_error.h>
 
 #include <map>

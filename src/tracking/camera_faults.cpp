@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/camera_faults.h"
 
 #include <utility>

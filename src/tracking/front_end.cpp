@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/front_end.h"
 
 #include <kys_slam/check_options.h>
@@ -15,8 +16,8 @@ namespace kys_slam {
 
 namespace {
 
-constexpr std::size_t kRowsFirst = 800;  // measured, in the frame that decides
-constexpr std::size_t kRowsLater = 250;
+constexpr std::size_t kRowsFirst = 600;  // measured, in the frame that decides
+constexpr std::size_t kRowsLater = 200;
 constexpr std::size_t kLeastRows = 100;  // to decide
 
 /// Removes the features for which keep(index) is false; returns how many. `priors`: one per feature
@@ -120,13 +121,14 @@ StereoView FrontEnd::view(std::size_t side, bool from_images) const {
 /// Columns of the left keypoints in the right image, and rows of some.
 RightPositions FrontEnd::match(bool from_images, kys::Statistics& statistics) {
   const StereoView left = view(0, from_images), right = view(1, from_images);
-  RightPositions positions(match_stereo(camera_, scales_, left, right, stereo_, *model_, statistics,
-                                        from_images ? &helper_ : nullptr, rig_));
+  RightPositions positions = match_stereo(camera_, scales_, left, right, stereo_, *model_,
+                                          statistics, from_images ? &helper_ : nullptr, rig_);
   const bool judged = row_fit_.has_value();
-  if (!from_images || !rows_.enabled || (judged && !rig_.bends()) || frames_ > rows_.frames) {
-    return positions;
+  if (!rows_.enabled || (judged && !rig_.bends()) || frames_ > rows_.frames) {
+    positions.v.clear();
+  } else if (from_images) {
+    positions.v = measure_rows(left, right, positions.u, rig_, judged ? kRowsLater : kRowsFirst);
   }
-  positions.v = measure_rows(left, right, positions.u, rig_, judged ? kRowsLater : kRowsFirst);
   return positions;
 }
 
@@ -143,7 +145,6 @@ bool FrontEnd::judge_rows(const RightPositions& right) {
   if (rows.size() < kLeastRows) return false;
   RowFit fit = fit_rows(camera_, rows, {rig_, prior_});
   const bool bent = fit.field > rows_.min_field;
-  if (getenv("RIGDBG")) { fprintf(stderr,"ROWS n %zu before %.3f after %.3f field %.3f\n",fit.observations,fit.sigma_before,fit.sigma_after,fit.field); for(int k=0;k<RigCorrection::kSize;++k) fprintf(stderr," %s %.5f+-%.5f",rig_parameter_names()[k].name.data(),fit.rig.correction.parameters()[k],std::sqrt(fit.rig.covariance(k,k))); fprintf(stderr,"\n"); }
   if (bent) rig_ = fit.rig.correction;
   row_fit_ = std::move(fit);
   return bent;
@@ -155,13 +156,13 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   const bool from_images = !frame.left_features;
   if (from_images) {
     extract(frame);
-    ++frames_;
     result.left = &extractors_[0].pyramid();
   } else {
     features_ = {*frame.left_features, *frame.right_features};
   }
   result.fault = camera_faults_.check(features_[0], features_[1], camera_.width, camera_.height);
   result.repeated = camera_faults_.left_repeated();
+  ++frames_;
   result.times.extract = watch.lap_ms();
 
   const bool with_priors = attach_priors(frame, result);

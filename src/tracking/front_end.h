@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys/distance_model.h>
@@ -95,7 +96,7 @@ class FrontEnd {
   RigCorrection rig_;
   RigCorrection::Covariance prior_ = rig_prior();
   bool has_map_ = false;  // rig_ is the map's
-  int frames_ = 0;        // with images
+  int frames_ = 0;
   std::optional<RowFit> row_fit_;
   std::int32_t instances_raised_by_ = 0;
   std::vector<std::uint8_t> is_thing_;  // by label

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/keyframe_policy.h"
 
 namespace kys_slam {

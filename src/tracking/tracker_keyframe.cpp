@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/tracker.h"
 
 // Whether a frame becomes a keyframe, and what it gives to the map.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/tracker_options.h"
 
 namespace kys_slam {

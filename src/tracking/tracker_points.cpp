@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/tracker.h"
 
 // The pose of a frame from all stereo points of the last frame, most of which are no landmarks.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/tracker.h"
 
 // The pose of a frame: predicted, then refined with the local map.

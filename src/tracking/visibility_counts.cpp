@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/visibility_counts.h"
 
 #include <algorithm>

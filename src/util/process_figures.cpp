@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/util/process_figures.h>
 #include <sys/resource.h>
 #include <unistd.h>

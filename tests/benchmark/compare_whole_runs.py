@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Whole runs with our solvers and with Ceres, in turns, as a table.
 
     compare_whole_runs.py WHOLE_RUN OUTPUT --rounds 3 kitti:SEQUENCE euroc:SEQUENCE ...

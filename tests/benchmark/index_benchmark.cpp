@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // index_benchmark MAP [QUERIES]: the hash tables of place recognition and FLANN's LSH index on the
 // landmarks of a map (run_stereo_kitti --save-map), asked with features of its keyframes. Found:
 // the share of queries whose nearest landmark, at most 50 bits away, is the answer. Processor time.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // What a distance costs: per pair and per search through N candidates, for every mode, against
 // plain Hamming distance in the same run.
 //

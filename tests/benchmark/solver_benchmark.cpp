@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // solver_benchmark MAP [ROUNDS [PART]]: our solvers and those of Ceres, SuiteSparse and Eigen on
 // the map of a run (run_stereo_kitti --save-map); PART `reduced`: only the reduced camera
 // system; `supernodal`: of that only ours and CHOLMOD's supernodal factorisation. Every

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // whole_run LAYOUT SOLVER ARGUMENTS...: a run of run_stereo_LAYOUT (kitti, euroc) in which SOLVER
 // (own, ceres) solves pose graphs and full bundle adjustments; local windows stay with our solver.
 // At the end one line of JSON: calls and processor time of both, and what the whole process took.

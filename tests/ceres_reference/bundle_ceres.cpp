@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
 #include <ceres/numeric_diff_cost_function.h>

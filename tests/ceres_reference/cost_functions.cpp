@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "ceres_reference/cost_functions.h"
 
 #include "geometry/reprojection.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 

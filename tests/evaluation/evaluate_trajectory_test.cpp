@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Runs the program itself: its output, and its status and message for bad input.
 #include <gtest/gtest.h>
 #include <sys/wait.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Figures of evo 1.x, the evaluator the field uses, made with (-a for SE(3), -as for Sim(3)):
 //   evo_ape {kitti|euroc|tum} REFERENCE ESTIMATE [-a|-as]
 //   evo_rpe {kitti|euroc|tum} REFERENCE ESTIMATE [-a|-as] -r trans_part -d DELTA -u f [--all_pairs]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Runs loop_recall.py on a made-up drive of one and a half rounds of a circle."""
 import importlib.util
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Runs plot_trajectory.py on a made-up run: pictures are made, bad input is one line and status 2."""
 import importlib.util
 import os
@@ -95,10 +96,17 @@ def main():
         result = run(compare, folder, f"{folder}=same $", "--ground-truth", truth, "--output", together)
         assert result.returncode == 0, result.stderr
         with open(together, "rb") as file:
-            assert file.read().startswith(b"\x89PNG")
+            plots = file.read()
+        assert plots.startswith(b"\x89PNG")
+        result = run(compare, folder, "--ground-truth", truth, "--output", together, "--image", picture)
+        assert result.returncode == 0, result.stderr
+        with open(together, "rb") as file:
+            assert file.read(24)[20:] > plots[20:24]  # the height in the header
         check_labels(script, folder, truth)
         for bad in (["/none", "--output", together], [folder, "--output", together],
-                    [folder, "--ground-truth", truth, "--output", "/none/x.png"]):
+                    [folder, "--ground-truth", truth, "--output", "/none/x.png"],
+                    [folder, "--ground-truth", truth, "--output", together, "--image", truth],
+                    [folder, "--ground-truth", truth, "--output", together, "--image", "/none"]):
             result = run(compare, *bad)
             assert result.returncode == 2 and result.stderr.count("\n") == 1, (bad, result)
         for bad in (["/none"], [folder, "--ground-truth", "/none"],

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """tools/reproduce.sh in miniature: every experiment, its tables and figures, the report.
 
 Interrupted once and resumed; then with data given: a folder that holds a KITTI sequence and one

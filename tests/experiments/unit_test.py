@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Parts of the experiments workflow, without running any experiment."""
 import argparse
 import contextlib

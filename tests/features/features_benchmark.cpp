@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Time of the ORB extractor, whole and by stage, on one KITTI frame if there is one (a synthetic
 // texture of the same size otherwise). Build `features_benchmark`, run it on an idle machine.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // The inner loops against slow, obvious versions of themselves, for every instruction set that this
 // machine runs.
 

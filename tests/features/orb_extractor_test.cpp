@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // The extractor as a whole, on rendered textures and on real frames.
 
 #include "features/orb_extractor.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Stages of the extractor: pyramid, corners, distribution, orientation, descriptor.
 
 #include <gtest/gtest.h>

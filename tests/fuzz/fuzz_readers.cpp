@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // libFuzzer's entry: fuzz_readers --reader=NAME [libFuzzer's options] CORPUS ...
 #include <kys/error.h>
 #include <kys_slam/error.h>

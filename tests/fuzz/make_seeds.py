@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the seeds of the fuzz targets anew (they are in the tree): a few small sound files per reader.
 Needs NumPy and Pillow.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Fuzzing in every build and every test run, without libFuzzer: the seeds of a reader as they are,
 // cut off everywhere, and with random changes; the same inputs in every run.
 //   mutate_readers SEEDS_DIR [INPUTS_PER_READER [READER ...]]

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
 # Fuzzes every reader with libFuzzer: run.sh [SECONDS_PER_READER [READER ...]]
 # Seconds are of processor time: 135 s for each of the 27 readers are an hour (the default). Needs clang
 # and its libFuzzer (Debian 12: clang, libclang-rt-14-dev). Corpora grow in build/fuzz/corpus, findings are

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/minimise_pose.h"
 
 #include <gtest/gtest.h>

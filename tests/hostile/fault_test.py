@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """A short run in which the n-th open, read, write, rename, start of a thread or allocation fails, for
 every n. Of the many allocations a sample; with --stacks the first and the last one that each distinct
 stack of calls asks for, with --all every one. Whatever fails: the program ends by

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Preloaded into a program: makes its n-th call of one kind fail. Counting begins when the program
 // ignores SIGPIPE, which run_main does first, so that what the loader does is left alone.
 //   KYS_FAULT=KIND:N   open, read, write, rename, thread, memory; N from 1, 0: none

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """What a camera does to a run when it fails: one row per fault, on a sequence in KITTI's layout with
 ground truth (at least 50 frames).
 

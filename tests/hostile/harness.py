@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the cases share: a small sequence, the programs, what is expected of them."""
 import json
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Input that nobody should give a program, and machines that give it too little. Every case: the
 program ends by itself within its time, with the status and the line the table says, without an abort,
 and what was tracked before is saved.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Hours of driving in one run: memory, time per frame and threads over time.
 
     long_run.py BIN_DIR TRAJECTORY WORK_DIR [--hours 2] [--features 600]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Cameras against the motion model: one that goes forward, at once backward and at once forward again
 (the first 51 frames of KITTI 06 at half size), and one that gives every picture twice. Skipped without
 the images or without Pillow.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Python tools under tools/ on missing, damaged and unwritable files: one line that names the file,
 status 2. Skipped without NumPy or SciPy."""
 import csv

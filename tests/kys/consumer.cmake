@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 # Builds kys alone, installs it, and builds and runs a project that uses it.
 include(${CMAKE_CURRENT_LIST_DIR}/../support/installed_consumer.cmake)
 run(${CMAKE_COMMAND} -S ${KYS_FOLDER} -B ${WORK}/kys -G ${GENERATOR} -DCMAKE_CXX_COMPILER=${COMPILER}

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Every formula of the method against values worked by hand.
 
 #include <gtest/gtest.h>

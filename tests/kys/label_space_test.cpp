@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Label spaces: the built-in ones, and an error for whatever can be wrong with a user's.
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes tables from tiny made-up FastText files and compares with distances counted by hand.
 
 make_table_test.py TOOLS_FOLDER LABEL_SPACE_FOLDER

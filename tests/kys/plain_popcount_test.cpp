@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // The library compiled with KYS_PLAIN_POPCOUNT: every mode is the plain popcount.
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // What must hold for any pair, on random input.
 
 #include <gtest/gtest.h>

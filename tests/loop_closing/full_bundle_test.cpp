@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/full_bundle.h"
 
 #include <gtest/gtest.h>
@@ -137,7 +138,7 @@ TEST_P(FullBundleTest, ALaterLoopOrAnotherCalibrationMakesItVoid) {
   const double before = worst(s);
   FullBundle full(exact(), GetParam());
   full.start(s.map, KeyFrameId{0}, KeyFrameId{11});
-  s.map.set_disparity_offset(0.1f);
+  s.map.set_rig(RigCorrection::of_offset(s.map.camera(), 0.1));
   EXPECT_FALSE(full.finish(s.map));
   EXPECT_EQ(worst(s), before);
   full.start(s.map, KeyFrameId{0}, KeyFrameId{11});

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/place_verification.h"
 
 #include <gtest/gtest.h>

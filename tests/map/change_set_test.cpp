@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "map/change_set.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +68,8 @@ class RandomEditor {
         break;
       case 15:
         if (random_() % 10 == 0) {
-          map_.set_disparity_offset(0.05f * static_cast<float>(random_() % 10));
+          const double offset = 0.05 * static_cast<double>(random_() % 10);
+          map_.set_rig(RigCorrection::of_offset(map_.camera(), offset));
         } else if (random_() % 3 == 0) {
           const KeyFrameId a = any_keyframe();
           const KeyFrameId b = any_keyframe();

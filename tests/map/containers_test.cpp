@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <map>
@@ -258,13 +259,14 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   FeatureSet set;
   set.keypoints = {{100, 50, 0, 1, 0}, {300, 50, 0, 1, 0}, {500, 80, 0, 1, 2}};
   set.descriptors.resize(3);
-  const FrameFeatures plain(camera, set, {90, testing::kNoStereo, 500.5f}, {});
+  const FrameFeatures plain(camera, set, RightPositions({90, testing::kNoStereo, 500.5f}), {});
   EXPECT_FLOAT_EQ(plain.depth(0), static_cast<float>(camera.bf() / 10));
   EXPECT_FALSE(plain.has_stereo(1));
   EXPECT_FALSE(plain.has_stereo(2)) << "a negative disparity has no depth";
 
-  const FrameFeatures shifted = plain.with_disparity_offset(0.75f);
-  EXPECT_FLOAT_EQ(shifted.disparity_offset(), 0.75f);
+  const auto offset = [&](double px) { return RigCorrection::of_offset(camera, px); };
+  const FrameFeatures shifted = plain.with_rig(offset(0.75));
+  EXPECT_EQ(shifted.rig(), offset(0.75));
   EXPECT_FLOAT_EQ(shifted.u_right(0), 89.25f);
   EXPECT_FLOAT_EQ(shifted.depth(0), static_cast<float>(camera.bf() / 10.75));
   EXPECT_TRUE(std::isnan(shifted.u_right(1)));
@@ -273,15 +275,16 @@ TEST(FrameFeatures, DepthFollowsDisparityAndItsOffset) {
   EXPECT_EQ(shifted.keypoints().size(), 3u);
 
   // An offset given at once, and one replaced by another, are the same.
-  const FrameFeatures direct(camera, set, {90, testing::kNoStereo, 500.5f}, {}, 0.75f);
-  const FrameFeatures again = plain.with_disparity_offset(0.25f).with_disparity_offset(0.75f);
+  const FrameFeatures direct(camera, set, RightPositions({90, testing::kNoStereo, 500.5f}), {},
+                             offset(0.75));
+  const FrameFeatures again = plain.with_rig(offset(0.25)).with_rig(offset(0.75));
   for (std::size_t i : {0u, 2u}) {
     EXPECT_FLOAT_EQ(direct.u_right(i), shifted.u_right(i));
     EXPECT_FLOAT_EQ(again.u_right(i), shifted.u_right(i));
     EXPECT_FLOAT_EQ(again.depth(i), shifted.depth(i));
   }
-  const FrameFeatures back = again.with_disparity_offset(0);
-  EXPECT_FLOAT_EQ(back.u_right(0), 90);
+  const FrameFeatures back = again.with_rig({});
+  EXPECT_EQ(back.u_right(0), 90);
 }
 
 TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
@@ -290,7 +293,7 @@ TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
   FeatureSet set;
   set.keypoints = {{100, 50, 0, 1, 0}, {300, 50, 0, 1, 2}};
   set.descriptors.resize(2);
-  const FrameFeatures found(camera, set, {90, testing::kNoStereo}, {});
+  const FrameFeatures found(camera, set, RightPositions({90, testing::kNoStereo}), {});
   const std::vector<FrameFeatures::Aligned> places{{0, 160.25f, 49.5f}};
   const FrameFeatures aligned = found.with_aligned(places);
   EXPECT_FALSE(found.is_aligned(0));
@@ -305,7 +308,8 @@ TEST(FrameFeatures, AnAlignedKeypointTakesItsDisparityAlong) {
   EXPECT_EQ(found.stereo_pixel(0, scales).ratio.v, 1);
   EXPECT_EQ(found.stereo_pixel(0, scales).ratio.disparity, 1);
   const std::vector<std::uint8_t> second{0, 1};
-  const FrameFeatures restored = FrameFeatures::restore(camera, set, {90, 250}, {}, {1, 0}, 0);
+  const FrameFeatures restored =
+      FrameFeatures::restore(camera, set, RightPositions({90, 250}), {}, {1, 0}, {});
   for (const FrameFeatures& f : {found.with_image_noise(), aligned, aligned.subset(second),
                                  aligned.with_priors({}), restored}) {
     EXPECT_EQ(f.stereo_pixel(0, scales).ratio.v, kImageInformation.v);
@@ -347,11 +351,11 @@ TEST(FrameFeatures, RefusesArraysOfUnequalLength) {
   FeatureSet set;
   set.keypoints.resize(2);
   set.descriptors.resize(2);
-  EXPECT_THROW(FrameFeatures(camera, set, {1.0f}, {}), std::logic_error);
-  EXPECT_THROW(FrameFeatures(camera, set, {1.0f, 2.0f}, std::vector<kys::Prior>(1)),
+  EXPECT_THROW(FrameFeatures(camera, set, RightPositions({1.0f}), {}), std::logic_error);
+  EXPECT_THROW(FrameFeatures(camera, set, RightPositions({1.0f, 2.0f}), std::vector<kys::Prior>(1)),
                std::logic_error);
   set.descriptors.resize(1);
-  EXPECT_THROW(FrameFeatures(camera, set, {1.0f, 2.0f}, {}), std::logic_error);
+  EXPECT_THROW(FrameFeatures(camera, set, RightPositions({1.0f, 2.0f}), {}), std::logic_error);
 }
 
 }  // namespace

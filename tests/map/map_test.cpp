@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "map/map.h"
 
 #include <gtest/gtest.h>
@@ -277,12 +278,12 @@ TEST(Map, ALandmarksDescriptorIsThatOfLeastMedianDistanceAlsoAmongManyObservers)
 TEST(Map, DisparityOffsetReachesPresentAndFutureKeyframes) {
   Map map = chain(2);
   const float before = map.keyframe(kf(0)).features->u_right(3);
-  map.set_disparity_offset(0.5f);
+  map.set_rig(RigCorrection::of_offset(map.camera(), 0.5));
   EXPECT_FLOAT_EQ(map.keyframe(kf(0)).features->u_right(3), before - 0.5f);
   const auto later = random_features(map.camera(), 60, 99, 1.0);
   map.add_keyframe(make_keyframe(2, later));
   EXPECT_FLOAT_EQ(map.keyframe(kf(2)).features->u_right(3), later->u_right(3) - 0.5f);
-  EXPECT_FLOAT_EQ(map.keyframe(kf(2)).features->disparity_offset(), 0.5f);
+  EXPECT_FLOAT_EQ(map.keyframe(kf(2)).features->rig().offset(), 0.5);
 }
 
 TEST(Map, AThinKeyframeKeepsTheFeaturesOfItsLandmarks) {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Whatever is wrong with a file, it is refused in one line or read as a consistent map.
 #include <gtest/gtest.h>
 
@@ -95,8 +96,8 @@ TEST(DamagedMap, SaysWhatIsWrong) {
   expect_refused({}, {"x.map", "magic"});
   expect_refused({bytes.begin(), bytes.begin() + 20}, {"truncated"});
   expect_refused({bytes.begin(), bytes.end() - 1}, {"x.map", "truncated"});
-  bytes[mf::kAtVersion] = 2;
-  expect_refused(bytes, {"x.map", "version 2", "reads version 1"});
+  bytes[mf::kAtVersion] = 3;
+  expect_refused(bytes, {"x.map", "version 3", "reads versions 1 and 2"});
   bytes = small_file();
   bytes.back() ^= 1;
   expect_refused(bytes, {"checksum"});

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <kys/prior.h>
@@ -69,7 +70,9 @@ inline Map sample_map(std::uint32_t keyframes = 8, int features = 60, bool with_
   map.cull_keyframe({3});
   map.cull_keyframe({2});
   map.replace_landmark({2}, {0});
-  map.set_disparity_offset(0.0625f);
+  RigEstimate rig(RigCorrection::of_offset(map.camera(), 0.0625));
+  rig.covariance(12, 12) = 0.25;
+  map.set_rig(rig);
   return map;
 }
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <map>
@@ -82,7 +83,7 @@ TEST_F(InsertKeyFrame, NewLandmarksHaveTheDepthOfThePresentDisparityOffset) {
   const Keypoint& k = features.keypoint(stereo);
   const Eigen::Vector3d p_c = map_.camera().back_project(k.x, k.y, features.depth(stereo));
   message_.new_landmarks = {{lm(100), stereo, message_.T_c_w.inverse() * p_c}};
-  map_.set_disparity_offset(0.5f);
+  map_.set_rig(RigCorrection::of_offset(map_.camera(), 0.5));
   insert_keyframe(map_, message_);
   const KeyFrame& keyframe = map_.keyframe(kf(2));
   const Eigen::Vector3d expected =

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/epipolar_matcher.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/landmark_patch.h"
 
 #include <gtest/gtest.h>

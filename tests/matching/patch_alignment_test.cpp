@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/patch_alignment.h"
 
 #include <gtest/gtest.h>
@@ -49,7 +50,8 @@ TEST(PatchAlignment, FindsColumnAndSlantsOfAPlane) {
     for (const double slant_v : {-0.3, 0.0, 0.35}) {
       for (const double fraction : {0.0, 0.25, 0.5, 0.75}) {
         const Plane plane{{40.3, 39.6}, 35 + fraction, slant_u, slant_v};
-        const auto found = align_patch(left, plane.right(texture), plane.at.cast<float>(), 35.4f);
+        const auto found =
+            align_patch(left, plane.right(texture), plane.at.cast<float>(), {35.4f, 39.6f});
         ASSERT_TRUE(found) << slant_u << " " << slant_v << " " << fraction;
         EXPECT_NEAR(found->column, plane.column, 0.03) << slant_u << " " << slant_v;
         EXPECT_NEAR(found->slant_u, slant_u, 0.04);
@@ -65,7 +67,7 @@ TEST(PatchAlignment, TakesTheCentresDisparityWhereverTheContrastIs) {
   // and more beside where its centre is.
   const GrayImage left = draw(lower_half);
   const Plane road{{40, 40}, 36, 0, 0.35};
-  const auto found = align_patch(left, road.right(lower_half), {40, 40}, 36.5f);
+  const auto found = align_patch(left, road.right(lower_half), {40, 40}, {36.5f, 40});
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->column, 36, 0.1);
 }
@@ -75,16 +77,25 @@ TEST(PatchAlignment, FollowsTheSurfaceAtTheCentre) {
   const GrayImage left = draw(texture);
   const GrayImage right =
       draw([](double x, double y) { return x < 38.5 ? texture(x + 4, y) : texture(x + 7, y); });
-  const auto found = align_patch(left, right, {40, 40}, 36.4f);
+  const auto found = align_patch(left, right, {40, 40}, {36.4f, 40});
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->column, 36, 0.15);
+}
+
+TEST(PatchAlignment, TheRowInTheRightImageMayBeAnother) {
+  const GrayImage left = draw(texture);
+  const GrayImage right = draw([](double x, double y) { return texture(x + 4, y - 1.3); });
+  const auto found = align_patch(left, right, {40, 40}, {36.4f, 41.3f});
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->column, 36, 0.03);
+  EXPECT_LT(found->residual, 4) << "grey levels";
 }
 
 TEST(PatchAlignment, BrightnessDoesNotCount) {
   const GrayImage left = draw(texture);
   const Plane plane{{40, 40}, 36.3, 0, 0.2};
   const GrayImage right = plane.right([](double x, double y) { return texture(x, y) - 20; });
-  const auto found = align_patch(left, right, {40, 40}, 36);
+  const auto found = align_patch(left, right, {40, 40}, {36, 40});
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->column, 36.3, 0.03);
 }
@@ -92,12 +103,13 @@ TEST(PatchAlignment, BrightnessDoesNotCount) {
 TEST(PatchAlignment, FindsNothingWhereThereIsNothing) {
   const GrayImage flat(kSize, kSize, 100);
   const GrayImage left = draw(texture);
-  EXPECT_FALSE(align_patch(flat, flat, {40, 40}, 36));
-  EXPECT_FALSE(align_patch(left, left, {40, 40}, 43)) << "further off than it may move";
+  EXPECT_FALSE(align_patch(flat, flat, {40, 40}, {36, 40}));
+  EXPECT_FALSE(align_patch(left, left, {40, 40}, {43, 40})) << "further off than it may move";
   for (const float bad : {-1.0f, 2.0f, 78.0f, 1e9f, std::numeric_limits<float>::quiet_NaN()}) {
-    EXPECT_FALSE(align_patch(left, left, {40, 40}, bad)) << bad;
-    EXPECT_FALSE(align_patch(left, left, {40, bad}, 36)) << bad;
-    EXPECT_FALSE(align_patch(left, left, {bad, 40}, 36)) << bad;
+    EXPECT_FALSE(align_patch(left, left, {40, 40}, {bad, 40})) << bad;
+    EXPECT_FALSE(align_patch(left, left, {40, bad}, {36, 40})) << bad;
+    EXPECT_FALSE(align_patch(left, left, {bad, 40}, {36, 40})) << bad;
+    EXPECT_FALSE(align_patch(left, left, {40, 40}, {36, bad})) << bad;
   }
 }
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "matching/stereo_matcher.h"
 
 #include <gtest/gtest.h>
@@ -50,7 +51,8 @@ class StereoMatcher : public ::testing::Test {
 
   std::vector<float> match(const StereoOptions& options = {}) {
     return match_stereo(pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
-                        {&pair_->right, {}, &pair_->right_pyramid}, options, model_, statistics_);
+                        {&pair_->right, {}, &pair_->right_pyramid}, options, model_, statistics_)
+        .u;
   }
   /// Disparity errors of the matches in pixels of their octave, by size.
   std::vector<double> errors(const std::vector<float>& u_right) const {
@@ -133,9 +135,11 @@ TEST_F(StereoMatcher, IsRepeatable) {
   EXPECT_EQ(once, bytes(match()));
   Worker helper;
   kys::Statistics statistics;
-  EXPECT_EQ(once, bytes(match_stereo(
-                      pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
-                      {&pair_->right, {}, &pair_->right_pyramid}, {}, model_, statistics, &helper)))
+  EXPECT_EQ(once,
+            bytes(match_stereo(pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
+                               {&pair_->right, {}, &pair_->right_pyramid}, {}, model_, statistics,
+                               &helper)
+                      .u))
       << "in two threads";
   EXPECT_EQ(statistics, counted);
 }
@@ -144,9 +148,10 @@ TEST_F(StereoMatcher, ImagesWithoutFeaturesGiveNoMatches) {
   const FeatureSet none;
   EXPECT_TRUE(match_stereo(pair_->camera, scales_, {&none, {}, nullptr},
                            {&pair_->right, {}, nullptr}, {}, model_, statistics_)
-                  .empty());
+                  .u.empty());
   for (const float u : match_stereo(pair_->camera, scales_, {&pair_->left, {}, nullptr},
-                                    {&none, {}, nullptr}, {}, model_, statistics_)) {
+                                    {&none, {}, nullptr}, {}, model_, statistics_)
+                           .u) {
     EXPECT_TRUE(std::isnan(u));
   }
 }
@@ -161,7 +166,8 @@ TEST_F(StereoMatcher, AnUnrelatedRightImageGivesFewMatches) {
   extractor.extract(frame.right, features);
   const auto u_right =
       match_stereo(pair_->camera, scales_, {&pair_->left, {}, &pair_->left_pyramid},
-                   {&features, {}, &extractor.pyramid()}, {}, model_, statistics_);
+                   {&features, {}, &extractor.pyramid()}, {}, model_, statistics_)
+          .u;
   const auto found =
       std::count_if(u_right.begin(), u_right.end(), [](float u) { return !std::isnan(u); });
   const auto good = errors(match()).size();
@@ -175,7 +181,8 @@ TEST(StereoMatching, ExactFeaturesGiveExactDisparities) {
   kys::Statistics statistics;
   const auto u_right =
       match_stereo(world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, {}, nullptr},
-                   {&*frame.right_features, {}, nullptr}, {}, kys::DistanceModel(), statistics);
+                   {&*frame.right_features, {}, nullptr}, {}, kys::DistanceModel(), statistics)
+          .u;
   std::size_t matched = 0;
   for (std::size_t i = 0; i < u_right.size(); ++i) {
     if (std::isnan(u_right[i])) continue;
@@ -216,9 +223,11 @@ TEST(StereoMatching, ThingsCalledMovingGetFewDisparitiesInModeVerified) {
     kys::ModeOptions mode_options;
     mode_options.mode = mode;
     kys::Statistics statistics;
-    const auto u_right = match_stereo(
-        world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, priors, nullptr},
-        {&*frame.right_features, right, nullptr}, options, {mode_options, space}, statistics);
+    const auto u_right =
+        match_stereo(world.camera(), ScaleLevels(1.2, 8), {&*frame.left_features, priors, nullptr},
+                     {&*frame.right_features, right, nullptr}, options, {mode_options, space},
+                     statistics)
+            .u;
     int count = 0;
     for (std::size_t i = 0; i < u_right.size(); ++i) {
       if (priors[i].instance == instance && !std::isnan(u_right[i])) ++count;

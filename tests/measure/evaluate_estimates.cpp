@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // evaluate_estimates: disparity and flow that build_priors estimates from images against exact
 // ones, by distance.
 #include <kys/label_space.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // evaluate_stereo: disparities of stereo matching against exact ones, by what may bias them.
 #include <fmt/format.h>
 #include <kys_slam/error.h>
@@ -146,7 +147,8 @@ std::vector<Match> judge_sequence(const Arguments& a) {
     kys::Statistics statistics;
     const std::vector<float> u_right =
         match_stereo(sequence->camera(), scales, {&l, {}, &left.pyramid()},
-                     {&r, {}, &right.pyramid()}, a.stereo, model, statistics);
+                     {&r, {}, &right.pyramid()}, a.stereo, model, statistics)
+            .u;
     for (std::size_t k = 0; k < l.size(); ++k) {
       if (std::isnan(u_right[k])) continue;
       Match m;

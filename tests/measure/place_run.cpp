@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "measure/place_run.h"
 
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "motion/instance_tracker.h"
 
 #include <gtest/gtest.h>

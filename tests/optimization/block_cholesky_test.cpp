@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/block_cholesky.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/motion_term.h"
 
 #include <gtest/gtest.h>

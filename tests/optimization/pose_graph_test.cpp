@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/pose_graph.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Flow and disparity by ONNX Runtime, and the way from images to prior files with them, with tiny
 networks whose results are known by hand. Skipped without onnxruntime, onnx, cv2, yaml."""
 

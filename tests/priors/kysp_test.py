@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """kysp.py against the C++ programs: `exchange FILE` of priors_exchange reads a file with the C++
 reader and writes it again with the C++ writer."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What tests of ONNX networks share: tiny networks, a stereo sequence, make_priors. MISSING says which
 of onnxruntime, onnx, cv2 and yaml is not installed."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Segmentation by ONNX Runtime and the way from images to prior files, with a tiny network made here;
 with the real one where it is (KYS_REAL_PERCEPTION). Skipped without onnxruntime, onnx, cv2, yaml."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The perception adapters, with small randomly initialised networks where torch is installed."""
 
 import io

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Milliseconds per frame of fusion (both cameras), encoding, and of what the tracker pays for
 // reading: open + 2 x 2000 look-ups.
 #include <benchmark/benchmark.h>

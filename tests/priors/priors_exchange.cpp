@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Reads a prior file and writes it again, without tolerance: for tests of other implementations.
 #include <kys_slam/prior_writer.h>
 #include <kys_slam/util/atomic_file.h>

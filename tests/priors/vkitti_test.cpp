@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Virtual KITTI 2's own pictures, in tiny made-up folders: encodings as in its documentation.
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Runs a case and compares it with what is stored.
 
     check.py BUILD CASE [--broken]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Compares the results of two builds, byte for byte: features, prior files, trajectories, maps.
 
     compare_builds.py BUILD OTHER [CASE...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A drive of our own for the simulation of features: around a block, and some of the way again."""
 import math
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the input of all cases, once; what is there and current is kept.
 
     generate.py BUILD

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Cases of the regression suite: their input, their runs, and what is compared.
 
 A case is a file NAME.json beside this one; README.md says what is in it. Only the standard library
@@ -92,6 +93,9 @@ def _world(spec, seed, place, announce):
     if not spec.get("priors"):
         arguments += ["--images-only"]
         output += "-images"
+    if "rig_error" in spec:
+        arguments += ["--rig-error", spec["rig_error"]]
+        output += "-" + spec["rig_error"].replace(":", "")
     _make(output, place.program("simulate_sequence"), arguments, [], announce)
     return output
 
@@ -126,6 +130,9 @@ def _features(spec, seed, place, announce):
         name = os.path.basename(name).split(".")[0]
     arguments = [trajectory, "--seed", str(seed), "--quiet", *spec.get("arguments", [])]
     output = os.path.join(place.data, f"{name}-{seed}.features")
+    if "rig_error" in spec:
+        arguments += ["--rig-error", spec["rig_error"]]
+        output = os.path.join(place.data, f"{name}-{seed}-{spec['rig_error'].replace(':', '')}.features")
     _make(output, place.program("simulate_features"), arguments, [trajectory], announce)
     return output
 

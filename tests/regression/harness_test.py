@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """What the comparison of trajectories and the bands rest on."""
 import json
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Simulated features are like those of a rendered world with the same objects on the same path.
 
     plausible_features.py BUILD

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Records what the regression suite compares with: values, bands, and the spread they come from.
 
     record.py [--build BUILD] [--keep-seeds] [CASE ...]

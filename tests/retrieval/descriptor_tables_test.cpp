@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "retrieval/descriptor_tables.h"
 
 #include <gtest/gtest.h>

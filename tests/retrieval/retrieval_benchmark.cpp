@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // What a query and an update of the place index cost, against the size of the map.
 //
 // Made-up descriptors as uneven as real ones: each is one of 3000 patterns with 70 bits turned

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The Python reader of feature files against files of simulate_features. Arguments: the program,
 the folder of the reader."""
 import math

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/common/rig_error.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cmath>
@@ -71,8 +72,8 @@ inline Landmark make_landmark(std::uint32_t id, const Eigen::Vector3d& p_w,
 inline std::shared_ptr<const FrameFeatures> all_aligned(const FrameFeatures& features) {
   std::vector<FrameFeatures::Aligned> places;
   for (std::size_t i = 0; i < features.size(); ++i) {
-    places.push_back(
-        {static_cast<std::uint32_t>(i), features.keypoint(i).x, features.keypoint(i).y});
+    const RigCorrection::Measured m = features.measured(i);
+    places.push_back({static_cast<std::uint32_t>(i), m.u, m.v});
   }
   return std::make_shared<const FrameFeatures>(features.with_aligned(places));
 }
@@ -83,17 +84,27 @@ struct SeenFeatures {
   std::vector<std::size_t> points;
 };
 
+/// \param rig if given, the cameras measure what a rig that needs this correction measures, rows
+/// included
 inline SeenFeatures see(const FeatureWorld& world, std::int64_t index, const Rigid3& T_w_c,
-                        bool with_stereo = true) {
+                        bool with_stereo = true, const RigCorrection* rig = nullptr) {
   SeenFeatures seen;
   StereoFrame frame = world.look(index, T_w_c, &seen.points);
-  std::vector<float> u_right;
-  for (const Keypoint& k : frame.right_features->keypoints) {
-    u_right.push_back(with_stereo ? k.x : kNoStereo);
+  RightPositions right;
+  for (std::size_t i = 0; i < frame.right_features->size(); ++i) {
+    const float u = frame.right_features->keypoints[i].x;
+    right.u.push_back(with_stereo ? u : kNoStereo);
+    if (rig == nullptr) continue;
+    Keypoint& k = frame.left_features->keypoints[i];
+    const Eigen::Vector2f at = rig->measured_right(k.x, k.y, u).cast<float>();
+    if (with_stereo) right.u.back() = at.x();
+    right.v.push_back(at.y());
+    const Eigen::Vector2f left = rig->measured_left(k.x, k.y).cast<float>();
+    k.x = left.x();
+    k.y = left.y();
   }
-  seen.features =
-      std::make_shared<const FrameFeatures>(world.camera(), std::move(*frame.left_features),
-                                            std::move(u_right), std::vector<kys::Prior>{});
+  seen.features = std::make_shared<const FrameFeatures>(
+      world.camera(), std::move(*frame.left_features), std::move(right), std::vector<kys::Prior>{});
   return seen;
 }
 
@@ -106,13 +117,15 @@ struct WorldMap {
 
 /// \param disparity_error px, contained in every measured disparity
 /// \param wanted which points become landmarks; null: all
+/// \param rig as for see()
 inline WorldMap map_of_world(const FeatureWorld& world, const std::vector<Rigid3>& poses,
                              float disparity_error = 0, bool with_stereo = true,
-                             bool (*wanted)(std::size_t point) = nullptr) {
+                             bool (*wanted)(std::size_t point) = nullptr,
+                             const RigCorrection* rig = nullptr) {
   WorldMap result{Map(world.camera(), ScaleLevels(1.2, 8)), {}};
   std::vector<int> views(world.points().size(), 0);
   for (std::size_t k = 0; k < poses.size(); ++k) {
-    SeenFeatures seen = see(world, static_cast<std::int64_t>(k), poses[k], with_stereo);
+    SeenFeatures seen = see(world, static_cast<std::int64_t>(k), poses[k], with_stereo, rig);
     if (disparity_error != 0) {
       // A bias of the measurement, unknown to the features themselves.
       FeatureSet set{{seen.features->keypoints().begin(), seen.features->keypoints().end()},

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -136,13 +137,8 @@ TEST_F(BadInput, CalibrationIsCutOff) {
 }
 
 TEST_F(BadInput, TheRightCameraHasFewerImages) {
-  fs::remove(sequence() / "image_1" / image_name(7));
-  expect_refused({"image_1", "11 images", "image_0 has 12"});
-}
-
-TEST_F(BadInput, ARightImageHasAnotherNumber) {
-  fs::rename(sequence() / "image_1" / image_name(7), sequence() / "image_1" / image_name(77));
-  expect_refused({"000007"});
+  for (int i = 0; i < 7; ++i) fs::remove(sequence() / "image_1" / image_name(i));
+  expect_refused({"image_1", "5 images", "image_0 has 12", "only 5"});
 }
 
 TEST_F(BadInput, ThereIsNoRightCamera) {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <kys_slam/system.h>
 
@@ -47,7 +48,7 @@ DriveResult drive(double added, bool calibrate,
   system.finish();
   map_of(system).check_consistency();
   DriveResult run;
-  run.offset = map_of(system).disparity_offset();
+  run.offset = map_of(system).rig().offset();
   run.keyframes = static_cast<int>(map_of(system).keyframes().size());
   const Rigid3 T_0_w = weaving_pose(0).inverse();
   for (const FrameEstimate& estimate : system.trajectory()) {

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: BSD-3-Clause
 # Shows that mode `stock` is plain ORB matching: the same sequence through the usual build and through
 # a second one in which every descriptor distance is a plain popcount (KYS_PLAIN_POPCOUNT) must give
 # the same trajectories and the same map, byte for byte.
@@ -11,7 +12,7 @@
 # Exit status 0: identical; 1: they differ; 2: something could not be built or run.
 set -u
 if [ $# -lt 1 ]; then
-  sed -n '2,12s/^# \{0,1\}//p' "$0" >&2
+  sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0" >&2
   exit 2
 fi
 tree=$(cd "$(dirname "$0")/../.." && pwd)

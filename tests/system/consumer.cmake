@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 # Installs the core and kys from the build folder, and builds and runs a project that uses them.
 include(${CMAKE_CURRENT_LIST_DIR}/../support/installed_consumer.cmake)
 if(INSTALLED)  # what packaging/check_clean_root.sh put there

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Loops and saved maps as a user of the programs meets them, on simulated features of a round road.
 #include <gtest/gtest.h>
 #include <kys_slam/trajectory_file.h>

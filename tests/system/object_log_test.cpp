@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "system/object_log.h"
 
 #include <gtest/gtest.h>

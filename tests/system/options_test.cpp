@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Every options struct of the core, checked as a plain struct.
 #include <gtest/gtest.h>
 #include <kys/distance_model.h>
@@ -52,12 +53,12 @@ TEST(EveryOption, OfMapping) {
   expect_every_number_checked<KeyFrameCullingOptions>();
   expect_every_number_checked<FusionOptions>();
   expect_every_number_checked<LocalBundleOptions, BundleOptions>();
-  expect_every_number_checked<StereoCalibrationOptions>();
+  expect_every_number_checked<RigCalibrationOptions>();
   expect_every_number_checked<ThinningOptions>();
   expect_every_number_checked<TriangulationOptions, EpipolarOptions>();
   expect_every_number_checked<LocalMapperOptions, LandmarkCullingOptions, TriangulationOptions,
                               FusionOptions, LocalBundleOptions, KeyFrameCullingOptions,
-                              StereoCalibrationOptions, ThinningOptions>();
+                              RigCalibrationOptions, ThinningOptions>();
 }
 
 TEST(EveryOption, OfPlacesAndLoops) {
@@ -151,9 +152,9 @@ TEST(EveryOption, ClassesCheckWhatTheyAreMadeWith) {
   EXPECT_EQ(tracker(tracking), "");
   tracking.keyframes.min_inliers = 0;
   EXPECT_EQ(tracker(tracking), "keyframes.min_inliers must be between 3 and 60000, is 0");
-  StereoCalibrationOptions calibration;
+  RigCalibrationOptions calibration;
   calibration.keyframes = 1;
-  EXPECT_NE(refusal([&] { StereoCalibration{calibration}; }), "");
+  EXPECT_NE(refusal([&] { RigCalibration{calibration}; }), "");
   ThinningOptions thinning;
   thinning.patience = -1;
   EXPECT_NE(refusal([&] { Thinning{thinning}; }), "");

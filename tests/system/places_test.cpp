@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Loops, kidnapping and sub-maps, through the public interface.
 #include <gtest/gtest.h>
 #include <kys_slam/system.h>

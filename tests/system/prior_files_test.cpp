@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <kys_slam/calibration_hash.h>
 #include <kys_slam/prior_folder.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // What a robot's program does with the system beside feeding frames: views with strides, masks,
 // looking on from another thread, calls at the wrong time.
 #include <gtest/gtest.h>

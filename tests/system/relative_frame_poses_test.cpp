@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "system/relative_frame_poses.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Maps that are saved, loaded, extended and localised in, through the public interface.
 #include <gtest/gtest.h>
 #include <kys/prior.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
@@ -81,7 +82,7 @@ TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
   for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
   map_of(system).check_consistency();
-  EXPECT_NEAR(map_of(system).disparity_offset(), -0.4, 0.1);
+  EXPECT_NEAR(map_of(system).rig().offset(), -0.4, 0.1);
   const auto estimates = system.trajectory();
   // Frame to frame: the correction has to move landmarks and last frame together.
   for (std::size_t i = 1; i < kFrames; ++i) {

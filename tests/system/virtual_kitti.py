@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Converts a sequence of simulate_sequence (KITTI layout, with its ground truth) to Virtual KITTI 2.
 
     virtual_kitti.py WORLD FOLDER            FOLDER becomes SceneXX/VARIATION: frames/, *.txt

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """A simulated street as a Virtual KITTI 2 folder, from its pictures to a trajectory, beside the same
 frames as KITTI odometry with COCO panoptic maps.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/front_end.h"
 
 #include <gtest/gtest.h>
@@ -12,15 +13,15 @@ namespace {
 TEST(FrontEnd, AFrameInHandGetsTheNewDisparityOffset) {
   const testing::FeatureWorld world(testing::kitti_camera(), {});
   const kys::DistanceModel model;
-  FrontEnd front_end(world.camera(), OrbOptions{}, StereoOptions{}, model, nullptr);
+  FrontEnd front_end(world.camera(), OrbOptions{}, StereoOptions{}, RowOptions{}, model, nullptr);
   FrontEndResult seen = front_end.process(world.look(0, testing::weaving_pose(0)));
   const std::shared_ptr<const FrameFeatures> before = seen.features;
   front_end.renew(seen);
   EXPECT_EQ(seen.features, before) << "nothing changed";
 
-  front_end.set_disparity_offset(-0.25F);
+  front_end.set_rig(RigCorrection::of_offset(world.camera(), -0.25));
   front_end.renew(seen);
-  EXPECT_EQ(seen.features->disparity_offset(), -0.25F);
+  EXPECT_EQ(seen.features->rig().offset(), -0.25);
   ASSERT_EQ(seen.features->size(), before->size());
   int with_disparity = 0;
   for (std::size_t i = 0; i < before->size(); ++i) {

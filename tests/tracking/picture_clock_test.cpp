@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/picture_clock.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 # Debian packages: cpack -G DEB in the build folder. kys-slam: the programs; libkys-slam-dev: headers,
 # static libraries and CMake packages of kys and kys_slam.
 set(CPACK_GENERATOR DEB)

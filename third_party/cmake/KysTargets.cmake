@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 # How every target of this project is made: one warning level, one set of compile options.
 
 set(KYS_WARNING_OPTIONS -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wno-psabi

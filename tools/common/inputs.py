@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the Python tools share: an error for bad input, its message and exit status, CSV tables.
 Standard library only."""
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // evaluate_objects: moving objects of a run against what is true: position, speed, heading, and how
 // long each was followed under one identity.
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/evaluation.h>
 #include <kys_slam/sequence.h>
@@ -68,6 +69,13 @@ Trajectory read_trajectory(const std::string& path, Format format) {
   return trajectory;
 }
 
+std::string span_of(const std::vector<TimedPose>& poses) {
+  char text[100];
+  std::snprintf(text, sizeof text, "%.3f to %.3f s", poses.front().timestamp,
+                poses.back().timestamp);
+  return text;
+}
+
 Evaluation evaluate(const Arguments& arguments) {
   Trajectory reference = read_trajectory(arguments.reference, arguments.reference_format);
   Trajectory estimate = read_trajectory(arguments.estimate, arguments.estimate_format);
@@ -82,7 +90,13 @@ Evaluation evaluate(const Arguments& arguments) {
   if (T_b_c) {
     for (TimedPose& pose : reference.poses) pose.T_w_c = pose.T_w_c * *T_b_c;
   }
-  if (reference.has_stamps) return evaluate(reference.poses, estimate.poses, arguments.options);
+  if (reference.has_stamps) {
+    const Evaluation found = evaluate(reference.poses, estimate.poses, arguments.options);
+    if (found.pairs >= 2) return found;
+    throw InputError(arguments.estimate + ": only " + std::to_string(found.pairs) +
+                     " poses have a reference at their time: " + span_of(estimate.poses) + ", " +
+                     arguments.reference + " has " + span_of(reference.poses));
+  }
   if (reference.poses.size() != estimate.poses.size()) {
     throw InputError(arguments.estimate + ": " + std::to_string(estimate.poses.size()) +
                      " poses, but " + arguments.reference + " has " +

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "object_files.h"
 
 #include <kys_slam/error.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """How plausible simulated features are: rendered worlds beside features of the same objects on the same
 path.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Sequences of the known data sets under a folder, wherever in it they are."""
 import dataclasses
 import hashlib

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Tables of drives with traffic, from the rows of their runs.
 
     drive_tables.py DRIVES_CSV [DRIVES_CSV...]

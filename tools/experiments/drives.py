@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Drives with traffic and perception that errs, along real trajectories: a table over sequences,
 traffic, perception, modes of matching and seeds.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Figures of an experiment, with matplotlib, as PNG files."""
 import os
 import sys

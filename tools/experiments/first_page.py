@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The first page of the report: what the experiments say, and what differs from the paper."""
 import html
 import os

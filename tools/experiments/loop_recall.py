@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Which loops of a run exist, and which of those that exist it found.
 
 Reads `frames.csv`, `graph.csv` and `ground_truth.tum` of output folders of run_stereo_kitti or

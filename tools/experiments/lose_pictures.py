@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """A sequence as a camera records it that loses pictures: some are missing, others repeat the one before,
 or they get their time stamps too late.
 

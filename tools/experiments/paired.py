@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Statistics of paired runs: the same input, seed and case under two configurations."""
 import dataclasses
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Turns the experiments of configs/experiments into jobs of the workflow.
 
     plan.py --output DIR [--data ROOT] [--scale full|quick|miniature] [--only NAME ...]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Tables, figures and the report of a work folder (plan.py), complete or not.
 
     report.py WORK

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Results of a work folder as rows: the labels of a run with its figures."""
 import csv
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Programs run for experiments and tests: found, called, and their results read back as figures."""
 import csv
 import hashlib

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Does one job of a plan (plan.py): simulates an input, makes prior files, or runs the program.
 
     step.py WORK ID

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Tables as values, and how they are written: Markdown, CSV, LaTeX, HTML."""
 import csv
 import dataclasses

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Keypoints and stereo matches of a frame, coloured by tier (Supplement H).
 
     tier_picture.py SEQUENCE --priors DIR --output FILE.png [--mode kys] [--frame 30]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A drive to simulate features along where no recorded trajectory is at hand: round a block of
 houses, slower in corners, with a wait at every second one."""
 import math

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // calibrate_rig: the correction of a rig's calibration from the maps of several recordings.
 #include <fmt/format.h>
 #include <glog/logging.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // export_rig: a corrected calibration in the formats of OpenCV, Kalibr and ROS.
 #include <fmt/format.h>
 #include <glog/logging.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "fitted_rig.h"
 
 #include <ceres/autodiff_cost_function.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "marginals.h"
 
 #include <ceres/crs_matrix.h>

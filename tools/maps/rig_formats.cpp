@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "rig_formats.h"
 
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the adapters share: lists of images, atomic files, progress, resuming."""
 
 import argparse

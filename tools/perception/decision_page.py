@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A page that shows which things of a sequence were judged to move, and why.
 
     decision_page.py PRIORS SEQUENCE --output page.html [--truth ground_truth.csv] [--wrong]

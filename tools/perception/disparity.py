@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Disparity of rectified pairs, through RAFT flow from one image to the other, as PFM.
 
     disparity.py SEQUENCE/image_2 SEQUENCE/image_3 --output disparity [--right disparity_right]

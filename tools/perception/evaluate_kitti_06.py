@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Decisions about moving on real images with real segmentations, against a hand-checked truth.
 
     evaluate_kitti_06.py PRIORS [PRIORS ...] --classes SPACE.classes.csv [--list]

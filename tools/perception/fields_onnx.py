@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Optical flow (.flo) or disparity (.pfm) with any network as ONNX file, by ONNX Runtime.
 
     fields_onnx.py SEQUENCE/image_0 --model FLOW.yaml --output flow/left [--backward flow_back/left]

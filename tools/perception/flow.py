@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Optical flow with RAFT of torchvision: each frame to the next, as .flo under the first's name.
 
     flow.py SEQUENCE/image_2 --output flow/left [--backward flow_back/left]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Outputs of networks that ran elsewhere, as build_priors reads them.
 
     import_outputs.py unimatch-flow FOLDER --output flow/left [--backward flow_back/left]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """From the images of a stereo sequence to prior files, in one command.
 
     make_priors.py SEQUENCE --model NETWORK.yaml --output DIR [--weights FILE.onnx] \\

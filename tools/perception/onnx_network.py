@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the programs around ONNX networks share: the network with its YAML file, its input, threads."""
 
 import concurrent.futures

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Panoptic maps (COCO PNG + JSON) or class maps (8-bit PNG) with Mask2Former of transformers.
 
     panoptic.py SEQUENCE/image_2 --output panoptic/left

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Panoptic maps (COCO PNG + JSON) with any segmentation network as ONNX file, by ONNX Runtime.
 
     segment_onnx.py SEQUENCE/image_0 --model NETWORK.yaml --output panoptic/left [--weights FILE.onnx]

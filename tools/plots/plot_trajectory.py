@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Draws a run's trajectory, against ground truth when there is one, into a PNG.
 
     plot_trajectory.py RUN [--ground-truth FILE] [--output FILE] [--plane xz|xy]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // build_priors: perception outputs of a sequence in, prior files out.
 #include <kys_slam/error.h>
 #include <kys_slam/util/memory.h>
@@ -60,6 +61,11 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--label-space", a.label_space,
                  "Label space: built-in name, or path prefix of its two files")
       ->capture_default_str();
+  app.add_option(
+         "--panoptic-encoding", a.inputs.panoptic_encoding,
+         "Encoding of panoptic maps: coco (ids of DIR.json), two-channel (red category, green "
+         "instance), class-map (8-bit categories), vkitti (default: by DIR.json and content)")
+      ->transform(CLI::CheckedTransformer(panoptic_encodings()));
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   app.add_option("--disparity-encoding", a.inputs.disparity_encoding,

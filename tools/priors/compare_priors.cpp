@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // compare_priors: at how many ORB keypoints two sets of priors differ.
 #include <kys_slam/error.h>
 #include <kys_slam/feature_extractor.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "decision_errors.h"
 
 #include <kys/error.h>

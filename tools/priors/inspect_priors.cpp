@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // inspect_priors: what is in prior files, as text or pictures.
 #include <kys/error.h>
 #include <kys/label_space.h>

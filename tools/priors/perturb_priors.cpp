@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // perturb_priors: perception with errors put in, to build priors from (the paper's robustness
 // study). Segmentation: nested relabelling of thing segments. Flow: noise scaled by the flow's
 // length, or spatially correlated failure. A check of the disturbed flow against a clean backward

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // rectify_sequence: the rectified images of a sequence as PNG, as input of perception networks.
 // Priors are in the geometry of the rectified images.
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Precision and recall of "moving" per thing segment, and the exported motion it leads to.
 
     score_detection.py PRIORS ground_truth.csv [--motion motion.csv] [--min-area 200] [--mu-step 8] [--list]

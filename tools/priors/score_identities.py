@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Identities of thing segments over time against exact ones: IDF1 and switches.
 
     score_identities.py PRIORS ground_truth.csv [--camera left] [--min-area 200]

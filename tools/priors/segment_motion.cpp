@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // segment_motion: how far each thing segment really moves, from exact perception and poses.
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
@@ -20,6 +21,7 @@ using namespace kys_slam;
 struct Arguments {
   std::string sequence, output, disparity, label_space = "coco_panoptic_133";
   std::string panoptic[2], flow[2];
+  PanopticEncoding panoptic_encoding = PanopticEncoding::kAuto;
   FieldEncoding encoding = FieldEncoding::kUnspecified;
 };
 
@@ -97,7 +99,7 @@ void run(const Arguments& a) {
   std::string table = "frame,camera,input_id,shift_m,depth_m\n";
   std::vector<PanopticReader> readers;
   for (const std::string& folder : a.panoptic) {
-    if (!folder.empty()) readers.emplace_back(folder, labels);
+    if (!folder.empty()) readers.emplace_back(folder, labels, a.panoptic_encoding);
   }
   for (int camera = 0; camera < 2; ++camera) {
     if (a.panoptic[camera].empty() || a.flow[camera].empty()) continue;
@@ -122,6 +124,9 @@ int run(int argc, char** argv) {
   app.add_option("--flow-right", a.flow[1], "The same of the right camera");
   app.add_option("--output", a.output, "Table to write (CSV)")->required();
   app.add_option("--label-space", a.label_space, "Label space")->capture_default_str();
+  app.add_option("--panoptic-encoding", a.panoptic_encoding,
+                 "Of panoptic maps: coco, two-channel, class-map, vkitti (default: by content)")
+      ->transform(CLI::CheckedTransformer(panoptic_encodings()));
   const std::map<std::string, FieldEncoding> encodings = {{"kitti", FieldEncoding::kKitti},
                                                           {"vkitti", FieldEncoding::kVkitti}};
   app.add_option("--encoding", a.encoding, "Of PNGs: kitti, vkitti")

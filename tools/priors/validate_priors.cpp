@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // validate_priors: is there a sound prior file, made for this sequence, for every frame?
 #include <kys/label_space.h>
 #include <kys_slam/calibration_hash.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Word vectors out of FastText files, for a few words: .vec (text) and .bin (model with subwords).
 
 Nothing but the standard library; the files may be larger than memory.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the label spaces shipped in kys/data.
 
     import_tables.py --semantics FOLDER --output kys/data

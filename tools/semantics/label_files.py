@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reading and writing the class and table files of a label space (formats: kys/README.md)."""
 
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the semantic table of a label space from a FastText file (Eq. 1).
 
     make_table.py --classes kys/data/ade20k_150.classes.csv --vectors crawl-300d-2M.vec --output own

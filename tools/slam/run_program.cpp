@@ -1,8 +1,10 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "run_program.h"
 
 #include <fmt/format.h>
 #include <kys/mode_options.h>
 #include <kys_slam/error.h>
+#include <kys_slam/image_file.h>
 #include <kys_slam/pair_watch.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/read_ahead.h>
@@ -22,6 +24,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -49,6 +52,8 @@ struct Arguments {
   std::filesystem::path output;
   std::string schedule = "pipelined";
   std::string pair;
+  std::optional<double> tolerance;
+  std::vector<std::filesystem::path> masks;
   std::int64_t start = 0;
   std::optional<std::int64_t> frames;
   bool quiet = false;
@@ -92,6 +97,15 @@ void declare(CLI::App& app, Arguments& a) {
                  "cameras of a KITTI odometry sequence: grey (image_0, image_1; default if they "
                  "exist) or colour (image_2, image_3)")
       ->check(CLI::IsMember({"grey", "colour"}));
+  app.add_option(
+         "--tolerance", a.tolerance,
+         "s, largest time difference of the images of a pair (EuRoC, TUM-VI; default: 0.003)")
+      ->check(CLI::Range(0.0, 1000.0));
+  app.add_option(
+         "--mask", a.masks,
+         "8-bit PNG of what no frame uses (the robot itself), 0 = use: of the left camera, or "
+         "of both")
+      ->expected(1, 2);
   app.add_option("--start", a.start, "first frame, from 0")->check(whole_number(0));
   app.add_option("--frames", a.frames, "number of frames (default: to the end)")
       ->check(whole_number(1));
@@ -168,8 +182,9 @@ struct Pace {
 };
 
 /// Feeds frames until the end or an interrupt, which is noted in `info`.
-void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> total, bool quiet,
-              const Pace& pace, InterruptGuard& guard, RunInfo& info) {
+void feed_all(System& system, FrameSource& source, const StereoMasks& masks,
+              std::optional<std::int64_t> total, bool quiet, const Pace& pace,
+              InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
   std::set<std::string> told;  // each warning once; summary.json has how often
@@ -186,7 +201,7 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
       const double due_ms = pace.due_ms(frame->timestamp - *first_time, done);
       guard.wait_for(std::chrono::duration<double, std::milli>(due_ms - clock.elapsed_ms()));
     }
-    const FrameReport report = system.feed(*frame);
+    const FrameReport report = system.feed(*frame, masks);
     if (report.status == FrameStatus::kLost) {
       spdlog::debug("frame {} lost: {}", report.index, report.reason);
     }
@@ -199,14 +214,15 @@ void feed_all(System& system, FrameSource& source, std::optional<std::int64_t> t
 }
 
 /// To the end of the frames, and of what the back end still has in hand.
-void track(System& system, FrameSource& frames, const Arguments& a, const Pace& pace,
-           const Stopwatch& start_up, InterruptGuard& guard, RunInfo& info, Failures& failures) {
+void track(System& system, FrameSource& frames, const StereoMasks& masks, const Arguments& a,
+           const Pace& pace, const Stopwatch& start_up, InterruptGuard& guard, RunInfo& info,
+           Failures& failures) {
   const double cpu_before = process_figures().cpu_seconds();
   info.start_up_s = start_up.elapsed_ms() / 1000;
   const Stopwatch wall;
   failures.guard([&] {
     ReadAhead source(frames);
-    feed_all(system, source, frames.size(), a.quiet, pace, guard, info);
+    feed_all(system, source, masks, frames.size(), a.quiet, pace, guard, info);
   });
   failures.guard([&] {
     const Waiting waiting("finishing the map",
@@ -341,12 +357,32 @@ FrameInput open_input(const RunProgram& program, const Arguments& a) {
   options.start = a.start;
   options.frames = a.frames;
   options.pair = parse_camera_pair(a.pair);
+  if (a.tolerance) options.pairing_tolerance = *a.tolerance;
   try {
-    return open_frame_input(a.sequence, options, program.open);
+    FrameInput input = open_frame_input(a.sequence, options, program.open);
+    const auto* sequence = dynamic_cast<const Sequence*>(input.frames.get());
+    if (a.tolerance && (sequence == nullptr || !sequence->paired_by_time())) {
+      throw InputError(a.sequence.string() +
+                       ": images are paired by number, --tolerance does not apply");
+    }
+    return input;
   } catch (const InputError&) {
     if (!looks_like_sequence(a.sequence)) explain_mistake(a.sequence);
     throw;
   }
+}
+
+/// Masks of all frames; empty ones use all pixels.
+StereoMasks read_masks(const std::vector<std::filesystem::path>& files,
+                       const StereoCamera& camera) {
+  std::array<GrayImage, 2> masks;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    masks[i] = read_indexed(files[i]);
+    if (masks[i].width() == camera.width && masks[i].height() == camera.height) continue;
+    throw InputError(fmt::format("{}: a mask of {}x{} px; images are {}x{}", files[i].string(),
+                                 masks[i].width(), masks[i].height(), camera.width, camera.height));
+  }
+  return {std::move(masks[0]), std::move(masks[1])};
 }
 
 int run(const RunProgram& program, const Arguments& a) {
@@ -365,6 +401,10 @@ int run(const RunProgram& program, const Arguments& a) {
   info.mode = settings.get("kys.mode");
   info.recording = input.recording;
   info.ground_truth = input.ground_truth;
+  info.left_out = input.left_out;
+  info.warnings = input.notes;
+  for (const std::string& note : input.notes) spdlog::warn("{}", printable(note));
+  const StereoMasks masks = read_masks(a.masks, input.frames->camera());
   const std::filesystem::path output =
       a.output.empty() ? std::filesystem::path("runs") / (info.sequence + "-" + info.mode)
                        : a.output;
@@ -388,7 +428,7 @@ int run(const RunProgram& program, const Arguments& a) {
   InterruptGuard guard([&] { system.interrupt(); });
   PairWatch watched(*input.frames,
                     [](const std::string& warning) { spdlog::warn("{}", printable(warning)); });
-  track(system, watched, a, pace, start_up, guard, info, failures);
+  track(system, watched, masks, a, pace, start_up, guard, info, failures);
   if (!watched.warning().empty()) info.warnings.push_back(watched.warning());
   if (priors.missing) info.missing_priors = priors.missing();
   RunOutcome outcome;
@@ -407,13 +447,10 @@ int run(const RunProgram& program, const Arguments& a) {
   }
   failures.print(program.name);
   if (failures.status() != 0) return failures.status();
-  const std::size_t frames = outcome.trajectory.size();
-  if (2 * outcome.tracked < static_cast<std::int64_t>(frames)) {
-    fmt::print(stderr, "{}: tracking failed: {} of {} frames tracked\n", program.name,
-               outcome.tracked, frames);
-    return kTrackingFailed;
-  }
-  return 0;
+  const std::string failure = describe_failure_to_track(system, outcome);
+  if (outcome.trajectory.empty() || failure.empty()) return 0;
+  fmt::print(stderr, "{}: {}\n", program.name, failure);
+  return kTrackingFailed;
 }
 
 }  // namespace

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 // All headers of the library but matcher.h, which is for C++11, and option_list.h, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Limits of files, memory, threads and descriptors."""
 import os
 import resource

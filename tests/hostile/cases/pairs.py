@@ -1,10 +1,11 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibrations and pairs of images."""
 import os
 import shutil
 import time
 
 from harness import (DISPARITY, FRAMES, FX, HEIGHT, WIDTH, case, complete, expect, make_euroc,
-                     passed, png, refusals, refused, wall, write_calibration)
+                     passed, png, refusals, refused, saved, wall, write_calibration)
 
 
 def calibration(**values):
@@ -19,8 +20,18 @@ def same_images(f):
 refusals("pair", {
     "absurd_focal_length": (calibration(fx=1e30), ["calib.txt", "focal length"]),
     "right_camera_above": (calibration(ty=100.0), ["calib.txt", "above or below"]),
-    "left_is_right": (same_images, ["000000.png", "same picture"]),
 })
+
+
+@case
+def pair_left_is_right(f, programs):
+    same_images(f)
+    result = programs.kitti(f)
+    expect(result.status == 2, f"status {result.status}")
+    warning, error = result.err.splitlines()
+    expect("same picture" in warning, result.err)
+    expect("000004" in error and "give the images of two cameras" in error, result.err)
+    saved(f, 4)
 
 
 def warned(f, result, *parts):

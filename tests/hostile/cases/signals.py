@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Signals."""
 import os
 import signal
@@ -8,7 +9,7 @@ from harness import CASES, FRAMES, case, complete, expect, passed, saved
 
 def slow_run(f, programs, *arguments, before=None):
     """A run that waits for its second frame."""
-    f.write("seq/times.txt", "".join(f"{1000 * i}\n" for i in range(FRAMES)))
+    f.write("seq/times.txt", "".join(f"{10 * i}\n" for i in range(FRAMES)))
     process = programs.start("run_stereo_kitti", [f.sequence, "--output", f.output, "--quiet",
                                                   *arguments], before=before)
     end = time.monotonic() + 20

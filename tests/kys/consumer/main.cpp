@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // Another ORB SLAM's matcher, reduced to what touches kys: exits with 0 when all is as expected.
 
 #include <kys/kys.h>

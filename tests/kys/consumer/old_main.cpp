@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // An ORB SLAM of an older C++ standard: only kys/matcher.h, descriptors as bytes. Exits with 0 when
 // the distances are those of README.md's formulas.
 #include <kys/matcher.h>

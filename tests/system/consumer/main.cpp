@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // A robot's program with a stereo camera of its own, reduced to what touches kys_slam: the camera
 // drives along a wall it makes up (wall.h). Exits with 0 when the poses are right.
 #include <kys_slam/error.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 // make_sequence FOLDER: the frames along the wall as a sequence in KITTI's layout, and the same
 // camera as a raw one in Kalibr's format (FOLDER/camchain.yaml).
 #include <kys_slam/image_file.h>

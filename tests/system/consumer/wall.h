@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 // What a camera sees that drives along a wall: images of known geometry, for the programs here.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reads feature files (README.md, versions 1 and 2). Needs NumPy.
 
     from feature_file import FeatureFile

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/features/feature_world.h"
 
 #include <kys_slam/check_options.h>

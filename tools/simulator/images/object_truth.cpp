@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/images/object_truth.h"
 
 #include <fmt/printf.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/images/ray_kernel.h"
 
 #if __has_include(<embree4/rtcore.h>)

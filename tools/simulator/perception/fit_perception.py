@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Fits the numbers of perception_levels.inc to what build_priors does on rendered worlds.
 
     fit_perception.py WORLD:EXACT:ESTIMATED [...] > perception_levels.inc
@@ -133,6 +134,7 @@ def main():
     if len({row["moving"] for row in rows}) < 2:
         inputs.fail("needs segments that move and segments that do not")
     worlds = ", ".join(os.path.basename(os.path.normpath(s[0])) for s in sources)
+    print("// SPDX-License-Identifier: BSD-3-Clause")
     print(f"// Written by fit_perception.py from {len(rows)} segments of {worlds}.")
     for name in ("exact", "estimated"):
         level, counts = fit(rows, name)

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/traffic/object_motion.h"
 
 #include <cmath>

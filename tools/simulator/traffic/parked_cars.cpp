@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/traffic/parked_cars.h"
 
 #include <algorithm>

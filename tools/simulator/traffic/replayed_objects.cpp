@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include "simulator/traffic/replayed_objects.h"
 
 #include <kys_slam/error.h>

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+
+#include "map/frame_features.h"
+
+namespace kys_slam {
+
+inline constexpr const char* kSamePicture = "the left and the right image are the same picture";
+
+/// Appends a phrase to a report's warning.
+void add_phrase(std::string& text, const std::string& phrase);
+
+/// Whether a half image that shows nothing does so since what the other camera sees there is
+/// shifted to the other half: a near wall without corners. A camera that is dead there leaves the
+/// keypoints of the other one without matches.
+bool is_by_parallax(const std::string& fault, const FrameFeatures& left, int width);
+
+}  // namespace kys_slam
