@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibration by recordings: kys-slam calibrate, and runs that begin with its output."""
 
 import json

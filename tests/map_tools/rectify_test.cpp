@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/rig_rows.h>
