@@ -30,7 +30,7 @@ struct RowFit {
 
 /// Fits the correction to rows alone: robust least squares with the prior. Directions that rows do
 /// not show stay at `start`, which is the mean of the prior.
-/// \param prior covariance of the parameters around those of `start`; not changed parameters have
+/// \param start mean and covariance of the prior; parameters that do not change have
 /// variance zero
 RowFit fit_rows(const StereoCamera& given, std::span<const RowObservation> observations,
                 const RigEstimate& start);

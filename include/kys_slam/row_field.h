@@ -21,7 +21,8 @@ enum class RowVerdict : std::uint8_t {
 };
 
 /// Differences of rows between the images of a rectified pair, v of the right image less v of the
-/// left one, over the left image. They are zero when the calibration is right.
+/// left one, over the left image: what a given correction leaves of them. They are zero when the
+/// calibration is right.
 struct RowField {
   static constexpr std::size_t kColumns = 6, kRows = 4;  ///< of cells of equal size
   static constexpr std::size_t kLeastInCell = 8;         ///< matches; with fewer, it has no median
@@ -38,7 +39,7 @@ struct RowField {
   std::size_t stereo_matches = 0;  ///< also those whose row is not measured
   std::vector<RowObservation> matches;
   std::array<std::array<Cell, kColumns>, kRows> cells;
-  RowFit fit;  ///< of all matches, by fit_rows() from the given calibration and rig_prior()
+  RowFit fit;  ///< of all matches, by fit_rows() from what the meter was given
 
   /// \param min_field px; a field (RowFit::field) above it is one that matters
   [[nodiscard]] RowVerdict verdict(double min_field = kMinField) const;
@@ -54,7 +55,10 @@ struct RowField {
 /// also without motion; together they should fill the image.
 class RowMeter {
  public:
-  explicit RowMeter(const StereoCamera& camera);
+  /// \param known a correction of the calibration that is applied (`kys-slam calibrate`), and what
+  /// it is worth
+  explicit RowMeter(const StereoCamera& camera,
+                    const RigEstimate& known = {RigCorrection(), rig_prior()});
   RowMeter(RowMeter&&) noexcept;
   RowMeter& operator=(RowMeter&&) noexcept;
   ~RowMeter();

@@ -11,7 +11,7 @@ import numpy as np
 import kys_slam
 from kys_slam import InputError
 from kys_slam.cli_errors import CANNOT_TELL, library_warns
-from kys_slam.cli_input import open_recording
+from kys_slam.cli_input import correction_of, open_recording
 from kys_slam.cli_output import must_be_new
 
 _STRIDE = 10  #: frames of a stream between pairs: neighbours show the same
@@ -26,7 +26,7 @@ def check(args) -> int:
         recording = open_recording(argparse.Namespace(**{**vars(args), "frames": None}))
         if not recording.has_images:
             raise InputError(f"{recording.name}: holds features; the check needs images")
-        result = _measure(recording, args.frames)
+        result = _measure(recording, correction_of(args), args.frames)
     print(json.dumps(result.as_json(), indent=2) if args.json else result.as_text())
     if args.plot:
         from kys_slam.plot_rows import draw_rows
@@ -81,8 +81,9 @@ class _Result:
             f"  {'field':<22} {f.field:.2f} px (root mean square)", "", self.verdict])
 
 
-def _measure(recording, wanted: int) -> _Result:
-    meter, history = kys_slam.RowMeter(recording.camera), kys_slam.PairHistory()
+def _measure(recording, correction: Optional[str], wanted: int) -> _Result:
+    """correction: of the calibration, whose rest is measured."""
+    meter, history = kys_slam.RowMeter(recording.camera, correction), kys_slam.PairHistory()
     first: Optional[np.ndarray] = None
     only = ""
     for frame in _pairs(recording, wanted):

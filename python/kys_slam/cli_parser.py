@@ -133,7 +133,7 @@ def _add_check(commands) -> None:
         "check", help="how well the pairs of a recording are rectified",
         description="Measures by how much rows differ between left and right images, over the image: "
         "zero for a rectified pair with a right calibration. Takes what `run` takes; no motion is "
-        "needed. Exit status 0 whatever the result, 3 when too few matches are found to tell.")
+        "needed. With a calibration that has a correction in it, what that leaves is measured. Exit status 0 whatever the result, 3 when too few matches are found to tell.")
     _add_input(p)
     p.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
     p.add_argument("--frames", type=_whole(1), default=5, metavar="N",

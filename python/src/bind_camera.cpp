@@ -130,7 +130,20 @@ void bind_rows(nb::module_& m) {
   nb::class_<RowMeter>(m, "RowMeter",
                        "Measures the rows of stereo matches in pairs of one camera, to show how "
                        "well they are rectified. The pairs may show anything with texture.")
-      .def(nb::init<const StereoCamera&>(), "camera"_a)
+      .def(
+          "__init__",
+          [](RowMeter* self, const StereoCamera& camera,
+             const std::optional<std::filesystem::path>& correction) {
+            if (correction) {
+              new (self) RowMeter(camera, read_rig_correction(*correction, camera));
+            } else {
+              new (self) RowMeter(camera);
+            }
+          },
+          "camera"_a, "correction"_a = nb::none(),
+          "`correction`: a calibration file with a correction of the camera's calibration, which "
+          "is "
+          "applied; what it leaves is measured.")
       .def(
           "add",
           [](RowMeter& meter, const AnyArray& left, const AnyArray& right, bool bgr) {

@@ -29,7 +29,7 @@ double median_or_nan(std::vector<double>& values) {
 }
 
 Cells cells_of(const StereoCamera& camera, const std::vector<RowObservation>& matches,
-               const RigCorrection& correction) {
+               const RigCorrection& given, const RigCorrection& fitted) {
   struct Values {
     std::vector<double> before, after;
   };
@@ -38,8 +38,8 @@ Cells cells_of(const StereoCamera& camera, const std::vector<RowObservation>& ma
     const RigCorrection::Measured& m = match.measured;
     Values& cell = values[cell_of(m.v, camera.height, RowField::kRows)]
                          [cell_of(m.u, camera.width, RowField::kColumns)];
-    cell.before.push_back(static_cast<double>(m.v_right) - static_cast<double>(m.v));
-    cell.after.push_back(correction.pair(m).row);
+    cell.before.push_back(given.pair(m).row);
+    cell.after.push_back(fitted.pair(m).row);
   }
   Cells cells;
   for (std::size_t row = 0; row < RowField::kRows; ++row) {
@@ -93,13 +93,16 @@ std::string RowField::describe(double min_field) const {
 }
 
 struct RowMeter::Impl {
-  explicit Impl(const StereoCamera& camera_in) : camera(camera_in) {}
+  Impl(const StereoCamera& camera_in, const RigEstimate& known_in)
+      : camera(camera_in),
+        known{RigCorrection(camera_in, known_in.correction.parameters()), known_in.covariance} {}
 
   [[nodiscard]] StereoView view(std::size_t side) const {
     return {&features[side], {}, &extractors[side].pyramid()};
   }
 
   StereoCamera camera;
+  RigEstimate known;
   ScaleLevels scales{OrbOptions().scale_factor, OrbOptions().levels};
   std::array<OrbExtractor, 2> extractors{OrbExtractor(OrbOptions()), OrbExtractor(OrbOptions())};
   std::array<FeatureSet, 2> features;  // left, right, of the last pair
@@ -107,7 +110,8 @@ struct RowMeter::Impl {
   RowField measured;  // without cells and fit
 };
 
-RowMeter::RowMeter(const StereoCamera& camera) : impl_(new Impl(camera)) {}
+RowMeter::RowMeter(const StereoCamera& camera, const RigEstimate& known)
+    : impl_(new Impl(camera, known)) {}
 RowMeter::RowMeter(RowMeter&&) noexcept = default;
 RowMeter& RowMeter::operator=(RowMeter&&) noexcept = default;
 RowMeter::~RowMeter() = default;
@@ -124,10 +128,11 @@ void RowMeter::add(const GrayImage& left, const GrayImage& right) {
   s.extractors[1].extract(right, s.features[1]);
   kys::Statistics statistics;
   const std::vector<float> u_right =
-      match_stereo(s.camera, s.scales, s.view(0), s.view(1), StereoOptions(), s.model, statistics)
+      match_stereo(s.camera, s.scales, s.view(0), s.view(1), StereoOptions(), s.model, statistics,
+                   nullptr, s.known.correction)
           .u;
   const std::vector<float> v_right =
-      measure_rows(s.view(0), s.view(1), u_right, RigCorrection(), u_right.size() + 1);
+      measure_rows(s.view(0), s.view(1), u_right, s.known.correction, u_right.size() + 1);
   ++s.measured.pairs;
   for (std::size_t i = 0; i < u_right.size(); ++i) {
     if (std::isnan(u_right[i])) continue;
@@ -140,8 +145,9 @@ void RowMeter::add(const GrayImage& left, const GrayImage& right) {
 
 RowField RowMeter::field() const {
   RowField field = impl_->measured;
-  field.fit = fit_rows(impl_->camera, field.matches, {RigCorrection(), rig_prior()});
-  field.cells = cells_of(impl_->camera, field.matches, field.fit.rig.correction);
+  field.fit = fit_rows(impl_->camera, field.matches, impl_->known);
+  field.cells =
+      cells_of(impl_->camera, field.matches, impl_->known.correction, field.fit.rig.correction);
   return field;
 }
 

@@ -19,10 +19,11 @@
 namespace kys_slam::simulator {
 namespace {
 
-RowField measure(const World& world, const std::vector<int>& frames) {
+RowField measure(const World& world, const std::vector<int>& frames,
+                 const RigEstimate& known = {RigCorrection(), rig_prior()}) {
   const RenderAssets assets(world);
   FrameRenderer renderer(assets);
-  RowMeter meter(world.rectified);
+  RowMeter meter(world.rectified, known);
   for (const int frame : frames) {
     GrayImage left = renderer.image(frame, 0), right = renderer.image(frame, 1);
     if (world.layout == Layout::kEuroc) {
@@ -137,6 +138,17 @@ TEST(Rows, APerfectPairIsRectified) {
     EXPECT_EQ(field.describe().rfind("rectified (rows agree to 0.0", 0), 0U) << field.describe();
     EXPECT_EQ(field.verdict(0), RowVerdict::kUnrectified) << "nothing agrees to 0 px";
   }
+}
+
+TEST(Rows, WhatAGivenCorrectionLeavesIsMeasured) {
+  World world = make_world({"street", 3, 12, 1241, 376});
+  apply_rig_error(world, make_rig_error("kitti", world.rectified));
+  const RowField bent = measure(world, {0, 10});
+  ASSERT_EQ(bent.verdict(), RowVerdict::kUnrectified);
+  const RowField left = measure(world, {0, 10}, bent.fit.rig);
+  EXPECT_EQ(left.verdict(), RowVerdict::kRectified) << left.describe();
+  EXPECT_LT(left.fit.field, 0.05);
+  EXPECT_LT(left.fit.sigma_before, 1.5 * bent.fit.sigma_after);
 }
 
 TEST(Rows, PairsWithoutTextureTellNothing) {
