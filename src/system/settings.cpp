@@ -26,9 +26,9 @@ void describe(kys::OptionList& list, ControlOptions& o) {
 void describe(kys::OptionList& list, SettingsData& o) {
   describe(list, o.orb);
   describe(list, o.stereo);
-  describe(list, o.rows);
   describe(list, o.tracking);
   describe(list, o.mapping);
+  describe(list, o.rows);
   describe(list, o.loop);
   describe(list, o.full_bundle);
   describe(list, o.relocalization);
