@@ -76,7 +76,7 @@ class Rig:
         return [path]
 
     def opencv(self, path):
-        text = "%YAML:1.0\n---\n"
+        text = "%YAML:1.0\n---\ndistortion_model: radtan\n"
         for name, values in (("M1", self.matrix(0)), ("M2", self.matrix(1)), ("D1", self.D[:1]),
                              ("D2", self.D[1:]), ("R", self.T[:3, :3]), ("T", self.T[:3, 3:])):
             rows, cols = np.shape(values)
