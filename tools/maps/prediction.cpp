@@ -72,14 +72,14 @@ Prediction predict(const StereoCamera& given, const RigCorrection& rig, const Ei
   const Eigen::Matrix2d right_by_ray = right_inverse * f.asDiagonal();
 
   // Where corrected positions stay, measured ones move against the correction.
-  constexpr int kLens = at(RigParameter::kRightK1) - at(RigParameter::kLeftK1);
+  constexpr int kLensTerms = at(RigParameter::kRightK1) - at(RigParameter::kLeftK1);
   constexpr int kOfRight = at(RigParameter::kBaselineY) - at(RigParameter::kRightK1);
   RigJacobian left_by_rig = RigJacobian::Zero(), right_by_rig = RigJacobian::Zero();
-  left_by_rig.leftCols<kLens>() = -left_inverse * J.topLeftCorner<2, kLens>();
+  left_by_rig.leftCols<kLensTerms>() = -left_inverse * J.topLeftCorner<2, kLensTerms>();
   left_by_rig.col(at(RigParameter::kFocal)) = (left - c) / scale;
   RigJacobian corrected = RigJacobian::Zero();  // the right position; J is of left less right
-  corrected.row(0).segment<kOfRight>(kLens) = -J.row(2).segment<kOfRight>(kLens);
-  corrected.row(1).segment<kOfRight>(kLens) = J.row(3).segment<kOfRight>(kLens);
+  corrected.row(0).segment<kOfRight>(kLensTerms) = -J.row(2).segment<kOfRight>(kLensTerms);
+  corrected.row(1).segment<kOfRight>(kLensTerms) = J.row(3).segment<kOfRight>(kLensTerms);
   right_by_rig = -right_inverse * corrected;
   right_by_rig.col(at(RigParameter::kBaselineY)) = right_by_ray * ray.by_baseline_y;
   right_by_rig.col(at(RigParameter::kBaselineZ)) = right_by_ray * ray.by_baseline_z;
