@@ -16,7 +16,7 @@ import sys
 
 from harness import BuildFolder, load, make_input, run, status_of
 
-CASES = ("block", "drive_pipelined", "street_verified")
+CASES = ("block", "drive_pipelined", "street_rig", "street_verified")
 MEASURED = ("ms_", "resident_mb")  # columns of frames.csv, by how they begin
 
 
