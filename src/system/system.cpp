@@ -138,7 +138,9 @@ void System::start_rig(const RigEstimate& rig) {
   if (s.count > 0 || s.map_loaded) {
     throw LogicError("a correction of the rig is given before the first frame and any map");
   }
-  const RigEstimate own{RigCorrection(s.camera, rig.correction.parameters()), rig.covariance};
+  RigEstimate own{RigCorrection(s.camera, rig.correction.parameters()), rig.covariance};
+  // What is said to be exact is known to a thousandth of what is usual: estimates divide by it.
+  own.covariance.diagonal() += 1e-6 * rig_prior().diagonal();
   s.front_end.start_rig(own);
   s.runner.start_rig(own);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
+#include <kys_slam/logic_error.h>
 #include <kys_slam/system.h>
 
 #include <string>
@@ -90,6 +91,27 @@ TEST(SystemCalibration, ARigWithoutErrorIsNotTouched) {
   ASSERT_GE(with.keyframes, 12) << "the offset was never looked for";
   EXPECT_EQ(with.offset, 0);
   EXPECT_LT(with.error, 0.1);
+}
+
+/// As from a file that states no uncertainty.
+TEST(SystemCalibration, ARunMayBeginWithACorrectionThatIsSaidToBeExact) {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.2;
+  options.length = 100;
+  options.points = 8000;
+  options.max_features = 800;
+  const FeatureWorld world(testing::kitti_camera(), options);
+  System system(world.camera(), Settings(), Schedule::kSequential);
+  RigCorrection::Parameters parameters = RigCorrection::Parameters::Zero();
+  constexpr int kRoll = static_cast<int>(RigParameter::kRoll);
+  parameters[kRoll] = 1e-4;
+  system.start_rig(RigCorrection(world.camera(), parameters));
+  for (int i = 0; i < 30; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
+  system.finish();
+  const RigReport rig = system.rig();
+  EXPECT_TRUE(rig.applied.correction.bends());
+  EXPECT_NEAR(rig.applied.correction.parameters()[kRoll], 1e-4, 3e-5);
+  EXPECT_THROW(system.start_rig({}), LogicError) << "after the first frame";
 }
 
 }  // namespace
