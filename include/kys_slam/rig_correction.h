@@ -105,6 +105,7 @@ class RigCorrection {
 
  private:
   [[nodiscard]] Eigen::Vector2d normalised(double u, double v) const;
+  [[nodiscard]] Eigen::Vector2d pixel(const Eigen::Vector2d& ray, double scale) const;
   [[nodiscard]] Eigen::Vector2d left_ray(const Eigen::Vector2d& measured) const;
   [[nodiscard]] Eigen::Vector2d right_ray(const Eigen::Vector2d& measured) const;
   /// b / Z of two rays.

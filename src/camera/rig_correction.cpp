@@ -61,6 +61,10 @@ Eigen::Vector2d RigCorrection::normalised(double u, double v) const {
   return {(u - given_.cx) / (given_.fx * scale_), (v - given_.cy) / (given_.fy * scale_)};
 }
 
+Eigen::Vector2d RigCorrection::pixel(const Eigen::Vector2d& ray, double scale) const {
+  return {given_.fx * scale * ray.x() + given_.cx, given_.fy * scale * ray.y() + given_.cy};
+}
+
 Eigen::Vector2d RigCorrection::left_ray(const Eigen::Vector2d& m) const {
   return m + lens_terms(m) * parameters_.segment<kLensTerms>(at(RigParameter::kLeftK1));
 }
@@ -78,14 +82,12 @@ double RigCorrection::inverse_depth(double x_left, double x_right) const {
 
 Eigen::Vector2d RigCorrection::left(double u, double v) const {
   if (!bends_) return {u, v};
-  const Eigen::Vector2d ray = left_ray(normalised(u, v));
-  return {given_.fx * ray.x() + given_.cx, given_.fy * ray.y() + given_.cy};
+  return pixel(left_ray(normalised(u, v)), 1);
 }
 
 Eigen::Vector2d RigCorrection::right(double u, double v) const {
   if (!bends_) return {u - offset(), v};
-  const Eigen::Vector2d ray = right_ray(normalised(u, v));
-  return {given_.fx * ray.x() + given_.cx, given_.fy * ray.y() + given_.cy};
+  return pixel(right_ray(normalised(u, v)), 1);
 }
 
 RigCorrection::Ideal RigCorrection::pair(const Measured& m) const {
@@ -113,7 +115,7 @@ Eigen::Vector2d RigCorrection::measured_left(double u, double v) const {
   if (!bends_) return {u, v};
   const Eigen::Vector2d m = invert({(u - given_.cx) / given_.fx, (v - given_.cy) / given_.fy},
                                    [&](const Eigen::Vector2d& at_m) { return left_ray(at_m); });
-  return {given_.fx * scale_ * m.x() + given_.cx, given_.fy * scale_ * m.y() + given_.cy};
+  return pixel(m, scale_);
 }
 
 Eigen::Vector2d RigCorrection::measured_right(double u, double v, double u_right) const {
@@ -125,7 +127,7 @@ Eigen::Vector2d RigCorrection::measured_right(double u, double v, double u_right
       ((v - given_.cy) / given_.fy - (*this)[RigParameter::kBaselineY] * q) / nearer);
   const Eigen::Vector2d m =
       invert(ray, [&](const Eigen::Vector2d& at_m) { return right_ray(at_m); });
-  return {given_.fx * scale_ * m.x() + given_.cx, given_.fy * scale_ * m.y() + given_.cy};
+  return pixel(m, scale_);
 }
 
 Eigen::Vector2d RigCorrection::stretch(double u, double v) const {

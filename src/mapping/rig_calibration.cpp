@@ -63,6 +63,13 @@ constexpr int kLeastObservations = 300;
 constexpr double kMostFromPrior = 6;
 constexpr double kOffsetPrior = 1;  // px, standard deviation, of the offset alone
 
+/// Of all keyframes, m.
+double path_length(const Map& map) {
+  std::vector<Rigid3> poses;
+  map.keyframes().for_each([&](KeyFrameId, const KeyFrame& k) { poses.push_back(k.T_c_w); });
+  return camera_path_length(poses);
+}
+
 struct Whole {
   std::vector<KeyFrameId> poses;
   std::vector<LandmarkId> landmarks;
@@ -183,7 +190,7 @@ bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
   map.set_rig(*found);
-  const double before = camera_path_length(whole_map(map).problem.T_c_w);
+  const double before = path_length(map);
   // The poses of the estimate are those of its correction, which an offset may have lost.
   const bool begun = seen_ <= kMostKeyframes && map.rig() == view.problem.rig;
   if (begun) view.write_to(map);

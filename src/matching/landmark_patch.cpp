@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "matching/image_border.h"
+
 namespace kys_slam {
 
 namespace {
@@ -36,14 +38,6 @@ patch::CornerWindow make_window() {
     }
   }
   return window;
-}
-
-/// Whether all pixels within `reach` of a place, and one beyond, are in the image.
-bool surrounds(const GrayImage& image, const Eigen::Vector2f& at, float reach) {
-  // As floats: a conversion of what is far off or no number is not defined.
-  return at.x() >= reach && at.y() >= reach &&
-         at.x() + reach + 2 <= static_cast<float>(image.width()) &&
-         at.y() + reach + 2 <= static_cast<float>(image.height());
 }
 
 /// Step of the centre by the normal equations, the mean of the differences eliminated; not a number

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <optional>
 
+#include "matching/image_border.h"
+
 namespace kys_slam {
 
 namespace {
@@ -40,12 +42,6 @@ float sample(const GrayImage& image, float x, float y) {
   const float top = static_cast<float>(upper[0]) + fx * static_cast<float>(upper[1] - upper[0]);
   const float bottom = static_cast<float>(lower[0]) + fx * static_cast<float>(lower[1] - lower[0]);
   return top + fy * (bottom - top);
-}
-
-bool surrounds(const GrayImage& image, const Eigen::Vector2f& at, float reach) {
-  return at.x() >= reach && at.y() >= reach &&
-         at.x() + reach + 2 <= static_cast<float>(image.width()) &&
-         at.y() + reach + 2 <= static_cast<float>(image.height());
 }
 
 Wanted cut(const GrayImage& left, const Eigen::Vector2f& at) {
