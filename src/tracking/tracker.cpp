@@ -146,6 +146,9 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
     return false;
   }
   result.status = TrackingStatus::kTracked;
+  const bool follows = last_ && last_->index + 1 == frame.index && !result.relocalised;
+  result.integrity = integrity_.check(context(), frame, candidate.evidence, result.jumped, follows,
+                                      result.statistics);
   if (keyframes_.is_due(context(), frame, result.inliers, waiting)) {
     result.keyframe = make_keyframe(frame);
   }
