@@ -44,6 +44,7 @@ NAVIGATION = [
     ]),
     ("Results", [
         ("Results", "docs/results.md"),
+        ("Real recordings", "docs/real.md"),
         ("Differences from the paper", "docs/differences.md"),
         ("Experiments", "tools/experiments/README.md"),
         ("Simulated worlds", "tools/simulator/README.md"),

@@ -91,14 +91,14 @@ def arrange(drive, images, output):
     rows = _calibration(path)
     os.makedirs(output)
     number = lambda row: " ".join(f"{v:.12e}" for v in row)
+    cameras = [os.path.basename(os.path.dirname(folder))[-1] for folder in images]  # image_00: 0
     with reading(path):
         write_text(os.path.join(output, "calib.txt"),
-                   "".join(f"P{i}: {number(rows[f'P_rect_0{i}'])}\n" for i in range(4)))
+                   "".join(f"P{c}: {number(rows[f'P_rect_0{c}'])}\n" for c in cameras))
     times = _times(os.path.join(os.path.dirname(images[0]), "timestamps.txt"))
     write_text(os.path.join(output, "times.txt"), "".join(f"{t:.9f}\n" for t in times))
-    for folder in images:
-        camera = os.path.basename(os.path.dirname(folder))  # image_00
-        os.symlink(folder, os.path.join(output, "image_" + camera[-1]))
+    for camera, folder in zip(cameras, images):
+        os.symlink(folder, os.path.join(output, "image_" + camera))
     poses = _poses(drive, rows)
     if poses is not None:
         write_text(os.path.join(output, "poses.txt"),

@@ -27,8 +27,9 @@ class Recording:
     files: list
 
     def image_files(self, limit=None):
-        """Paths in the order of their names, left before right; `limit`: of each at most."""
-        for folder in self.images:
+        """Paths in the order of their names, left before right; `limit`: of each at most. A folder that is
+        missing has none."""
+        for folder in filter(os.path.isdir, self.images):
             names = sorted(f for f in os.listdir(folder) if f.lower().endswith(IMAGES))
             yield from (os.path.join(folder, name) for name in names[:limit])
 

@@ -132,7 +132,8 @@ def figures_of(facts, recording, output, programs):
                "memory_mb": round(summary["peak_memory_mb"]), "versions": summary["versions"]}
     row["part"] = part_of(facts, recording, row["frames"])
     with reading(os.path.join(output, "frames.csv")):
-        row["flagged"] = sum(f["integrity"] != "ok" for f in frames)
+        if "integrity" in frames[0]:  # programs before it have no such column
+            row["flagged"] = sum(f["integrity"] != "ok" for f in frames)
         times = [float(f["timestamp"]) for f in frames]
     row["trajectory"] = recording_kinds.digest(os.path.join(output, "trajectory.tum"))[
         :recording_kinds.DIGITS]
@@ -156,8 +157,9 @@ def run_one(facts, recording, schedule, settings):
         if done.returncode == TRACKING_FAILED:
             row["warning"] = lines[-1]
     except (Failure, InputError, OSError) as error:
-        folder = os.path.dirname(recording.folder)  # of no interest to others
-        row["error"] = first_line(error).replace(folder + os.sep, "")
+        row["error"] = first_line(error)
+        for folder in (os.path.dirname(recording.folder), os.path.dirname(output)):
+            row["error"] = row["error"].replace(folder + os.sep, "")  # the same on every machine
     return row
 
 
