@@ -17,6 +17,9 @@ SOURCE = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("KYS_BUILD", SOURCE / "build" / "release"))
 BIN = BUILD / "bin"
 FRAMES = 8
+# The Python package of the build, where it is current.
+PACKAGE = subprocess.run([sys.executable, "-c", "import kys_slam"], check=False, capture_output=True, env={
+    **os.environ, "PYTHONPATH": str(BUILD / "python")}).returncode == 0
 sys.path.insert(0, str(SOURCE / "tools" / "experiments"))
 try:
     import numpy as np
@@ -41,6 +44,19 @@ def write_raw_calibration(folder, projections):
     rows = [line.replace(f"P{i}:", f"P_rect_0{i}:") for i, line in enumerate(projections)]
     write(folder / "calib_cam_to_cam.txt", "calib_time: 09-Jan-2012 13:57:47\n" + "\n".join(rows)
           + "\nR_rect_00: 1 0 0 0 1 0 0 0 1\n")
+
+
+def write_pair(sequence, folder):
+    """A KITTI sequence as two folders with Kalibr's calibration and time stamps."""
+    right = (sequence / "calib.txt").read_text().splitlines()[1].split()
+    f, _, cx, minus_fb, _, _, cy = map(float, right[1:8])
+    for i, side in enumerate(("left", "right")):
+        shutil.copytree(sequence / f"image_{i}", folder / side)
+    camera = ("cam{}:\n  camera_model: pinhole\n  intrinsics: [{f}, {f}, {cx}, {cy}]\n"
+              "  distortion_model: radtan\n  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [620, 188]\n")
+    write(folder / "camchain.yaml", "".join(camera.format(i, f=f, cx=cx, cy=cy) for i in (0, 1))
+          + f"  T_cn_cnm1:\n  - [1, 0, 0, {minus_fb / f}]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, 0, 0, 1]\n")
+    shutil.copy(sequence / "times.txt", folder / "times.txt")
 
 
 class Facts(unittest.TestCase):
@@ -91,6 +107,49 @@ class Facts(unittest.TestCase):
         self.assertIn("| kitti/01 | ORB-SLAM3 | 13.11 | - | Table 1 of the paper |", text)
         row["part"] = "partial: frames 0-50 of 1101 of kitti/01"
         self.assertNotIn("13.11", recording_table.markdown(recordings.known(), [row]))
+
+
+@unittest.skipUnless(PROGRAMS, "programs are not built")
+class Accuracy(unittest.TestCase):
+    """An arc of 300 m, one metre per frame; the estimate is 2 % too short. The first 12 positions of the
+    ground truth are 5 m off."""
+    FRAMES = 300
+
+    def figures(self, name):
+        output = pathlib.Path(tempfile.mkdtemp())
+        self.addCleanup(shutil.rmtree, output)
+        angles = np.arange(self.FRAMES) / 200
+        positions = 200 * np.stack([1 - np.cos(angles), 0 * angles, np.sin(angles)], axis=1)
+        truth = positions.copy()
+        truth[:12, 1] += 5
+        for file, points in (("ground_truth.tum", truth), ("trajectory.tum", 0.98 * positions)):
+            write(output / file, "".join(
+                f"{0.1 * i:.9f} {x:.9f} {y:.9f} {z:.9f} 0 {np.sin(a / 2):.9f} 0 {np.cos(a / 2):.9f}\n"
+                for i, ((x, y, z), a) in enumerate(zip(points, angles))))
+        recording = recording_kinds.Recording(name, "KITTI odometry", str(output), [], [])
+        times = [0.1 * i for i in range(self.FRAMES)]
+        return recordings.accuracy(recordings.known(), recording, str(output), BIN, times)
+
+    def test_without_the_wrong_frames_the_scale_is_all_of_the_error(self):
+        row = self.figures("kitti/00")
+        self.assertEqual(row["frames_left_out"], [[0, 11]])
+        self.assertEqual(row["poses_compared"], self.FRAMES - 12)
+        self.assertAlmostEqual(row["scale"], 1 / 0.98, places=4)
+        self.assertLess(row["ate_sim3_m"], 0.001)
+        self.assertEqual(row["frames_left_out_of_segments"], [[0, 11], [12, 30]])
+        # Segments start every 10 frames and end at the first one beyond their length; steps are chords,
+        # a little shorter than 1 m. The error is 2 % of the chord of the segment.
+        errors = [2 * 400 * np.sin((length + 1) / 400) / length for length in (100, 200)
+                  for _ in range(31, self.FRAMES - length - 1, 10)]
+        self.assertEqual(row["segments"], len(errors))
+        self.assertAlmostEqual(row["t_rel_percent"], np.mean(errors), delta=0.001)
+        self.assertEqual(row["r_rel_deg_per_100m"], 0)
+
+    def test_elsewhere_nothing_is_left_out(self):
+        row = self.figures("kitti/06")
+        self.assertNotIn("frames_left_out", row)
+        self.assertEqual(row["poses_compared"], self.FRAMES)
+        self.assertGreater(row["ate_sim3_m"], 0.5)
 
 
 class Input(unittest.TestCase):
@@ -201,6 +260,8 @@ class Miniature(unittest.TestCase):
         write(drive / "image_00" / "timestamps.txt",
               "".join(f"2020-01-01 12:00:{t:012.9f}\n" for t in times))
         (data / "broken" / "image_0").mkdir(parents=True)
+        if PACKAGE:
+            write_pair(sequence, data / "hand")
         cls.first = cls.call("first")
         cls.table = cls.work / "first" / "table.json"
         cls.rows = {(r["name"], r["schedule"]): r for r in recording_table.read(cls.table)}
@@ -213,9 +274,9 @@ class Miniature(unittest.TestCase):
             env={**os.environ, "KYS_PYTHON": sys.executable})
 
     def test_every_recording_is_a_row_in_both_schedules(self):
-        self.assertEqual(set(self.rows), {(n, s) for n in ("kitti/77", "raw/2020_01_01_drive_0001", "broken")
-                                          for s in ("sequential", "pipelined")})
-        self.assertIn("[6/6]", self.first.stderr)
+        names = ["kitti/77", "raw/2020_01_01_drive_0001", "broken"] + (["hand"] if PACKAGE else [])
+        self.assertEqual(set(self.rows), {(n, s) for n in names for s in ("sequential", "pipelined")})
+        self.assertIn(f"[{len(self.rows)}/{len(self.rows)}]", self.first.stderr)
         row = self.rows["kitti/77", "sequential"]
         self.assertEqual((row["frames"], row["connected"], row["part"]), (FRAMES, FRAMES, "all 8 frames here"))
         self.assertLess(row["ate_se3_m"], 0.1)  # of a path of metres
@@ -228,6 +289,13 @@ class Miniature(unittest.TestCase):
             self.assertNotIn("error", raw, raw)
             self.assertEqual(raw["trajectory"], self.rows["kitti/77", schedule]["trajectory"])
             self.assertNotIn("ate_se3_m", raw)  # no GPS/IMU, no ground truth
+
+    @unittest.skipUnless(PACKAGE, "the Python package is not built")
+    def test_a_pair_of_folders_runs_by_the_python_package(self):
+        row = self.rows["hand", "sequential"]
+        self.assertNotIn("error", row, row)
+        self.assertEqual((row["frames"], row["connected"]), (FRAMES, FRAMES))
+        self.assertNotIn("ate_se3_m", row)
 
     def test_a_broken_recording_is_a_row_with_its_message(self):
         self.assertEqual(self.first.returncode, 1)
@@ -247,7 +315,7 @@ class Miniature(unittest.TestCase):
         self.assertEqual(said.pop("kitti/00, pipelined"), "no such recording here")
         self.assertTrue(said.pop("kitti/77, pipelined").startswith("differs: trajectory "))
         self.assertEqual(set(said.values()), {"same"}, said)
-        self.assertEqual(len(said), 5)
+        self.assertEqual(len(said), len(self.rows) - 1)
         self.assertEqual(done.returncode, 1)
         done = self.call("again", "--check", self.table, "--only", "kitti/77")
         self.assertEqual((done.returncode, done.stdout.count(": same")), (0, 2), done.stdout)

@@ -219,6 +219,7 @@ def main():
     stored = recording_table.read(settings.check) if settings.check else None
     if settings.page:
         recording_table.split_page(settings.page)
+    find_program(settings.bin, "evaluate_trajectory")
     recordings = recording_kinds.find(settings.data)
     if settings.only:
         recordings = [r for r in recordings if r.name in settings.only]
