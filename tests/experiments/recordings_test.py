@@ -170,6 +170,14 @@ class Input(unittest.TestCase):
             "room1": "EuRoC or TUM-VI", "raw/2011_09_26_drive_0005": "KITTI raw",
             "vkitti/Scene01": "Virtual KITTI 2", "hand": "pair"})
 
+    def test_a_second_one_of_a_name_is_another_row_of_the_same_recording(self):
+        for pair, camera in (("colour", 2), ("grey", 0)):
+            write(self.root / pair / "sequences" / "00" / f"image_{camera}" / "000000.png", "")
+        found = recording_kinds.find(self.root)
+        self.assertEqual([r.row for r in found], ["kitti/00", "kitti/00 (grey/sequences/00)"])
+        for recording in found:  # both without the ground truth that is wrong
+            self.assertEqual(recordings.left_out(recordings.known(), recording, "position"), [[0, 11]])
+
     def test_the_digest_is_of_the_content_wherever_it_is(self):
         def folder(name):
             for side in ("left", "right"):
@@ -251,7 +259,7 @@ class Miniature(unittest.TestCase):
         data, sequence = cls.work / "data", cls.work / "data" / "sequences" / "77"
         sequence.parent.mkdir(parents=True)
         subprocess.run([BIN / "simulate_sequence", "block", "--frames", str(FRAMES), "--size", "620x188",
-                        "--images-only", "--quiet", "--output", sequence], check=True)
+                        "--images-only", "--quiet", "--output", sequence], check=True, capture_output=True)
         drive = data / "2020_01_01" / "2020_01_01_drive_0001_sync"
         for i in (0, 1):
             shutil.copytree(sequence / f"image_{i}", drive / f"image_0{i}" / "data")

@@ -18,13 +18,15 @@ IMAGES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 
 @dataclasses.dataclass
 class Recording:
-    """`images`: folders of the left and the right images; `files`: calibration and time stamps."""
+    """`name`: what recordings.yaml knows it by; `images`: folders of the left and the right images;
+    `files`: calibration and time stamps; `row`: its name in the table, which no other one has."""
 
     name: str
     kind: str
     folder: str
     images: list
     files: list
+    row: str = ""
 
     def image_files(self, limit=None):
         """Paths in the order of their names, left before right; `limit`: of each at most. A folder that is
@@ -121,7 +123,7 @@ def _name(folder, kind):
 
 def find(root):
     """Recordings below a folder, in alphabetical order of their paths. A name that is there already is
-    followed by the path."""
+    followed by the path in the table."""
     root, found = os.path.abspath(root), {}
     if not os.path.isdir(root):
         raise InputError(f"{root}: no such folder")
@@ -131,9 +133,8 @@ def find(root):
             parts = layout(folder)
             if parts is not None:
                 name = _name(folder, kind)
-                if name in found:
-                    name = f"{name} ({os.path.relpath(folder, root)})"
-                found[name] = Recording(name, kind, folder, *parts)
+                row = f"{name} ({os.path.relpath(folder, root)})" if name in found else name
+                found[row] = Recording(name, kind, folder, *parts, row)
                 return
         if depth > 0:
             try:

@@ -142,8 +142,8 @@ def figures_of(facts, recording, output, programs):
 
 def run_one(facts, recording, schedule, settings):
     """A row of the table. Its key `error` says why it has no figures."""
-    row = {"name": recording.name, "kind": recording.kind, "schedule": schedule}
-    output = os.path.join(settings.output, "runs", recording.name.replace("/", "-") + "-" + schedule)
+    row = {"name": recording.row, "kind": recording.kind, "schedule": schedule}
+    output = os.path.join(settings.output, "runs", recording.row.replace("/", "-") + "-" + schedule)
     os.makedirs(os.path.dirname(output), exist_ok=True)
     try:
         row["input"] = settings.digest(recording)
@@ -184,7 +184,7 @@ def run_all(facts, recordings, settings):
     jobs = [(r, s) for r in recordings for s in schedules]
     for i, (recording, schedule) in enumerate(jobs):
         start = time.monotonic()
-        print(f"[{i + 1}/{len(jobs)}] {recording.name}, {schedule} ...", end="", file=sys.stderr, flush=True)
+        print(f"[{i + 1}/{len(jobs)}] {recording.row}, {schedule} ...", end="", file=sys.stderr, flush=True)
         row = run_one(facts, recording, schedule, settings)
         rows.append(row)
         print(f" {time.monotonic() - start:.0f} s" + (f": {row['error']}" if "error" in row else ""),
@@ -222,9 +222,10 @@ def main():
     find_program(settings.bin, "evaluate_trajectory")
     recordings = recording_kinds.find(settings.data)
     if settings.only:
-        recordings = [r for r in recordings if r.name in settings.only]
+        recordings = [r for r in recordings if {r.name, r.row} & set(settings.only)]
     if not recordings and stored is None:
-        raise InputError(f"{settings.data}: no recording of a known layout here")
+        of = " of these names" if settings.only else " of a known layout"
+        raise InputError(f"{settings.data}: no recording{of} here")
     rows = run_all(facts, recordings, settings)
     recording_table.write(settings.output, facts, rows, settings.page, settings.table)
     if stored is None:
