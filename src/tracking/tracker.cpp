@@ -31,7 +31,8 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       model_(&model),
       start_(start),
       close_depth_(static_cast<float>(options.close_baselines * camera.baseline)),
-      patches_(camera, scales) {
+      patches_(camera, scales),
+      covariance_(camera, scales) {
   check_options(options);
   if (model.uses_belief()) {
     instances_.emplace(camera, scales, options.instances, start, model);
@@ -129,6 +130,7 @@ bool Tracker::finish_tracked(Frame frame, int waiting, TrackResult& result) {
     return false;
   }
   result.status = TrackingStatus::kTracked;
+  add_covariance(frame, result);
   if (!frozen_ && needs_keyframe(situation(frame, result.inliers, waiting), options_.keyframes)) {
     result.keyframe = make_keyframe(frame);
   }

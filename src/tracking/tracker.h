@@ -22,6 +22,7 @@
 #include "matching/landmark_search.h"
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
+#include "tracking/frame_covariance.h"
 #include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
 #include "tracking/picture_clock.h"
@@ -52,6 +53,15 @@ struct FramePose {
   [[nodiscard]] Rigid3 at_scale(double other) const { return scaled(T_c_reference, other / scale); }
 };
 
+/// How well the pose of a tracked frame is known. Covariances are FrameCovariance's.
+struct PoseUncertainty {
+  KeyFrameId reference;  ///< keyframe before this frame, not the one that it became
+  Rigid3 T_reference_c;
+  std::int64_t last = -1;  ///< number of the last frame with a pose, where a motion is known
+  Rigid3 T_last_c;         ///< the motion since then
+  FrameCovariance::Result covariance;  ///< of T_reference_c and of T_last_c
+};
+
 /// Place and pose of a frame recognised in the map.
 struct KnownPlace {
   KeyFrameId reference;
@@ -72,7 +82,8 @@ struct TrackResult {
   double taken = 0;          ///< s, when its picture was taken: the time stamp without its jitter
   Rigid3 T_c_w;              ///< undefined when lost
   FramePose pose;
-  int matches = 0;  ///< landmarks matched, outliers included
+  std::optional<PoseUncertainty> uncertainty;  ///< when tracked
+  int matches = 0;                             ///< landmarks matched, outliers included
   int inliers = 0;
   bool held = false;       ///< the expected pose was used as a prior
   bool jumped = false;     ///< the pose found near the prediction needs an impossible acceleration
@@ -113,6 +124,7 @@ class Tracker {
   void apply(ChangeSet changes) {
     patches_.apply(changes);
     map_moved_ |= changes.moved;
+    covariance_.set_rig(changes.rig_sigma);
     replica_.apply(std::move(changes));
   }
 
@@ -156,6 +168,7 @@ class Tracker {
   double taken_at(const TrackerInput& input);
   void start_map(Frame& frame, TrackResult& result);
   bool finish_tracked(Frame frame, int waiting, TrackResult& result);
+  void add_covariance(const Frame& frame, TrackResult& result);
   void refresh_last_frame();
   bool predict(Frame& frame, TrackResult& result);
   bool predict_by_motion(Frame& frame, TrackResult& result);
@@ -229,6 +242,7 @@ class Tracker {
   Replica replica_;
   bool map_moved_ = false;  // as by a loop, since the last frame was refreshed
   LandmarkPatches patches_;
+  FrameCovariance covariance_;
   LocalMapGatherer local_map_gatherer_;
   bool doubtful_ = false;      // the pose predicted by motion
   bool impossible_ = false;    // it needs an impossible acceleration
