@@ -29,13 +29,22 @@ constexpr double kAccepted = 1 / kChi2Stereo95;
 // m; a landmark's distance along the ray of views that do not measure depth.
 constexpr double kFarthest = 1e4;
 
+/// hat(p) A.
+Matrix3d cross(const Eigen::Vector3d& p, const Matrix3d& A) {
+  Matrix3d PA;
+  PA.row(0) = p.y() * A.row(2) - p.z() * A.row(1);
+  PA.row(1) = p.z() * A.row(0) - p.x() * A.row(2);
+  PA.row(2) = p.x() * A.row(1) - p.y() * A.row(0);
+  return PA;
+}
+
 /// sum += L^T A L with dp/d[w; v] = L = [-hat(p), I].
 void add_sandwich(const Eigen::Vector3d& p, const Matrix3d& A, Matrix6d& sum) {
-  const Matrix3d P = hat(p);
-  const Matrix3d PA = P * A;
-  sum.topLeftCorner<3, 3>().noalias() -= PA * P;
+  const Matrix3d PA = cross(p, A);
+  const Matrix3d minus_AP = cross(p, A.transpose()).transpose();
+  sum.topLeftCorner<3, 3>() += cross(p, PA.transpose()).transpose();
   sum.topRightCorner<3, 3>() += PA;
-  sum.bottomLeftCorner<3, 3>().noalias() -= A * P;
+  sum.bottomLeftCorner<3, 3>() += minus_AP;
   sum.bottomRightCorner<3, 3>() += A;
 }
 
@@ -49,24 +58,24 @@ Matrix6d inverse_of(Matrix6d information) {
   return information.llt().solve(Matrix6d::Identity());
 }
 
-/// Sums over the landmarks. Those with two poses in their names are sums of products.
+/// Sums over the landmarks.
 struct Sums {
   Matrix6d hessian = Matrix6d::Zero(), hessian_before = Matrix6d::Zero();
   Matrix6d noise = Matrix6d::Zero();  // of the frame
   // Covariance of both gradients by errors of the landmarks.
   Matrix6d here = Matrix6d::Zero(), both = Matrix6d::Zero(), before = Matrix6d::Zero();
-  // Derivatives of the gradients by the errors of keyframes, and information about these.
-  Eigen::Matrix<double, 6, Eigen::Dynamic> by_keyframe, before_by_keyframe;
-  Eigen::MatrixXd keyframes;
+  // Derivatives of the gradients by the errors of keyframes, and information about these: blocks
+  // of the lower triangle, row by row.
+  std::vector<Matrix6d> by_keyframe, before_by_keyframe, keyframes;
 };
 
 class Summation {
  public:
   explicit Summation(const PoseCovarianceProblem& problem) : problem_(problem) {
-    const Eigen::Index size = 6 * problem.keyframes;
-    sums_.by_keyframe.setZero(6, size);
-    sums_.before_by_keyframe.setZero(6, size);
-    sums_.keyframes.setZero(size, size);
+    const auto count = static_cast<std::size_t>(problem.keyframes);
+    sums_.by_keyframe.assign(count, Matrix6d::Zero());
+    sums_.before_by_keyframe.assign(count, Matrix6d::Zero());
+    sums_.keyframes.assign(count * (count + 1) / 2, Matrix6d::Zero());
   }
 
   Sums take() {
@@ -76,44 +85,42 @@ class Summation {
 
  private:
   void add(const Landmark& l) {
+    const bool is_before = !l.weight_before.isZero(0);
     add_sandwich(l.p, l.weight, sums_.hessian);
-    add_sandwich(l.p, l.weight_before, sums_.hessian_before);
-    add_sandwich(l.p, l.noise, sums_.noise);
+    if (is_before) add_sandwich(l.p, l.weight_before, sums_.hessian_before);
+    if (!(l.stands_for > 0)) return;
+    add_sandwich(l.p, l.stands_for * l.noise, sums_.noise);
     const std::span<const View> views(problem_.views.data() + l.first_view, l.views);
     Matrix3d information = kAccepted * (l.weight + l.weight_before);
     information.diagonal().array() += 1 / (kFarthest * kFarthest);
     for (const View& view : views) information += view.information;
-    const Matrix3d from_views = information.inverse();
-    const Matrix3d weighted = l.weight * from_views;
-    add_sandwich(l.p, weighted * l.weight, sums_.here);
-    add_sandwich(l.p, weighted * l.weight_before, sums_.both);
-    add_sandwich(l.p, l.weight_before * from_views * l.weight_before, sums_.before);
-    const Matrix3d gain_before = l.weight_before * from_views;
+    const Matrix3d covariance = information.inverse();
+    const Matrix3d gain = l.stands_for * l.weight * covariance;
+    add_sandwich(l.p, gain * l.weight, sums_.here);
+    const Matrix3d gain_before = l.stands_for * l.weight_before * covariance;
+    if (is_before) {
+      add_sandwich(l.p, gain * l.weight_before, sums_.both);
+      add_sandwich(l.p, gain_before * l.weight_before, sums_.before);
+    }
     for (const View& view : views) {
-      add_block(l, weighted * view.information, view.keyframe, sums_.by_keyframe);
-      add_block(l, gain_before * view.information, view.keyframe, sums_.before_by_keyframe);
-      add_pairs(l, view, views, from_views);
+      const auto k = static_cast<std::size_t>(view.keyframe);
+      add_sandwich(l.p, gain * view.information, sums_.by_keyframe[k]);
+      if (is_before) add_sandwich(l.p, gain_before * view.information, sums_.before_by_keyframe[k]);
+      add_pairs(l, view, views, l.stands_for * covariance);
     }
   }
 
-  template <typename Row>
-  static void add_block(const Landmark& l, const Matrix3d& A, int keyframe, Row& row) {
-    Matrix6d block = row.template middleCols<6>(6 * keyframe);
-    add_sandwich(l.p, A, block);
-    row.template middleCols<6>(6 * keyframe) = block;
-  }
-
-  /// Lower blocks of the Schur complement of the landmark, of one view with those before it.
+  /// The Schur complement of the landmark: one view with itself and those of earlier keyframes.
   void add_pairs(const Landmark& l, const View& view, std::span<const View> views,
-                 const Matrix3d& from_views) {
-    const Matrix3d gain = view.information * from_views;
+                 const Matrix3d& covariance) {
+    const Matrix3d gain = view.information * covariance;
+    const auto row = static_cast<std::size_t>(view.keyframe);
     for (const View& other : views) {
       if (other.keyframe > view.keyframe) continue;
       Matrix3d A = -gain * other.information;
-      if (other.keyframe == view.keyframe) A += view.information;
-      Matrix6d block = sums_.keyframes.block<6, 6>(6 * view.keyframe, 6 * other.keyframe);
-      add_sandwich(l.p, A, block);
-      sums_.keyframes.block<6, 6>(6 * view.keyframe, 6 * other.keyframe) = block;
+      if (other.keyframe == view.keyframe) A += l.stands_for * view.information;
+      const auto column = static_cast<std::size_t>(other.keyframe);
+      add_sandwich(l.p, A, sums_.keyframes[row * (row + 1) / 2 + column]);
     }
   }
 
@@ -121,15 +128,29 @@ class Summation {
   Sums sums_;
 };
 
+using RowOfBlocks = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+
+/// M times each of the blocks, side by side.
+RowOfBlocks times(const Matrix6d& M, const std::vector<Matrix6d>& blocks) {
+  RowOfBlocks row(6, 6 * static_cast<Eigen::Index>(blocks.size()));
+  for (std::size_t k = 0; k < blocks.size(); ++k) {
+    row.middleCols<6>(6 * static_cast<Eigen::Index>(k)) = M * blocks[k];
+  }
+  return row;
+}
+
 /// Errors of keyframes relative to the reference, as a factor F with covariance F^T F.
 class KeyframeErrors {
  public:
   KeyframeErrors(const Sums& sums, int reference) : reference_(reference) {
-    const Eigen::Index size = sums.keyframes.rows();
-    Eigen::MatrixXd information = sums.keyframes.selfadjointView<Eigen::Lower>();
-    // Every keyframe sees other landmarks too.
-    for (Eigen::Index k = 0; k < size; k += 6) {
-      information.block<6, 6>(k, k) += kOtherLandmarks * sums.hessian;
+    const auto count = static_cast<Eigen::Index>(sums.by_keyframe.size());
+    Eigen::MatrixXd information(6 * count, 6 * count);
+    for (Eigen::Index row = 0, at = 0; row < count; ++row) {
+      for (Eigen::Index column = 0; column <= row; ++column, ++at) {
+        information.block<6, 6>(6 * row, 6 * column) = sums.keyframes[static_cast<std::size_t>(at)];
+      }
+      // Every keyframe sees other landmarks too.
+      information.block<6, 6>(6 * row, 6 * row) += kOtherLandmarks * sums.hessian;
     }
     information.diagonal().array() += 1 / (kWidest * kWidest);
     information.middleRows<6>(6 * reference).setZero();
@@ -139,7 +160,7 @@ class KeyframeErrors {
   }
 
   /// C P C^T of a linear function C of the errors.
-  Matrix6d covariance_of(Eigen::Matrix<double, 6, Eigen::Dynamic> C) const {
+  Matrix6d covariance_of(RowOfBlocks C) const {
     C.middleCols<6>(6 * reference_).setZero();
     const Eigen::MatrixXd root = factor_.matrixL().solve(C.transpose());
     return root.transpose() * root;
@@ -170,14 +191,14 @@ PoseCovarianceResult pose_covariance(const PoseCovarianceProblem& problem) {
   const auto covariance_of = [&](const Matrix6d& X, const Matrix6d& Y) {
     const Matrix6d XA = X * A;
     Matrix6d sum = XA * (sums.noise + sums.here) * XA.transpose();
-    Eigen::Matrix<double, 6, Eigen::Dynamic> by_keyframe = XA * sums.by_keyframe;
+    RowOfBlocks by_keyframe = times(XA, sums.by_keyframe);
     if (is_keyframe) {
       by_keyframe.middleCols<6>(6 * problem.before->keyframe) += Y;
     } else if (has_before) {
       const Matrix6d YA = Y * A_before;
       const Matrix6d both = XA * sums.both * YA.transpose();
       sum += both + both.transpose() + YA * (problem.before->noise + sums.before) * YA.transpose();
-      by_keyframe += YA * sums.before_by_keyframe;
+      by_keyframe += times(YA, sums.before_by_keyframe);
     }
     if (keyframes) sum += keyframes->covariance_of(std::move(by_keyframe));
     sum += X * by_prior * problem.prior_error * by_prior.transpose() * X.transpose();
@@ -190,8 +211,11 @@ PoseCovarianceResult pose_covariance(const PoseCovarianceProblem& problem) {
   if (has_before) result.motion = covariance_of(identity, by_prior - identity);
   result.gradient = symmetric(sums.noise + sums.here);
   result.inverse = A;
-  const Matrix6d of_prior = problem.prior_error + covariance_of(Matrix6d::Zero(), identity);
-  result.noise = symmetric(sums.noise + problem.prior * of_prior * problem.prior);
+  result.noise = symmetric(sums.noise);
+  if (!problem.prior.isZero(0)) {
+    const Matrix6d of_prior = problem.prior_error + covariance_of(Matrix6d::Zero(), identity);
+    result.noise += symmetric(problem.prior * of_prior * problem.prior);
+  }
   return result;
 }
 

@@ -32,6 +32,9 @@ struct PoseCovarianceProblem {
     Eigen::Matrix3d weight_before = Eigen::Matrix3d::Zero();  ///< the same of the frame before
     /// Covariance of weight times the shift of the landmark by the frame's own noise, 1/m^2.
     Eigen::Matrix3d noise = Eigen::Matrix3d::Zero();
+    /// As many landmarks as this one stands for in sums of errors: a sample of them is enough.
+    /// Zero: it counts in the normal equations only.
+    double stands_for = 1;
     std::uint32_t first_view = 0;
     std::uint32_t views = 0;
   };

@@ -33,7 +33,10 @@ constexpr double kLeastDisparity = 0.5;
 // Standard deviation of lengths that no image shows, a share: the baseline and the focal length.
 constexpr double kScale = 0.001;
 
-constexpr std::size_t kMostKeyframes = 12;
+// The errors of landmarks are summed over a sample of about this many, and over their views in so
+// many keyframes: it keeps the cost low.
+constexpr std::size_t kSample = 100;
+constexpr std::size_t kMostKeyframes = 5;
 
 // The noise measured in a frame counts by this share; bounds of what it can be, as a variance
 // relative to the assumed one.
@@ -132,10 +135,11 @@ void FrameCovariance::choose_keyframes(const Replica& replica, const Frame& fram
   for (const KeyFrameId id : found) add(id);
 }
 
-/// Adds what the keyframes know of the landmarks, each with its own feature.
+/// Adds what the keyframes know of the landmarks in the sample, each with its own feature.
 void FrameCovariance::add_views(const Replica& replica, std::span<const LandmarkId> ids,
                                 Problem& problem) {
   for (std::size_t l = 0; l < ids.size(); ++l) {
+    if (!(problem.landmarks[l].stands_for > 0)) continue;
     if (ids[l].value >= place_.size()) place_.resize(std::size_t{ids[l].value} + 1, -1);
     place_[ids[l].value] = static_cast<std::int32_t>(l);
   }
@@ -155,7 +159,9 @@ void FrameCovariance::add_views(const Replica& replica, std::span<const Landmark
       ++problem.landmarks[l].views;
     }
   }
-  for (const LandmarkId id : ids) place_[id.value] = -1;
+  for (const LandmarkId id : ids) {
+    if (id.value < place_.size()) place_[id.value] = -1;
+  }
   std::uint32_t end = 0;
   for (Problem::Landmark& l : problem.landmarks) {
     l.first_view = end;
@@ -187,8 +193,8 @@ double FrameCovariance::measure_noise(const Frame& frame, const Problem& problem
   const double size = static_cast<double>(camera_.width) / kColumns;
   std::map<std::pair<int, int>, Vector6d> cells;
   for (std::size_t k = 0; k < frame.seen.size(); ++k) {
-    if (problem.landmarks[k].views == 0) continue;
     const Seen& seen = frame.seen[k];
+    if (problem.landmarks[k].weight.isZero(0)) continue;
     const std::pair cell(static_cast<int>(seen.pixel.u / size),
                          static_cast<int>(seen.pixel.v / size));
     cells.try_emplace(cell, Vector6d::Zero()).first->second +=
@@ -236,16 +242,20 @@ FrameCovariance::Result FrameCovariance::update(const Replica& replica, const Fr
   std::vector<LandmarkId> ids;
   for (const Seen& seen : frame.seen) ids.push_back(seen.landmark);
   if (before_ && !frame.before.valid()) add_before(replica, frame, ids, problem);
-  choose_keyframes(replica, frame, ids);
+  const std::size_t stride = 1 + frame.seen.size() / kSample;
+  for (std::size_t l = 0; l < ids.size(); ++l) {
+    problem.landmarks[l].stands_for = l % stride == 0 ? static_cast<double>(stride) : 0;
+  }
+  std::vector<LandmarkId> sample;
+  for (std::size_t l = 0; l < ids.size(); l += stride) sample.push_back(ids[l]);
+  choose_keyframes(replica, frame, sample);
   if (frame.before.valid()) {
     problem.before = Problem::Before{.keyframe = slot_[frame.before.value]};
   }
   problem.keyframes = static_cast<int>(keyframes_.size());
   add_views(replica, ids, problem);
   for (Problem::Landmark& l : problem.landmarks) {
-    if (l.views == 0) {  // nothing is known of its error
-      l = {.p = l.p};
-    }
+    if (l.views == 0 && l.stands_for > 0) l = Problem::Landmark{.p = l.p};  // no error is known
   }
   const std::span<const Problem::Landmark> seen(problem.landmarks.data(), frame.seen.size());
   const double nearness = nearness_of(seen);
