@@ -4,7 +4,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
-#include "geometry/chi_square.h"
+#include "geometry/so3.h"
 
 namespace kys_slam {
 
@@ -15,16 +15,12 @@ using Eigen::Matrix3d;
 using Landmark = PoseCovarianceProblem::Landmark;
 using View = PoseCovarianceProblem::View;
 
-// Without enough landmarks a pose is known to 100 m and 1 rad: every inverse exists.
+// Without enough landmarks a pose is known to this: covariances are positive definite.
 constexpr double kWidest = 100;    // m
 constexpr double kWidestTurn = 1;  // rad
 
 // A keyframe is known by other landmarks at least as well as the frame by this share of its own.
 constexpr double kOtherLandmarks = 0.05;
-
-// The test for outliers bounds the error of a landmark: where the keyframes say little of it (views
-// that do not measure depth), it is known by this share of the information that it gives.
-constexpr double kAccepted = 1 / kChi2Stereo95;
 
 // m; a landmark's distance along the ray of views that do not measure depth.
 constexpr double kFarthest = 1e4;
@@ -52,10 +48,13 @@ Matrix6d symmetric(const Matrix6d& M) {
   return 0.5 * (M + M.transpose());
 }
 
-Matrix6d inverse_of(Matrix6d information) {
-  information.diagonal().head<3>().array() += 1 / (kWidestTurn * kWidestTurn);
-  information.diagonal().tail<3>().array() += 1 / (kWidest * kWidest);
-  return information.llt().solve(Matrix6d::Identity());
+/// Information of a prior that every pose has.
+Matrix6d widest() {
+  return left_information(kWidestTurn, kWidest).asDiagonal();
+}
+
+Matrix6d inverse_of(const Matrix6d& information) {
+  return (information + widest()).llt().solve(Matrix6d::Identity());
 }
 
 /// Sums over the landmarks.
@@ -91,7 +90,7 @@ class Summation {
     if (!(l.stands_for > 0)) return;
     add_sandwich(l.p, l.stands_for * l.noise, sums_.noise);
     const std::span<const View> views(problem_.views.data() + l.first_view, l.views);
-    Matrix3d information = kAccepted * (l.weight + l.weight_before);
+    Matrix3d information = problem_.accepted * (l.weight + l.weight_before);
     information.diagonal().array() += 1 / (kFarthest * kFarthest);
     for (const View& view : views) information += view.information;
     const Matrix3d covariance = information.inverse();
@@ -190,14 +189,15 @@ PoseCovarianceResult pose_covariance(const PoseCovarianceProblem& problem) {
   // the frame before.
   const auto covariance_of = [&](const Matrix6d& X, const Matrix6d& Y) {
     const Matrix6d XA = X * A;
-    Matrix6d sum = XA * (sums.noise + sums.here) * XA.transpose();
+    Matrix6d sum = XA * (sums.noise + sums.here + widest()) * XA.transpose();
     RowOfBlocks by_keyframe = times(XA, sums.by_keyframe);
     if (is_keyframe) {
       by_keyframe.middleCols<6>(6 * problem.before->keyframe) += Y;
     } else if (has_before) {
       const Matrix6d YA = Y * A_before;
       const Matrix6d both = XA * sums.both * YA.transpose();
-      sum += both + both.transpose() + YA * (problem.before->noise + sums.before) * YA.transpose();
+      sum += both + both.transpose();
+      sum += YA * (problem.before->noise + sums.before + widest()) * YA.transpose();
       by_keyframe += times(YA, sums.before_by_keyframe);
     }
     if (keyframes) sum += keyframes->covariance_of(std::move(by_keyframe));

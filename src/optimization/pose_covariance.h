@@ -40,6 +40,10 @@ struct PoseCovarianceProblem {
   };
   std::vector<Landmark> landmarks;
   std::vector<View> views;
+  /// The test for outliers bounds the error of a landmark: in addition to its views it is known by
+  /// this share of the information with which it counts. It matters where views do not measure
+  /// depth.
+  double accepted = 0;
   int keyframes = 0;  ///< poses with views
   int reference = 0;  ///< keyframe whose pose is exact
 

@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "geometry/chi_square.h"
 #include "geometry/reprojection.h"
 #include "geometry/so3.h"
 
@@ -253,6 +254,7 @@ FrameCovariance::Result FrameCovariance::update(const Replica& replica, const Fr
     problem.before = Problem::Before{.keyframe = slot_[frame.before.value]};
   }
   problem.keyframes = static_cast<int>(keyframes_.size());
+  problem.accepted = 1 / kChi2Stereo95;
   add_views(replica, ids, problem);
   for (Problem::Landmark& l : problem.landmarks) {
     if (l.views == 0 && l.stands_for > 0) l = Problem::Landmark{.p = l.p};  // no error is known
