@@ -47,7 +47,7 @@ struct StageTimes {
 /// Pose of a frame relative to another frame, and how well it is known. The true pose is
 /// T_other_c exp(d) with d = [w; v] of this covariance: w a rotation vector (rad), v a shift (m),
 /// both in the frame of this frame's left camera. This is the convention of GTSAM's
-/// BetweenFactor<Pose3>; ros_covariance() converts to that of ROS. docs/pose_quality.md says what
+/// BetweenFactor<Pose3>; ros_covariance.h converts to that of ROS. docs/pose_quality.md says what
 /// it contains.
 struct RelativePose {
   using Covariance = Eigen::Matrix<double, 6, 6>;
