@@ -258,13 +258,14 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
 void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& report) const {
   if (!tracked.uncertainty) return;
   const PoseUncertainty& u = *tracked.uncertainty;
+  if (!u.covariance.pose.allFinite()) return;
   RelativePose& local = report.local.emplace();
   local.T_other_c = u.T_reference_c;
   local.covariance = u.covariance.pose;
   if (!(u.reference < first_keyframe)) {
     local.other = keyframe_frames.at(u.reference.value - first_keyframe.value);
   }
-  if (!u.covariance.motion) return;
+  if (!u.covariance.motion || !u.covariance.motion->allFinite()) return;
   report.motion = {reports.at(static_cast<std::size_t>(u.last)).index, u.T_last_c,
                    *u.covariance.motion};
 }
