@@ -35,6 +35,7 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       options_(options),
       model_(&model),
       patches_(camera, scales),
+      covariance_(camera, scales),
       motion_(options.motion),
       instances_(camera, scales, options, model, start) {
   check_options(options);
@@ -56,6 +57,7 @@ TrackingContext Tracker::context() {
 void Tracker::apply(ChangeSet changes) {
   patches_.apply(changes);
   map_moved_ |= changes.moved;
+  covariance_.set_rig(changes.rig_sigma);
   replica_.apply(std::move(changes));
 }
 
@@ -149,6 +151,9 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
   const bool follows = last_ && last_->index + 1 == frame.index && !result.relocalised;
   result.integrity = integrity_.check(context(), frame, candidate.evidence, result.jumped, follows,
                                       result.statistics);
+  const KeyFrameId last_keyframe = last_ ? keyframes_.keyframe_of(last_->index) : KeyFrameId{};
+  result.uncertainty =
+      uncertainty_of(context(), frame, !result.relocalised, last_keyframe, covariance_);
   if (keyframes_.is_due(context(), frame, result.inliers, waiting)) {
     result.keyframe = make_keyframe(frame);
   }
