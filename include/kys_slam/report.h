@@ -19,6 +19,28 @@ enum class FrameStatus : std::uint8_t {
 };
 const char* to_string(FrameStatus status);
 
+/// How far the pose of a frame can be relied on.
+enum class Integrity : std::uint8_t {
+  kOk,
+  kDegraded,      ///< little supports the pose
+  kContradicted,  ///< something else in the picture or in the motion speaks against the pose
+};
+const char* to_string(Integrity integrity);
+
+/// Why the integrity of a frame is not kOk; the first that applies.
+enum class IntegrityReason : std::uint8_t {
+  kNone,
+  kImpossibleMotion,  ///< contradicted: no camera accelerates like that
+  kTwoMotions,        ///< contradicted: a large part of the picture moves otherwise
+  kOnlyObjects,       ///< degraded: only objects that can move support it
+  kWeakGeometry,      ///< degraded: few or far points leave the position uncertain
+  kFewPoints,         ///< degraded: few landmarks support it
+  kManyOutliers,      ///< degraded: most matches disagree with it
+  kHeld,              ///< degraded: it is held by constant velocity
+};
+/// A phrase for the user; "": kNone.
+const char* to_string(IntegrityReason reason);
+
 /// Result of loop closing for a keyframe.
 enum class LoopEvent : std::uint8_t {
   kNone,
@@ -66,6 +88,9 @@ struct FrameReport {
   /// What is wrong with an image or with the motion: a phrase that stays the same while the fault
   /// lasts. "": nothing.
   std::string warning;
+  /// Of a frame with a pose. It says what the frame itself shows; drift is not seen by it.
+  Integrity integrity = Integrity::kOk;
+  IntegrityReason integrity_reason = IntegrityReason::kNone;
   bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
   Rigid3 T_w_c;              ///< as estimated at this frame; undefined when lost
   /// The same relative to the reference keyframe, to which its uncertainty refers; when tracked.

@@ -238,6 +238,7 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
         "frames, "
         "or it follows something that moves";
   }
+  note_integrity(tracked.integrity, report);
   report.T_w_c = tracked.T_c_w.inverse();
   report.keypoints = static_cast<int>(seen.features->size());
   report.stereo_matches = seen.stereo_matches;

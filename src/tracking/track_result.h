@@ -10,6 +10,7 @@
 
 #include "map/keyframe_message.h"
 #include "motion/instance_tracker.h"
+#include "tracking/integrity_check.h"
 #include "tracking/pose_uncertainty.h"
 #include "tracking/tracked_frame.h"
 
@@ -36,6 +37,7 @@ struct TrackResult {
   bool held = false;       ///< the expected pose was used as a prior
   bool jumped = false;     ///< the pose found near the prediction needs an impossible acceleration
   bool overruled = false;  ///< image area gave another pose than the number of matches
+  IntegrityResult integrity;
   std::vector<InstanceState> instances;  ///< of the frame, when the mode uses belief
   TrackTimes times;
   kys::Statistics statistics;

@@ -151,6 +151,9 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
   const KeyFrameId last_keyframe = last_ ? keyframes_.keyframe_of(last_->index) : KeyFrameId{};
   result.uncertainty =
       uncertainty_of(context(), frame, !result.relocalised, last_keyframe, covariance_);
+  const bool follows = last_ && last_->index + 1 == frame.index && !result.relocalised;
+  result.integrity = integrity_.check(context(), frame, candidate.evidence, result.jumped, follows,
+                                      result.statistics);
   if (keyframes_.is_due(context(), frame, result.inliers, waiting)) {
     result.keyframe = make_keyframe(frame);
   }

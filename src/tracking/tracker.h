@@ -13,6 +13,7 @@
 
 #include "map/replica.h"
 #include "tracking/frame_instances.h"
+#include "tracking/integrity_check.h"
 #include "tracking/keyframe_maker.h"
 #include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
@@ -125,6 +126,7 @@ class Tracker {
   PoseJudge judge_;
   MotionModel motion_;
   FrameInstances instances_;
+  IntegrityCheck integrity_;
   KeyFrameMaker keyframes_;
   std::optional<TrackedFrame> last_;  // last frame with a pose
   KeyFrameId reference_;              // keyframe that shares most with it
