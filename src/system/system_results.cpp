@@ -4,7 +4,7 @@
 #include <map>
 
 #include "system/system_impl.h"
-#include "system/take_snapshot.h"
+#include "map/take_snapshot.h"
 
 /// What a System knows after its frames: poses, objects, the map.
 namespace kys_slam {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "system/take_snapshot.h"
+#include "map/take_snapshot.h"
 
 #include <algorithm>
 #include <map>
