@@ -4,10 +4,12 @@
 #include <kys_slam/map_observations.h>
 #include <kys_slam/map_snapshot.h>
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace kys_slam {
 
@@ -27,6 +29,21 @@ struct MapInfo {
   std::size_t observations = 0;  ///< of landmarks
   bool rows = false;             ///< rows in the right images were measured
   bool beliefs = false;          ///< landmarks have a probability of being static
+};
+
+/// How two maps were joined.
+struct MergeReport {
+  bool merged = false;        ///< there is a common place
+  std::size_t keyframes = 0;  ///< of the other map that were compared
+  int candidates = 0;         ///< places that were verified
+  int fused = 0;              ///< landmarks that became one
+  struct Place {
+    std::uint32_t keyframe = 0;  ///< id in the merged map, of the other map
+    std::uint32_t place = 0;     ///< id of the keyframe that it was found at
+    bool joined = false;         ///< two sub-maps became one; else drift was corrected
+    double gap = 0;              ///< m, of this drift
+  };
+  std::vector<Place> places;
 };
 
 /// A map that a run has saved (System::save_map), to be looked at, adjusted and written again. A
@@ -53,6 +70,12 @@ class SavedMap {
   /// \throws std::invalid_argument when it is of another map, or a pose or the correction is not
   /// finite
   void update(const MapObservations& adjusted);
+
+  /// Adds another map of the same rig. Places are found, verified and joined as a run closes loops
+  /// (LoopCloser). Ids of the other map are moved behind those of this one. Without a common place
+  /// this map does not change.
+  /// \throws InputError when the rigs differ, or the label spaces
+  MergeReport merge(const SavedMap& other, const std::atomic<bool>* stop = nullptr);
 
   /// The file of a map that runs continue. \throws InputError when it cannot be written
   void write(const std::filesystem::path& file) const;

@@ -39,7 +39,8 @@ MapSnapshot take_snapshot(const Map& map) {
     snapshot.landmarks.push_back(
         {id.value, map.submap(landmark.reference).value, landmark.prior.label,
          landmark.prior.instance, map.weight(landmark),
-         static_cast<std::uint32_t>(landmark.observations.size()), landmark.p_w});
+         static_cast<std::uint32_t>(landmark.observations.size()), landmark.reference.value,
+         landmark.p_w});
   });
   return snapshot;
 }

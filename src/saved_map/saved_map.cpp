@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <kys_slam/error.h>
 #include <kys_slam/saved_map.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <string>
@@ -9,6 +11,7 @@
 #include "map_file/map_file.h"
 #include "mapping/observations_of_map.h"
 #include "saved_map/adjust_map.h"
+#include "saved_map/merge_map.h"
 
 namespace kys_slam {
 
@@ -72,6 +75,19 @@ MapObservations SavedMap::observations(const MapSelection& selection) const {
 
 void SavedMap::update(const MapObservations& adjusted) {
   adjust_map(impl_->stored.map, adjusted);
+}
+
+MergeReport SavedMap::merge(const SavedMap& other, const std::atomic<bool>* stop) {
+  StoredMap& ours = impl_->stored;
+  const StoredMap& theirs = other.impl_->stored;
+  const bool both_labelled = ours.map.contents().has_priors() && theirs.map.contents().has_priors();
+  if (both_labelled && ours.label_space != theirs.label_space) {
+    throw InputError(other.impl_->name + ": has classes of '" + theirs.label_space + "', " +
+                     impl_->name + " of '" + ours.label_space + "'");
+  }
+  const MergeReport report = merge_map(ours.map, theirs.map, other.impl_->name, stop);
+  if (ours.label_space.empty()) ours.label_space = theirs.label_space;
+  return report;
 }
 
 void SavedMap::write(const std::filesystem::path& file) const {

@@ -7,6 +7,8 @@
 #include <kys_slam/error.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/saved_map.h>
+#include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/paths.h>
 
 #include <algorithm>
 #include <cmath>
@@ -217,17 +219,37 @@ std::string text_of(const Json& m) {
   return text;
 }
 
+/// Poses of the largest sub-map's keyframes.
+void write_keyframes(const SavedMap& map, const std::filesystem::path& file) {
+  const MapSnapshot snapshot = map.snapshot();
+  std::vector<TimedPose> poses;
+  for (const MapSnapshot::KeyFrame& k : snapshot.keyframes) {
+    if (k.submap == snapshot.main_submap) poses.push_back({k.timestamp, k.T_w_c});
+  }
+  std::stable_sort(poses.begin(), poses.end(), [](const TimedPose& a, const TimedPose& b) {
+    return a.timestamp < b.timestamp;
+  });
+  write_tum_poses(file, poses);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   return kys_slam::run_main("map_info", [&] {
     CLI::App app("Shows what a saved map holds.", "map_info");
-    std::filesystem::path file;
+    std::filesystem::path file, keyframes;
     bool as_json = false;
     app.add_option("MAP", file, "map of a run (--save-map)")->required();
     app.add_flag("--json", as_json, "as JSON");
+    one_at_a_time(app.add_option("--keyframes", keyframes,
+                                 "file for the poses of the largest sub-map's keyframes (TUM)"));
     if (const auto status = parse_command_line(app, argc, argv)) return *status;
-    const Json map = describe_map(SavedMap(file), file.string());
+    if (!keyframes.empty() && is_same_path(file, keyframes)) {
+      throw InputError(keyframes.string() + ": is the input");
+    }
+    const SavedMap saved(file);
+    const Json map = describe_map(saved, file.string());
+    if (!keyframes.empty()) write_keyframes(saved, keyframes);
     print_text(as_json ? map.dump(2) + "\n" : text_of(map));
     return 0;
   });

@@ -18,6 +18,7 @@ namespace kys_slam::simulator {
 namespace {
 
 constexpr double kReach = 60;              // m, from which a surface counts as seen
+constexpr std::size_t kMostViews = 20;     // frames from which surfaces are looked at
 constexpr double kBefore = 0.01;           // m, by which a ray ends before the surface
 constexpr std::int64_t kMostDraws = 2000;  // per point wanted
 
@@ -87,7 +88,8 @@ class Views {
       : world_(world), meshes_(world.scene), rays_(meshes_, world.scene) {}
 
   void look(std::vector<SurfacePoint>& points) {
-    for (std::size_t frame = 0; frame < world_.times.size(); ++frame) {
+    const std::size_t every = 1 + (world_.times.size() - 1) / kMostViews;
+    for (std::size_t frame = 0; frame < world_.times.size(); frame += every) {
       rays_.set_time(world_.times[frame]);
       const Rigid3& T_w_c = world_.T_w_truth[frame];
       const Rigid3 T_c_w = T_w_c.inverse();
@@ -158,11 +160,13 @@ std::string to_ply(const std::vector<SurfacePoint>& points, const Rigid3& T_trut
   }
   text += fmt::format(
       "element vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
-      "property int class\nend_header\n",
+      "property float nx\nproperty float ny\nproperty float nz\nproperty int class\nend_header\n",
       points.size());
   for (const SurfacePoint& p : points) {
     const Eigen::Vector3f at = (T_truth_w * p.p_w).cast<float>();
+    const Eigen::Vector3f normal = (T_truth_w.R() * p.normal).cast<float>();
     for (int c = 0; c < 3; ++c) append_bytes(text, at[c]);
+    for (int c = 0; c < 3; ++c) append_bytes(text, normal[c]);
     const std::uint16_t label = coco_label(p.category);
     append_bytes<std::int32_t>(text, label == kys::kVoidLabel ? -1 : label);
   }
