@@ -17,7 +17,7 @@ namespace kys_slam {
 namespace {
 
 constexpr double kSameCamera = 1e-6;  // of any number of the calibrations
-constexpr double kSameRig = 0.3;      // px, largest difference of what two corrections make
+constexpr double kSameRig = 1;        // px, largest difference of what two corrections make
 
 void check_same_rig(const Map& map, const Map& other, const std::string& name) {
   const StereoCamera &a = map.camera(), &b = other.camera();

@@ -20,8 +20,8 @@ using testing::Command;
 using testing::count_lines;
 using testing::read_text;
 
-constexpr int kFrames = 60;
-const StereoCamera kGiven{1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.5371657};
+constexpr int kTownFrames = 60;
+const StereoCamera kTownCamera{1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.5371657};
 
 class MapPrograms : public ::testing::Test {
  protected:
@@ -39,9 +39,9 @@ class MapPrograms : public ::testing::Test {
 
   static void simulate(const std::string& name, std::uint32_t seed) {
     simulator::FeaturePath path;
-    path.camera = kGiven;
+    path.camera = kTownCamera;
     path.ground = 1.65;
-    for (int i = 0; i < kFrames; ++i) {
+    for (int i = 0; i < kTownFrames; ++i) {
       const double a = 0.01 * i;
       const Rigid3 T(Eigen::Quaterniond(Eigen::AngleAxisd(a, Eigen::Vector3d::UnitY())),
                      Eigen::Vector3d(60 * (1 - std::cos(a)), 0, 60 * std::sin(a)));
@@ -52,13 +52,14 @@ class MapPrograms : public ::testing::Test {
     options.seed = seed;
     const simulator::FeatureWorld world(path, options);
     FeatureSequenceWriter writer(at(name + ".features"), world.info());
-    for (std::size_t i = 0; i < kFrames; ++i) writer.write(world.frame(i));
+    for (std::size_t i = 0; i < kTownFrames; ++i) writer.write(world.frame(i));
     writer.finish();
   }
   static void run(const std::string& world, const std::string& map,
                   std::vector<std::string> options) {
     options.insert(options.begin(), {at(world + ".features"), "--output", at(map), "--quiet",
-                                     "--schedule", "sequential", "--save-map", at(map + ".map")});
+                                     "--schedule", "sequential", "--save-map", at(map + ".map"),
+                                     "--set", "calibration.enabled=false"});
     Command command("run_stereo_kitti", options);
     ASSERT_EQ(command.wait(), 0) << command.err();
   }

@@ -37,11 +37,11 @@ struct Round {
   double far_off;
   int iterations;
 };
-constexpr Round kAsInMap{MapProblem::kFarOff, 30};
-// With another correction what was far off need not be wrong.
+constexpr Round kAsInMap{MapProblem::kAll, 30};
+// The first round has all: with other poses or another correction what is far off need not be wrong.
 constexpr std::array kRigRounds = {Round{MapProblem::kAll, 300}, Round{MapProblem::kFarOff, 100},
                                    Round{MapProblem::kFarOff, 100}};
-constexpr std::array kPlainRounds = {Round{MapProblem::kFarOff, 30}, Round{MapProblem::kFarOff, 20}};
+constexpr std::array kPlainRounds = {Round{MapProblem::kAll, 30}, Round{MapProblem::kFarOff, 20}};
 
 template <std::size_t kBlock>
 std::vector<int> held_in(const std::array<int, kBlock>& places, const FreeParameters& free) {
