@@ -42,9 +42,12 @@ struct MapSelection {
   std::size_t keyframes = 100;       ///< at most; the newest
   std::size_t observations = 30000;  ///< about, at most
   int min_observers = 3;             ///< keyframes that observe a landmark
+  /// px of level 0 per px of the octave, of disparities that are used: coarser ones are biased to
+  /// the nearer of two surfaces, which matters when a rig is estimated.
+  float coarsest_disparity = 1.5F;
 
-  /// All keyframes, and all landmarks of which the position follows from others than its own.
-  static MapSelection all() { return {std::size_t{1} << 30, std::size_t{1} << 40, 2}; }
+  /// All keyframes, all landmarks that two of them observe, all disparities.
+  static MapSelection all() { return {std::size_t{1} << 30, std::size_t{1} << 40, 2, 1e9F}; }
 };
 
 /// Reads a saved map, of any label space.

@@ -15,7 +15,7 @@ namespace kys_slam {
 MapObservations observations_of_map(const Map& map, const MapSelection& selection,
                                     const std::string& name) {
   RigView view = rig_view(map, newest_keyframes(map, selection.keyframes), selection.min_observers,
-                          selection.observations);
+                          selection.observations, selection.coarsest_disparity);
   RigProblem& problem = view.problem;
   if (problem.points.empty()) {
     throw InputError(name + ": holds no landmark that " + std::to_string(selection.min_observers) +

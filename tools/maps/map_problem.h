@@ -48,6 +48,8 @@ class MapProblem {
   /// Leaves out a share of the observations, which are predicted only. The same generator and map
   /// give the same choice.
   void hold_out(double share, std::mt19937_64& random);
+  /// Uses them from now on.
+  void use_held_out() { held_out_.assign(held_out_.size(), 0); }
   /// Leaves out what is far off at the present place, behind the camera, or of a landmark that few
   /// views remain of, until the next call.
   void choose(double far_off);

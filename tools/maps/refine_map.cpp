@@ -205,7 +205,9 @@ int run(Arguments a) {
   options.free = parse_groups(a.free);
   check(a);
   SavedMap map(a.input);
-  MapObservations observations = map.observations();
+  MapSelection selection = MapSelection::all();
+  if (!a.free.empty()) selection.coarsest_disparity = MapSelection().coarsest_disparity;
+  MapObservations observations = map.observations(selection);
   const StereoRig rig = given_rig(a.from, a.unit, observations.camera);
   options.hold_out = a.hold_out;
   options.seed = static_cast<std::uint64_t>(a.seed);

@@ -38,6 +38,7 @@ struct Round {
   int iterations;
 };
 constexpr Round kAsInMap{MapProblem::kAll, 30};
+constexpr Round kLast{MapProblem::kFarOff, 20};
 // The first round has all: with other poses or another correction what is far off need not be wrong.
 constexpr std::array kRigRounds = {Round{MapProblem::kAll, 300}, Round{MapProblem::kFarOff, 100},
                                    Round{MapProblem::kFarOff, 100}};
@@ -80,6 +81,7 @@ class Refinement {
     const std::span<const Round> rounds = any_free_ ? std::span<const Round>(kRigRounds)
                                                     : std::span<const Round>(kPlainRounds);
     for (const Round& r : rounds) most_ += r.iterations;
+    most_ += kLast.iterations;
     if (any_free_) {
       most_ += kAsInMap.iterations;
       solve("with the correction in the map", false, kAsInMap, result);
@@ -90,6 +92,11 @@ class Refinement {
     }
     result.refined = stage();
     if (!any_free_) result.adjusted = result.refined;
+    // The figures are told: the map is that of all observations.
+    if (options_.hold_out > 0 && !result.stopped) {
+      map_.use_held_out();
+      solve("with all observations", any_free_, kLast, result);
+    }
     result.observations = map_.ids().size();
     // An interrupt keeps what there is: a covariance of a place that is not the minimum as well.
     finish(result);
