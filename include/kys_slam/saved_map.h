@@ -64,11 +64,10 @@ class SavedMap {
       const MapSelection& selection = MapSelection::all()) const;
 
   /// Takes over poses, landmarks and correction of what `observations` returned and was adjusted.
-  /// Other landmarks, and those that are not finite or beyond 1000 km, keep their place as seen from
-  /// their reference keyframe, by its disparity where the correction has changed. Keyframes that are
-  /// not among these do not move.
-  /// \throws std::invalid_argument when it is of another map, or a pose or the correction is not
-  /// finite
+  /// Other landmarks, and those that are not finite or beyond 1000 km, keep their place as seen
+  /// from their reference keyframe, by its disparity where the correction has changed. Keyframes
+  /// that are not among these do not move. \throws std::invalid_argument when it is of another map,
+  /// or a pose or the correction is not finite
   void update(const MapObservations& adjusted);
 
   /// Adds another map of the same rig. Places are found, verified and joined as a run closes loops

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapping/observations_of_map.h"
-
 #include <kys_slam/error.h>
 
 #include <cmath>
@@ -8,6 +6,7 @@
 #include <utility>
 
 #include "map_file/map_file.h"
+#include "mapping/observations_of_map.h"
 #include "mapping/rig_view.h"
 
 namespace kys_slam {

@@ -7,8 +7,8 @@
 
 namespace kys_slam {
 
-/// SavedMap::update. \throws std::invalid_argument when `adjusted` is of another map, or a number in
-/// it is not finite; the map is unchanged then
+/// SavedMap::update. \throws std::invalid_argument when `adjusted` is of another map, or a number
+/// in it is not finite; the map is unchanged then
 void adjust_map(Map& map, const MapObservations& adjusted);
 
 }  // namespace kys_slam

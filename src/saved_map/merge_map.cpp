@@ -21,7 +21,9 @@ constexpr double kSameRig = 1;        // px, largest difference of what two corr
 
 void check_same_rig(const Map& map, const Map& other, const std::string& name) {
   const StereoCamera &a = map.camera(), &b = other.camera();
-  const auto differ = [](double x, double y) { return std::abs(x - y) > kSameCamera * std::abs(x); };
+  const auto differ = [](double x, double y) {
+    return std::abs(x - y) > kSameCamera * std::abs(x);
+  };
   if (a.width != b.width || a.height != b.height || differ(a.fx, b.fx) || differ(a.fy, b.fy) ||
       differ(a.cx, b.cx) || differ(a.cy, b.cy) || differ(a.baseline, b.baseline)) {
     throw InputError(name + ": was made with another calibration");
@@ -84,8 +86,8 @@ void append(MapContents& contents, MapContents more) {
     k.id = keyframe(k.id);
     k.submap = keyframe(k.submap);
     k.parent = keyframe(k.parent);
-    k.frame_index = std::min(k.frame_index, std::numeric_limits<std::int64_t>::max() - frames) +
-                    frames;
+    k.frame_index =
+        std::min(k.frame_index, std::numeric_limits<std::int64_t>::max() - frames) + frames;
     for (KeyFrameId& other : k.loop_edges) other = keyframe(other);
     std::vector<kys::Prior> priors;
     for (const kys::Prior& p : k.features->priors()) priors.push_back(with_instance(p, instances));

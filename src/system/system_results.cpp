@@ -3,8 +3,8 @@
 
 #include <map>
 
-#include "system/system_impl.h"
 #include "map/take_snapshot.h"
+#include "system/system_impl.h"
 
 /// What a System knows after its frames: poses, objects, the map.
 namespace kys_slam {

@@ -50,7 +50,8 @@ TEST(PointCloud, IsReadFromEveryKindOfPly) {
     EXPECT_EQ(cloud.name_of_class(-1), "no class");
   }
   expect_the_two(parse_point_cloud(
-      "ply\r\nformat ascii 1.0\r\n" + kColumns + "200 1.5 3 4.5 7\r\n200 -2 -4 -6 -1\r\n", "a.ply"));
+      "ply\r\nformat ascii 1.0\r\n" + kColumns + "200 1.5 3 4.5 7\r\n200 -2 -4 -6 -1\r\n",
+      "a.ply"));
 }
 
 TEST(PointCloud, IsReadFromPcdAndText) {
@@ -93,9 +94,11 @@ TEST(PointCloud, WhatIsNoneIsNamed) {
   refused("ply\nformat ascii 1.0\n", "end of its header");
   refused("ply\nformat ascii 1.0\nend_header\n", "without points");
   refused("ply\nformat binary 1.0\nelement vertex 1\nend_header\n", "unknown format");
-  refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "no x, y, z");
+  refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n",
+          "no x, y, z");
   refused("ply\nformat ascii 1.0\nelement vertex -1\nproperty float x\nend_header\n", "count");
-  refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n", "lists");
+  refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n",
+          "lists");
   refused("ply\nformat ascii 1.0\nelement face 3\nelement vertex 1\nend_header\n", "before");
   const std::string whole = binary_ply(false);
   refused(whole.substr(0, whole.size() - 1), "truncated");
@@ -104,8 +107,10 @@ TEST(PointCloud, WhatIsNoneIsNamed) {
   refused(huge, "truncated");
   refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 1\nDATA binary_compressed\n",
           "compressed");
-  refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n", "differ in number");
-  refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 3\nTYPE F F F\nPOINTS 1\nDATA ascii\n", "unknown type");
+  refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n",
+          "differ in number");
+  refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 3\nTYPE F F F\nPOINTS 1\nDATA ascii\n",
+          "unknown type");
 }
 
 /// A floor and a wall, points 5 cm apart, classes 1 and 2.

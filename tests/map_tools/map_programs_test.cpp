@@ -89,15 +89,17 @@ TEST_F(MapPrograms, InfoSaysWhatTheMapHolds) {
   EXPECT_EQ(json["features"]["levels"], 8);
   ASSERT_EQ(json["submaps"].size(), 1U);
   EXPECT_NEAR(json["submaps"][0]["path_m"], 60 * 0.39, 1.5);
-  EXPECT_EQ(static_cast<std::size_t>(count_lines(read_text(at("first.tum")))), map.keyframes.size());
+  EXPECT_EQ(static_cast<std::size_t>(count_lines(read_text(at("first.tum")))),
+            map.keyframes.size());
   Command text("map_info", {at("first.map")});
   ASSERT_EQ(text.wait(), 0);
   EXPECT_NE(text.out().find("format version 2"), std::string::npos);
 }
 
 TEST_F(MapPrograms, ARefinedMapIsContinued) {
-  const std::vector<std::string> call{at("first.map"), "-o",           at("refined.map"),
-                                      "--free",        "offset,rotation", "--covariance", "--quiet"};
+  const std::vector<std::string> call{
+      at("first.map"),   "-o",           at("refined.map"), "--free",
+      "offset,rotation", "--covariance", "--quiet"};
   Command refine("refine_map", call);
   ASSERT_EQ(refine.wait(), 0) << refine.err();
   EXPECT_EQ(refine.err(), "");
@@ -157,9 +159,9 @@ TEST_F(MapPrograms, TwoPartsOfATownBecomeOneMap) {
   const Eigen::Vector3d end = both.keyframes.back().T_w_c.translation;
   const double angle = 0.01 * (both.keyframes.back().timestamp - 100) * 10;
   EXPECT_LT((end - 60 * Eigen::Vector3d(1 - std::cos(angle), 0, std::sin(angle))).norm(), 0.5);
-  Command run("run_stereo_kitti", {at("town.features"), "--output", at("in_both"), "--quiet",
-                                   "--schedule", "sequential", "--load-map", at("both.map"),
-                                   "--localize-only"});
+  Command run("run_stereo_kitti",
+              {at("town.features"), "--output", at("in_both"), "--quiet", "--schedule",
+               "sequential", "--load-map", at("both.map"), "--localize-only"});
   EXPECT_EQ(run.wait(), 0) << run.err();
 }
 
@@ -196,14 +198,15 @@ TEST_F(MapPrograms, BadInputIsNamed) {
     expect_refused("evaluate_map", {at("first.map"), "--truth", at(name)}, name);
   }
   expect_refused("evaluate_map",
-                 {at("cloud.xyz"), "--truth", at("cloud.xyz"), "--trajectory-truth", at("first/trajectory.tum")},
+                 {at("cloud.xyz"), "--truth", at("cloud.xyz"), "--trajectory-truth",
+                  at("first/trajectory.tum")},
                  "has no keyframes");
 }
 
 TEST_F(MapPrograms, AMapAgreesWithItsOwnPoints) {
   Command evaluate("evaluate_map",
-                   {at("first.map"), "--truth", at("first/map.ply"), "--json", at("e.json"), "--ply",
-                    at("e.ply"), "--trajectory-truth", at("first/keyframes.tum")});
+                   {at("first.map"), "--truth", at("first/map.ply"), "--json", at("e.json"),
+                    "--ply", at("e.ply"), "--trajectory-truth", at("first/keyframes.tum")});
   ASSERT_EQ(evaluate.wait(), 0) << evaluate.err();
   const auto json = nlohmann::json::parse(read_text(at("e.json")));
   EXPECT_EQ(json["accuracy"]["share"]["0.02"], 1) << json;

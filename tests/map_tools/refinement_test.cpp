@@ -61,7 +61,8 @@ TEST(Refinement, FindsAFreeOffsetAndHoldsTheRest) {
   error.cx = 0.8;  // of the right image: disparities are smaller
   MapObservations map = drive(error, 1);
   const RefinementResult result = refine(map, with_free({"offset"}));
-  EXPECT_NEAR(result.after.correction.offset(), 0.8, 3 * sigma_of(result.after, RigParameter::kOffset));
+  EXPECT_NEAR(result.after.correction.offset(), 0.8,
+              3 * sigma_of(result.after, RigParameter::kOffset));
   EXPECT_LT(sigma_of(result.after, RigParameter::kOffset), 0.1);
   EXPECT_EQ(map.rig.correction, result.after.correction);
   for (int k = 0; k < RigCorrection::kSize; ++k) {

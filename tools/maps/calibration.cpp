@@ -73,8 +73,7 @@ class Calibration {
     for (const auto& work : works_) work->order(*problem_, *ordering);
     ordering->AddElementToGroup(shape_.data(), 1);
     const SolveRound round{what, iterations, kMostIterations, rig_free ? 1e-6 : 1e-4};
-    result.stopped =
-        !solve_round(*problem_, ordering, round, options_.watch, result.iterations);
+    result.stopped = !solve_round(*problem_, ordering, round, options_.watch, result.iterations);
   }
 
   /// Information of the rig's parameters from all recordings, and what follows from it.

@@ -28,8 +28,8 @@ struct CalibrationOptions {
 };
 
 struct RecordingResult {
-  RigEstimate rig;  ///< the shape, and what this recording has of its own
-  Residuals before;   ///< with the given calibration, poses and points fitted to it
+  RigEstimate rig;   ///< the shape, and what this recording has of its own
+  Residuals before;  ///< with the given calibration, poses and points fitted to it
   Residuals after;   ///< of observations that were not used, as before
   std::size_t keyframes = 0, landmarks = 0, observations = 0;
 };

@@ -61,8 +61,9 @@ EvaluatedMap read_saved_map(const fs::path& file) {
     centres[k.id] = k.T_w_c.translation;
     if (k.submap == snapshot.main_submap) map.keyframes.push_back({k.timestamp, k.T_w_c});
   }
-  std::stable_sort(map.keyframes.begin(), map.keyframes.end(),
-                   [](const TimedPose& a, const TimedPose& b) { return a.timestamp < b.timestamp; });
+  std::stable_sort(
+      map.keyframes.begin(), map.keyframes.end(),
+      [](const TimedPose& a, const TimedPose& b) { return a.timestamp < b.timestamp; });
   bool labelled = false;
   for (const MapSnapshot::Landmark& l : snapshot.landmarks) {
     if (l.submap != snapshot.main_submap) continue;

@@ -26,9 +26,9 @@ StereoRig given_rig(const std::filesystem::path& from, double unit, const Stereo
   const auto differ = [](double x, double y) { return std::abs(x - y) > kSame * std::abs(y); };
   if (differ(theirs.fx, camera.fx) || differ(theirs.cx, camera.cx) ||
       differ(theirs.cy, camera.cy) || differ(theirs.baseline, camera.baseline)) {
-    throw InputError(fmt::format(
-        "{}: not the calibration of these maps: rectified it has {}, they have {}", from.string(),
-        describe(theirs), describe(camera)));
+    throw InputError(
+        fmt::format("{}: not the calibration of these maps: rectified it has {}, they have {}",
+                    from.string(), describe(theirs), describe(camera)));
   }
   return rig;
 }

@@ -82,9 +82,10 @@ void refine_by_points(const std::vector<Eigen::Vector3d>& points, const PointClo
       centre += p;
     }
     if (pair.size() < kLeastPairs) {
-      throw InputError(fmt::format("--icp: {} points of the map are within {} m of the truth; {} "
-                                   "are needed",
-                                   pair.size(), kIcpReach, kLeastPairs));
+      throw InputError(
+          fmt::format("--icp: {} points of the map are within {} m of the truth; {} "
+                      "are needed",
+                      pair.size(), kIcpReach, kLeastPairs));
     }
     centre /= static_cast<double>(pair.size());
     const Similarity step = align(pair, Alignment::kSe3);
@@ -157,8 +158,9 @@ std::vector<Distances> by_range(const std::vector<double>& distance,
       if (distance[k] >= low && distance[k] < high) within.push_back(values[k]);
     }
     const bool last = r + 1 == kFrom.size();
-    list.push_back(summary(last ? fmt::format("from {} m", low) : fmt::format("{} to {} m", low, high),
-                           std::move(within)));
+    list.push_back(
+        summary(last ? fmt::format("from {} m", low) : fmt::format("{} to {} m", low, high),
+                std::move(within)));
   }
   return list;
 }
@@ -209,7 +211,8 @@ MapEvaluation evaluate_map(const EvaluatedMap& map, const PointCloud& truth,
 std::string error_ply(const EvaluatedMap& map, const MapEvaluation& evaluation) {
   const std::vector<Eigen::Vector3d> points = moved_by(evaluation.alignment, map.cloud.points);
   std::string text = fmt::format(
-      "ply\nformat binary_little_endian 1.0\ncomment points of a map, m, frame of the truth; error: "
+      "ply\nformat binary_little_endian 1.0\ncomment points of a map, m, frame of the truth; "
+      "error: "
       "distance from the truth, m\nelement vertex {}\nproperty float x\nproperty float y\n"
       "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
       "property float error\nend_header\n",

@@ -111,7 +111,9 @@ Json classes(const MapSnapshot& map, const ClassNames& name) {
 
 Json rig_of_map(const MapInfo& info) {
   const RigCorrection& rig = info.rig.correction;
-  Json json{{"corrected", rig.none() ? "none" : rig.bends() ? "all" : "offset"},
+  Json json{{"corrected", rig.none()    ? "none"
+                          : rig.bends() ? "all"
+                                        : "offset"},
             {"parameters", Json::object()}};
   for (int k = 0; k < RigCorrection::kSize; ++k) {
     const double value = rig.parameters()[k];
@@ -144,13 +146,13 @@ Json describe_map(const SavedMap& map, const std::string& file) {
   json["label_space"] = info.label_space.empty() ? Json(nullptr) : Json(info.label_space);
   json["classes"] = labelled ? classes(snapshot, ClassNames(info.label_space)) : Json::array();
   json["beliefs"] = info.beliefs;
-  json["camera"] = {{"width", c.width}, {"height", c.height}, {"fx", c.fx},
-                    {"fy", c.fy},       {"cx", c.cx},         {"cy", c.cy},
-                    {"baseline_m", c.baseline}};
+  json["camera"] = {
+      {"width", c.width}, {"height", c.height},      {"fx", c.fx}, {"fy", c.fy}, {"cx", c.cx},
+      {"cy", c.cy},       {"baseline_m", c.baseline}};
   json["rig"] = rig_of_map(info);
-  json["features"] = {{"levels", info.levels},       {"scale_factor", info.scale_factor},
-                      {"count", info.features},      {"stereo", info.stereo},
-                      {"aligned", info.aligned},     {"labelled", info.labelled},
+  json["features"] = {{"levels", info.levels},     {"scale_factor", info.scale_factor},
+                      {"count", info.features},    {"stereo", info.stereo},
+                      {"aligned", info.aligned},   {"labelled", info.labelled},
                       {"rows_measured", info.rows}};
   return json;
 }
@@ -174,21 +176,21 @@ std::string text_of(const Json& m) {
   const auto row = [&](const char* name, const std::string& value) {
     text += fmt::format("  {:<13} {}\n", name, value);
   };
-  row("file", fmt::format("{}, format version {}", m["file"].get<std::string>(),
-                          m["version"].get<int>()));
-  row("keyframes", fmt::format("{} and {} culled, {} loops", m["keyframes"].get<std::size_t>(),
-                               m["culled_keyframes"].get<std::size_t>(),
-                               m["loops"].get<std::size_t>()));
+  row("file",
+      fmt::format("{}, format version {}", m["file"].get<std::string>(), m["version"].get<int>()));
+  row("keyframes",
+      fmt::format("{} and {} culled, {} loops", m["keyframes"].get<std::size_t>(),
+                  m["culled_keyframes"].get<std::size_t>(), m["loops"].get<std::size_t>()));
   row("landmarks", fmt::format("{}, observed {} times{}", m["landmarks"].get<std::size_t>(),
                                m["observations"].get<std::size_t>(),
                                m["beliefs"].get<bool>() ? ", with beliefs" : ""));
   for (const Json& s : m["submaps"]) {
-    row("sub-map", fmt::format("from keyframe {}: {} keyframes, {} landmarks, {:.3f} to {:.3f} s, "
-                               "path {:.1f} m",
-                               s["first_keyframe"].get<std::uint32_t>(),
-                               s["keyframes"].get<std::size_t>(), s["landmarks"].get<std::size_t>(),
-                               s["first_s"].get<double>(), s["last_s"].get<double>(),
-                               s["path_m"].get<double>()));
+    row("sub-map",
+        fmt::format("from keyframe {}: {} keyframes, {} landmarks, {:.3f} to {:.3f} s, "
+                    "path {:.1f} m",
+                    s["first_keyframe"].get<std::uint32_t>(), s["keyframes"].get<std::size_t>(),
+                    s["landmarks"].get<std::size_t>(), s["first_s"].get<double>(),
+                    s["last_s"].get<double>(), s["path_m"].get<double>()));
     row("", "camera    " + extent(s["camera"]));
     row("", "landmarks " + extent(s["extent"]));
   }
@@ -198,24 +200,26 @@ std::string text_of(const Json& m) {
   }
   if (!m["label_space"].is_null()) row("label space", m["label_space"].get<std::string>());
   const Json& c = m["camera"];
-  row("camera", fmt::format("{}x{} px, fx {:.3f}, fy {:.3f}, cx {:.3f}, cy {:.3f}, baseline {:.5f} m",
-                            c["width"].get<int>(), c["height"].get<int>(), c["fx"].get<double>(),
-                            c["fy"].get<double>(), c["cx"].get<double>(), c["cy"].get<double>(),
-                            c["baseline_m"].get<double>()));
+  row("camera",
+      fmt::format("{}x{} px, fx {:.3f}, fy {:.3f}, cx {:.3f}, cy {:.3f}, baseline {:.5f} m",
+                  c["width"].get<int>(), c["height"].get<int>(), c["fx"].get<double>(),
+                  c["fy"].get<double>(), c["cx"].get<double>(), c["cy"].get<double>(),
+                  c["baseline_m"].get<double>()));
   row("correction", m["rig"]["corrected"].get<std::string>());
   for (const auto& [name, p] : m["rig"]["parameters"].items()) {
-    row("", fmt::format("{:<11} {:>10.5f}{} {}", name, p["value"].get<double>(),
-                        p["sigma"].is_null() ? ""
-                                             : fmt::format(" +- {:.5f}", p["sigma"].get<double>()),
-                        p["unit"].get<std::string>()));
+    row("",
+        fmt::format("{:<11} {:>10.5f}{} {}", name, p["value"].get<double>(),
+                    p["sigma"].is_null() ? "" : fmt::format(" +- {:.5f}", p["sigma"].get<double>()),
+                    p["unit"].get<std::string>()));
   }
   const Json& f = m["features"];
-  row("features", fmt::format("{} in keyframes, {} levels of {:.3f}; {} with disparity, {} aligned, "
-                              "{} with class; rows {}",
-                              f["count"].get<std::size_t>(), f["levels"].get<int>(),
-                              f["scale_factor"].get<double>(), share(f, "stereo"),
-                              share(f, "aligned"), share(f, "labelled"),
-                              f["rows_measured"].get<bool>() ? "measured" : "not measured"));
+  row("features",
+      fmt::format("{} in keyframes, {} levels of {:.3f}; {} with disparity, {} aligned, "
+                  "{} with class; rows {}",
+                  f["count"].get<std::size_t>(), f["levels"].get<int>(),
+                  f["scale_factor"].get<double>(), share(f, "stereo"), share(f, "aligned"),
+                  share(f, "labelled"),
+                  f["rows_measured"].get<bool>() ? "measured" : "not measured"));
   return text;
 }
 

@@ -28,12 +28,12 @@ struct Residuals {
 
 /// One map in a Ceres problem, which can have residuals of other measurements as well: a block of
 /// kPoseSize per keyframe (PoseManifold), three numbers per landmark, and the rig's correction in
-/// two blocks, of which the shape may be common to several maps. Costs by the map's noise model with
-/// Huber's loss.
+/// two blocks, of which the shape may be common to several maps. Costs by the map's noise model
+/// with Huber's loss.
 class MapProblem {
  public:
-  static constexpr double kAll = 1e30;    ///< for choose(): none is too far off
-  static constexpr double kFarOff = 25;   ///< chi2 of an observation that is left out
+  static constexpr double kAll = 1e30;       ///< for choose(): none is too far off
+  static constexpr double kFarOff = 25;      ///< chi2 of an observation that is left out
   static constexpr int kLeastObservers = 2;  ///< of a landmark, without those held out
 
   /// \param map  its landmarks are moved in place; must outlive the problem

@@ -88,8 +88,8 @@ Evaluated evaluate_blocks(ceres::Problem& problem,
   ceres::CRSMatrix crs;
   problem.Evaluate(options, &result.cost, &result.residuals, nullptr, &crs);
   result.J = Eigen::Map<const Sparse>(crs.num_rows, crs.num_cols,
-                                      static_cast<Eigen::Index>(crs.values.size()),
-                                      crs.rows.data(), crs.cols.data(), crs.values.data());
+                                      static_cast<Eigen::Index>(crs.values.size()), crs.rows.data(),
+                                      crs.cols.data(), crs.values.data());
   return result;
 }
 
@@ -113,8 +113,8 @@ NormalEquations reduce(ceres::Problem& problem, MapProblem& map,
   NormalEquations result;
   result.H = Sparse(J_others.transpose()) * J_others;
   result.H -= Eigen::SparseMatrix<double>(Sparse(Z.transpose()) * Z);
-  result.gradients = reduced_sums(residuals_of_landmarks(J_points, at.residuals), J_points,
-                                  J_others, factors, Z);
+  result.gradients =
+      reduced_sums(residuals_of_landmarks(J_points, at.residuals), J_points, J_others, factors, Z);
   result.shared = reduced_sums(pixels_of_parts(map.rows()), J_points, J_others, factors, Z);
   result.chi2 = 2 * at.cost;
   result.residuals = at.J.rows();

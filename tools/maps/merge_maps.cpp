@@ -33,9 +33,9 @@ int run(const std::vector<fs::path>& inputs, const fs::path& output, bool refine
   const InterruptGuard guard([&] { stop = true; });
   const MergeReport report = map.merge(other, &stop);
   if (stop) throw InputError("interrupted; nothing is written");
-  const std::string tried = fmt::format("{} keyframes of {} compared, {} candidate places verified",
-                                        report.keyframes, printable(inputs[1].string()),
-                                        report.candidates);
+  const std::string tried =
+      fmt::format("{} keyframes of {} compared, {} candidate places verified", report.keyframes,
+                  printable(inputs[1].string()), report.candidates);
   if (!report.merged) {
     print_text("no common place found: " + tried + "; nothing is written\n");
     return kNoOverlap;
@@ -55,15 +55,17 @@ int run(const std::vector<fs::path>& inputs, const fs::path& output, bool refine
   const auto joins = std::count_if(report.places.begin(), report.places.end(),
                                    [](const MergeReport::Place& p) { return p.joined; });
   const MapSnapshot merged = map.snapshot();
-  print_text(fmt::format("{}: {} common places found, sub-maps joined {} times, {} landmarks "
-                         "became one\n{} keyframes, {} landmarks",
-                         tried, report.places.size(), joins, report.fused, merged.keyframes.size(),
-                         merged.landmarks.size()));
+  print_text(
+      fmt::format("{}: {} common places found, sub-maps joined {} times, {} landmarks "
+                  "became one\n{} keyframes, {} landmarks",
+                  tried, report.places.size(), joins, report.fused, merged.keyframes.size(),
+                  merged.landmarks.size()));
   if (refined) {
-    print_text(fmt::format("; residuals of u {:.3f} to {:.3f} px, of disparities {:.3f} to {:.3f} px "
-                           "by bundle adjustment",
-                           result.read.used.sigma[0], result.refined.used.sigma[0],
-                           result.read.used.sigma[2], result.refined.used.sigma[2]));
+    print_text(
+        fmt::format("; residuals of u {:.3f} to {:.3f} px, of disparities {:.3f} to {:.3f} px "
+                    "by bundle adjustment",
+                    result.read.used.sigma[0], result.refined.used.sigma[0],
+                    result.read.used.sigma[2], result.refined.used.sigma[2]));
   }
   print_text("\n");
   return 0;

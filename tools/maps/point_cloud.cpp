@@ -83,7 +83,8 @@ struct Wanted {
 template <typename Value>
 void add_point(const Wanted& wanted, const Value& value, PointCloud& cloud) {
   Eigen::Vector3d p, n;
-  for (std::size_t c = 0; c < 3; ++c) p[static_cast<Eigen::Index>(c)] = value(wanted.position.at(c));
+  for (std::size_t c = 0; c < 3; ++c)
+    p[static_cast<Eigen::Index>(c)] = value(wanted.position.at(c));
   if (!p.allFinite()) {
     ++cloud.left_out;
     return;
@@ -91,7 +92,8 @@ void add_point(const Wanted& wanted, const Value& value, PointCloud& cloud) {
   if (p.cwiseAbs().maxCoeff() > kMostMetres) refuse("has a point that is too far away");
   cloud.points.push_back(p);
   if (wanted.normals()) {
-    for (std::size_t c = 0; c < 3; ++c) n[static_cast<Eigen::Index>(c)] = value(wanted.normal.at(c));
+    for (std::size_t c = 0; c < 3; ++c)
+      n[static_cast<Eigen::Index>(c)] = value(wanted.normal.at(c));
     const double norm = n.norm();
     const bool sound = std::isfinite(norm) && norm > 1e-6;
     cloud.normals.emplace_back(sound ? Eigen::Vector3d(n / norm) : Eigen::Vector3d::Zero());
@@ -166,8 +168,8 @@ PointCloud read_records(std::string_view data, const Layout& layout) {
   }
   std::size_t line_number = 0;
   for (std::size_t k = 0; k < layout.count;) {
-    if (data.empty()) refuse("is truncated: " + std::to_string(k) + " points of " +
-                             std::to_string(layout.count));
+    if (data.empty())
+      refuse("is truncated: " + std::to_string(k) + " points of " + std::to_string(layout.count));
     const std::vector<std::string_view> words = words_of(take_line(data));
     ++line_number;
     if (words.empty()) continue;

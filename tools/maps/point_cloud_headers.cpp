@@ -87,7 +87,8 @@ PointCloud parse_ply(std::string_view bytes) {
   bool vertices = false;
   take_line(bytes);
   for (std::size_t lines = 0;; ++lines) {
-    if (bytes.empty() || lines > kMostLines) refuse_header("is a PLY file without end of its header");
+    if (bytes.empty() || lines > kMostLines)
+      refuse_header("is a PLY file without end of its header");
     const std::vector<std::string_view> words = words_of(take_line(bytes));
     if (words.empty()) continue;
     if (words[0] == "end_header") break;
@@ -152,7 +153,8 @@ PointCloud parse_pcd(std::string_view bytes) {
     const std::size_t repeated = counts.empty() ? 1 : count_of(counts[k]);
     if (repeated > kMostColumns) refuse_header("has too many columns");
     for (std::size_t r = 0; r < repeated; ++r) {
-      add_column(layout, r == 0 ? fields[k] : std::string(), pcd_type(types[k], count_of(sizes[k])));
+      add_column(layout, r == 0 ? fields[k] : std::string(),
+                 pcd_type(types[k], count_of(sizes[k])));
     }
   }
   return read_records(bytes, layout);

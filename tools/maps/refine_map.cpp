@@ -41,9 +41,10 @@ struct Arguments {
 void declare(CLI::App& app, Arguments& a) {
   app.add_option("MAP", a.input, "map of a run (--save-map)")->required();
   one_at_a_time(app.add_option("-o,--output", a.output, "map to write"))->required();
-  app.add_option("--free", a.free,
-                 "parameters of the rig that are estimated: offset, intrinsics, baseline, rotation, "
-                 "distortion")
+  app.add_option(
+         "--free", a.free,
+         "parameters of the rig that are estimated: offset, intrinsics, baseline, rotation, "
+         "distortion")
       ->delimiter(',');
   app.add_flag("--covariance", a.covariance, "covariances of keyframes, relative to the first");
   app.add_option("--hold-out", a.hold_out, "share of observations that are predicted, not used")
@@ -88,9 +89,8 @@ double deviation(const RigEstimate& rig, int k) {
 std::string residual_line(const char* name, const Residuals& r) {
   std::string text = fmt::format("  {:<34}", name);
   for (std::size_t c = 0; c < kMeasured.size(); ++c) {
-    text += r.count.at(c) == 0
-                ? fmt::format(" {:>9}", "-")
-                : fmt::format(" {:>9.3f}", r.sigma[static_cast<Eigen::Index>(c)]);
+    text += r.count.at(c) == 0 ? fmt::format(" {:>9}", "-")
+                               : fmt::format(" {:>9.3f}", r.sigma[static_cast<Eigen::Index>(c)]);
   }
   return text + fmt::format(" {:>9}\n", r.count[0]);
 }
@@ -115,17 +115,17 @@ std::string table(const RefinementResult& result, const RefinementOptions& optio
     }
     text += "\n";
   }
-  text += fmt::format("{:<36} {:>9} {:>9} {:>9} {:>9} {:>9}\n",
-                      "robust standard deviations, px/octave", "u", "v", "disparity", "row",
-                      "number");
+  text +=
+      fmt::format("{:<36} {:>9} {:>9} {:>9} {:>9} {:>9}\n", "robust standard deviations, px/octave",
+                  "u", "v", "disparity", "row", "number");
   using Part = Residuals RefinementResult::Stage::*;
-  for (const auto& [name, part] : {std::pair<const char*, Part>(
-                                       "not used, only predicted", &RefinementResult::Stage::held_out),
+  for (const auto& [name, part] : {std::pair<const char*, Part>("not used, only predicted",
+                                                                &RefinementResult::Stage::held_out),
                                    {"used", &RefinementResult::Stage::used}}) {
     text += fmt::format("{}\n", name);
     text += residual_line("in the map as it was", result.read.*part);
-    text += residual_line(any ? "adjusted, correction as it was" : "adjusted",
-                          result.adjusted.*part);
+    text +=
+        residual_line(any ? "adjusted, correction as it was" : "adjusted", result.adjusted.*part);
     if (any) text += residual_line("adjusted with the correction", result.refined.*part);
   }
   return text;
@@ -154,15 +154,15 @@ nlohmann::json figures(const Arguments& a, const MapObservations& map,
     const RigParameterName& name = rig_parameter_names().at(static_cast<std::size_t>(k));
     const double prior = std::sqrt(options.prior.covariance(k, k));
     const bool free = options.free.at(static_cast<std::size_t>(k));
-    json["parameters"].push_back({{"name", name.name},
-                                  {"unit", name.unit},
-                                  {"before", result.before.correction.parameters()[k]},
-                                  {"after", result.after.correction.parameters()[k]},
-                                  {"sigma", deviation(result.after, k)},
-                                  {"prior", prior},
-                                  {"free", free},
-                                  {"determined", free && deviation(result.after, k) <
-                                                             kDetermined * prior}});
+    json["parameters"].push_back(
+        {{"name", name.name},
+         {"unit", name.unit},
+         {"before", result.before.correction.parameters()[k]},
+         {"after", result.after.correction.parameters()[k]},
+         {"sigma", deviation(result.after, k)},
+         {"prior", prior},
+         {"free", free},
+         {"determined", free && deviation(result.after, k) < kDetermined * prior}});
   }
   for (const auto& [name, stage] : {std::pair("map", &result.read),
                                     {"adjusted", &result.adjusted},
@@ -175,7 +175,8 @@ nlohmann::json figures(const Arguments& a, const MapObservations& map,
 
 std::string covariance_table(const MapObservations& map, const RefinementResult& result) {
   std::string text =
-      "# Covariance of the increment (rx, ry, rz: rad; tx, ty, tz: m) x_c -> exp(r) x_c + t of the\n"
+      "# Covariance of the increment (rx, ry, rz: rad; tx, ty, tz: m) x_c -> exp(r) x_c + t of "
+      "the\n"
       "# pose of a keyframe relative to keyframe `relative_to`, the first of its sub-map, in the\n"
       "# frame of its own left camera (x right, y down, z ahead). Upper triangle by rows.\n"
       "keyframe,timestamp_s,relative_to";
@@ -193,7 +194,8 @@ std::string covariance_table(const MapObservations& map, const RefinementResult&
     if (map.held[k] != 0) held = map.keyframe_ids[k];
     text += fmt::format("{},{:.6f},{}", map.keyframe_ids[k], map.timestamps[k], held);
     for (Eigen::Index r = 0; r < 6; ++r) {
-      for (Eigen::Index c = r; c < 6; ++c) text += fmt::format(",{:.9g}", result.covariances[k](r, c));
+      for (Eigen::Index c = r; c < 6; ++c)
+        text += fmt::format(",{:.9g}", result.covariances[k](r, c));
     }
     text += "\n";
   }
@@ -237,7 +239,7 @@ int run(Arguments a) {
   map.write(a.output);
   if (!a.free.empty()) {
     write_file_atomic(a.calibration, to_yaml(rig) + to_yaml(CorrectionFile{observations.camera,
-                                                                          observations.rig}));
+                                                                           observations.rig}));
   }
   if (a.covariance) write_file_atomic(a.covariances, covariance_table(observations, result));
   write_file_atomic(a.json, figures(a, observations, result, options).dump(2) + "\n");

@@ -39,7 +39,8 @@ struct Round {
 };
 constexpr Round kAsInMap{MapProblem::kAll, 30};
 constexpr Round kLast{MapProblem::kFarOff, 20};
-// The first round has all: with other poses or another correction what is far off need not be wrong.
+// The first round has all: with other poses or another correction what is far off need not be
+// wrong.
 constexpr std::array kRigRounds = {Round{MapProblem::kAll, 300}, Round{MapProblem::kFarOff, 100},
                                    Round{MapProblem::kFarOff, 100}};
 constexpr std::array kPlainRounds = {Round{MapProblem::kAll, 30}, Round{MapProblem::kFarOff, 20}};
@@ -78,8 +79,8 @@ class Refinement {
     RefinementResult result;
     result.before = result.after = map_.map().rig;
     result.read = stage();
-    const std::span<const Round> rounds = any_free_ ? std::span<const Round>(kRigRounds)
-                                                    : std::span<const Round>(kPlainRounds);
+    const std::span<const Round> rounds =
+        any_free_ ? std::span<const Round>(kRigRounds) : std::span<const Round>(kPlainRounds);
     for (const Round& r : rounds) most_ += r.iterations;
     most_ += kLast.iterations;
     if (any_free_) {
@@ -166,9 +167,8 @@ class Refinement {
   void finish(RefinementResult& result) {
     std::vector<double*> blocks = variable_blocks();
     const NormalEquations measured = reduce(*problem_, map_, blocks);
-    result.unit = std::sqrt(
-        measured.chi2 /
-        static_cast<double>(std::max<std::int64_t>(1, measured.residuals - measured.unknowns)));
+    result.unit = std::sqrt(measured.chi2 / static_cast<double>(std::max<std::int64_t>(
+                                                1, measured.residuals - measured.unknowns)));
     if (any_free_) result.after.correction = map_.rig();
     if (!any_free_ && !options_.covariances) return;
     std::vector<ceres::ResidualBlockId> others;
@@ -223,7 +223,8 @@ class Refinement {
     }
   }
 
-  void pose_covariances(const Marginals& marginals, const Starts& starts, RefinementResult& result) {
+  void pose_covariances(const Marginals& marginals, const Starts& starts,
+                        RefinementResult& result) {
     const std::size_t poses = map_.poses().size();
     result.covariances.assign(poses, Eigen::Matrix<double, 6, 6>::Zero());
     std::size_t next = 0;  // the blocks begin with the free poses, in their order

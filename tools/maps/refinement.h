@@ -22,11 +22,11 @@ const std::vector<std::string_view>& rig_groups();
 FreeParameters parse_groups(const std::vector<std::string>& names);
 
 struct RefinementOptions {
-  double hold_out = 0.1;       ///< share of the observations that are not used, but predicted
-  std::uint64_t seed = 1;      ///< of their choice
-  FreeParameters free{};       ///< the others stay as they are in the map
-  RigEstimate prior;           ///< of all parameters before anything is seen
-  bool covariances = false;    ///< of keyframes
+  double hold_out = 0.1;     ///< share of the observations that are not used, but predicted
+  std::uint64_t seed = 1;    ///< of their choice
+  FreeParameters free{};     ///< the others stay as they are in the map
+  RigEstimate prior;         ///< of all parameters before anything is seen
+  bool covariances = false;  ///< of keyframes
   /// Adds residuals of other measurements, without loss or with one, on blocks of the map. Called
   /// whenever a problem has been built. Their deviations are taken as they are.
   std::function<void(ceres::Problem&, MapProblem&)> more;

@@ -41,8 +41,7 @@ class Surfaces {
     for (const Instance& instance : world.scene.instances) {
       if (instance.motion) continue;
       const Mesh& mesh = world.scene.prototypes[static_cast<std::size_t>(instance.prototype)];
-      const int category =
-          world.scene.objects[static_cast<std::size_t>(instance.object)].category;
+      const int category = world.scene.objects[static_cast<std::size_t>(instance.object)].category;
       for (const auto& t : mesh.triangles) {
         const auto at = [&](std::size_t k) -> Eigen::Vector3d {
           return instance.T_w_o * (instance.scale * mesh.vertices[t.at(k)].cast<double>());
@@ -69,9 +68,8 @@ class Surfaces {
     const double area = t.ab.cross(t.ac).norm() / 2;
     if (!(area > 0)) return;
     const double reach = kReach + std::max(t.ab.norm(), t.ac.norm());
-    const bool near = std::any_of(world.T_w_c.begin(), world.T_w_c.end(), [&](const Rigid3& T) {
-      return (T.t() - t.a).norm() < reach;
-    });
+    const bool near = std::any_of(world.T_w_c.begin(), world.T_w_c.end(),
+                                  [&](const Rigid3& T) { return (T.t() - t.a).norm() < reach; });
     if (!near) return;
     triangles_.push_back(t);
     sums_.push_back((sums_.empty() ? 0 : sums_.back()) + area);
@@ -99,8 +97,7 @@ class Views {
       }
       for (std::size_t k = 0; k < in_view.size(); k += kPacket) {
         cast({in_view.begin() + static_cast<std::ptrdiff_t>(k),
-              in_view.begin() + static_cast<std::ptrdiff_t>(
-                                    std::min(in_view.size(), k + kPacket))},
+              in_view.begin() + static_cast<std::ptrdiff_t>(std::min(in_view.size(), k + kPacket))},
              T_w_c);
       }
     }
