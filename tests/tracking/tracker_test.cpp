@@ -243,6 +243,7 @@ TEST_F(TrackerTest, ATurnIsNotHiddenByWhatLooksAsIfTheCameraWentOn) {
     TrackResult result;
     ASSERT_NO_FATAL_FAILURE(turn_back(i, 0.5, 190, result));
     EXPECT_EQ(result.jumped, i == 12) << i << ": " << result.reason;
+    EXPECT_EQ(result.integrity.reason == IntegrityReason::kImpossibleMotion, i == 12) << i;
   }
 }
 
@@ -571,7 +572,7 @@ TEST_F(TrackerTest, TheGateKnowsThatALandmarkOfOneKeyframeIsAsNoisyAsAKeypoint) 
 
 TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
   TrackerOptions options;
-  options.acceleration = 0;
+  options.motion.acceleration = 0;
   tracker_ = Tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), options, model_);
   track_world(0, 0);
   track_world(1, 0.4);
