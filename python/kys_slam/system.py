@@ -83,6 +83,14 @@ class RigParameter(NamedTuple):
     unit: str  #: "px", "rad", or "": a ratio
 
 
+class OffsetEstimate(NamedTuple):
+    """An estimate of the offset of disparities alone."""
+
+    value: float  #: px, to be added to every disparity
+    sigma: float  #: px, with the systematic part
+    applied: bool  #: it is what disparities are corrected by
+
+
 class Rig(NamedTuple):
     """The calibration as the images show it."""
 
@@ -91,6 +99,8 @@ class Rig(NamedTuple):
     rows_sigma_after: Optional[float]  #: px, the same with the correction that fits them
     rows_field: Optional[float]  #: px, root mean square of what that correction changes in rows
     parameters: Dict[str, RigParameter]  #: of the correction that is applied
+    #: the latest estimate of the offset alone, applied or not; None: none, or all is corrected
+    offset_estimate: Optional[OffsetEstimate] = None
 
     @property
     def offset(self) -> float:
@@ -182,6 +192,8 @@ class System(_core.System):
         """What the images said about the calibration, and the correction that is applied."""
         d = self._rig()
         d["parameters"] = {name: RigParameter(*p) for name, p in d["parameters"].items()}
+        if d["offset_estimate"]:
+            d["offset_estimate"] = OffsetEstimate(*d["offset_estimate"])
         return Rig(**d)
 
     def snapshot(self) -> MapSnapshot:

@@ -404,6 +404,10 @@ nb::dict to_dict(const RigReport& report) {
         nb::str(name.unit.data(), name.unit.size()));
   }
   d["parameters"] = parameters;
+  d["offset_estimate"] = report.offset
+                             ? nb::cast(nb::make_tuple(report.offset->value, report.offset->sigma,
+                                                       report.offset->applied))
+                             : nb::none();
   return d;
 }
 
