@@ -30,6 +30,11 @@ struct MapObservations {
   std::vector<Eigen::Vector3d> landmarks;  ///< p_w, m
   std::vector<Observation> observations;   ///< by landmark
   std::vector<std::int32_t> first{0};  ///< per landmark its first observation; then their number
+
+  std::vector<std::uint32_t> keyframe_ids;  ///< per keyframe, increasing
+  std::vector<std::uint32_t> submaps;       ///< per keyframe: id of the first one of its sub-map
+  std::vector<double> timestamps;           ///< per keyframe, s
+  std::vector<std::uint32_t> landmark_ids;  ///< per landmark, increasing
 };
 
 /// Which part of a map to read.
@@ -37,6 +42,12 @@ struct MapSelection {
   std::size_t keyframes = 100;       ///< at most; the newest
   std::size_t observations = 30000;  ///< about, at most
   int min_observers = 3;             ///< keyframes that observe a landmark
+  /// px of level 0 per px of the octave, of disparities that are used: coarser ones are biased to
+  /// the nearer of two surfaces, which matters when a rig is estimated.
+  float coarsest_disparity = 1.5F;
+
+  /// All keyframes, all landmarks that two of them observe, all disparities.
+  static MapSelection all() { return {std::size_t{1} << 30, std::size_t{1} << 40, 2, 1e9F}; }
 };
 
 /// Reads a saved map, of any label space.

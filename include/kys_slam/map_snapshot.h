@@ -24,6 +24,7 @@ struct MapSnapshot {
     std::int32_t instance = -1;    ///< -1: none
     float belief = 1;              ///< probability of being static; 1 unless the mode is `verified`
     std::uint32_t observations = 0;
+    std::uint32_t reference = 0;  ///< id of the keyframe from which its range of distances is
     Eigen::Vector3d p_w = Eigen::Vector3d::Zero();  ///< m
   };
   /// Two keyframes that share landmarks, are parent and child in the spanning tree, or are joined

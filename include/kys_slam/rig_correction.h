@@ -124,6 +124,13 @@ struct RigParameterName {
 };
 const std::array<RigParameterName, RigCorrection::kSize>& rig_parameter_names();
 
+/// An estimate of the offset of disparities alone, px, to be added to every disparity.
+struct OffsetEstimate {
+  double value = 0;
+  double sigma = 0;      ///< with the systematic part
+  bool applied = false;  ///< it is what disparities are corrected by
+};
+
 /// A correction and how well it is known.
 struct RigEstimate {
   RigCorrection correction;

@@ -34,6 +34,9 @@ const char* to_string(Schedule schedule);
 struct RigReport {
   RigEstimate applied;         ///< to all measurements; zero covariance: not estimated
   std::optional<RowFit> rows;  ///< of the first frame that shows enough; nothing without images
+  /// The latest estimate of the offset of disparities alone, px, applied or not. Nothing without
+  /// one, and when all parameters are corrected.
+  std::optional<OffsetEstimate> offset;
 
   /// "none", "offset" (of disparities alone) or "all": what is corrected.
   [[nodiscard]] const char* corrected() const;

@@ -2,10 +2,6 @@
 """The command `kys-slam calibrate` for recordings: runs each, and estimates the correction of the rig's
 calibration from their maps."""
 
-import os
-import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -14,6 +10,7 @@ from typing import List, Optional
 import kys_slam
 from kys_slam import InputError
 from kys_slam.cli_output import must_be_new
+from kys_slam.programs import find_program, run_program
 
 PROGRAM = "calibrate_rig"
 
@@ -37,7 +34,7 @@ def calibrate_recordings(args) -> int:
         raise InputError("--output FILE is missing: where the refined calibration goes")
     must_be_new(args.output, "--output", args)
     kys_slam.check_writable(args.output)
-    program = _find_program()
+    program = find_program(PROGRAM)
     with tempfile.TemporaryDirectory(prefix="kys-calibrate-") as folder:
         maps = []
         rig = None
@@ -57,20 +54,10 @@ def calibrate_recordings(args) -> int:
             call += ["--from", str(rig)]
         if args.json:
             call += ["--json", args.json]
-        status = _wait_for(call)
+        status = run_program(call)
     if status == 0:
         print(f"wrote {args.output}")
     return status
-
-
-def _find_program() -> str:
-    """Beside this command, where the build puts it (KYS_BIN_DIR), or on the path."""
-    beside = [str(Path(sys.argv[0]).resolve().parent), os.environ.get("KYS_BIN_DIR", "")]
-    found = shutil.which(PROGRAM, path=os.pathsep.join(filter(None, beside))) or shutil.which(PROGRAM)
-    if not found:
-        raise InputError(f"the program {PROGRAM} is not installed: it is a part of the C++ programs, not of "
-                         "the Python package (Ceres and SuiteSparse; tools/maps/README.md)")
-    return found
 
 
 def _run_args(args, inputs: List[str], folder: Path, number: int):
@@ -115,14 +102,3 @@ def _given_rig(args, run_args, file: Path) -> Optional[Path]:
             rig.set_image_size(camera.width, camera.height)
     file.write_text(rig.to_yaml())
     return file
-
-
-def _wait_for(call: List[str]) -> int:
-    """Runs a program. Ctrl-C is for it: it ends early, and writes what it has."""
-    process = subprocess.Popen(call)
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        status = process.wait()
-    finally:
-        signal.signal(signal.SIGINT, before)
-    return status if status >= 0 else 128 - status

@@ -18,6 +18,7 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run recording.bag --view                      shows observations and map while it runs
   kys-slam check SEQUENCE                                how well its pairs are rectified
   kys-slam calibrate RECORDING ... --from camchain.yaml -o refined.yaml
+  kys-slam map info RUN.map                              and refine, evaluate, merge
   kys-slam evaluate RUN
   kys-slam plot RUN [RUN ...]
   kys-slam report RUN [RUN ...]                          one HTML page of several runs
@@ -213,6 +214,13 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("file", metavar="FILE|RUN", help=".rrd, .mcap, map.ply, or a run's folder")
 
     _add_calibrate(commands)
+
+    p = commands.add_parser(
+        "map", help="show, refine, evaluate or merge saved maps", add_help=False,
+        description="Calls map_info, refine_map, evaluate_map or merge_maps with what follows "
+        "(docs/maps.md); kys-slam map ACTION --help shows the options.")
+    p.add_argument("action", choices=("info", "refine", "evaluate", "merge"))
+    p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...")
 
     p = commands.add_parser("priors", help="content of prior files")
     p.add_argument("files", nargs="+", metavar="FILE|DIR")

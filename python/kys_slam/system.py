@@ -17,6 +17,9 @@ class Trajectory(NamedTuple):
     poses: np.ndarray  #: (N, 4, 4) float64, left camera to world, m
     connected: np.ndarray  #: (N,) bool: in the frame of the sub-map with most frames; False: lost
     submaps: np.ndarray  #: (N,) int64: number of the frame's sub-map, -1: lost
+    #: (N, 6, 6) float64, FrameReport.covariance as it was when the frame was tracked; nan: none
+    covariances: np.ndarray
+    motion_covariances: np.ndarray  #: (N, 6, 6) float64, FrameReport.motion_covariance; nan: none
 
 
 class Observation(NamedTuple):
@@ -80,6 +83,14 @@ class RigParameter(NamedTuple):
     unit: str  #: "px", "rad", or "": a ratio
 
 
+class OffsetEstimate(NamedTuple):
+    """An estimate of the offset of disparities alone."""
+
+    value: float  #: px, to be added to every disparity
+    sigma: float  #: px, with the systematic part
+    applied: bool  #: it is what disparities are corrected by
+
+
 class Rig(NamedTuple):
     """The calibration as the images show it."""
 
@@ -88,6 +99,8 @@ class Rig(NamedTuple):
     rows_sigma_after: Optional[float]  #: px, the same with the correction that fits them
     rows_field: Optional[float]  #: px, root mean square of what that correction changes in rows
     parameters: Dict[str, RigParameter]  #: of the correction that is applied
+    #: the latest estimate of the offset alone, applied or not; None: none, or all is corrected
+    offset_estimate: Optional[OffsetEstimate] = None
 
     @property
     def offset(self) -> float:
@@ -164,8 +177,8 @@ class System(_core.System):
 
     def trajectory(self) -> Trajectory:
         """Poses of all frames fed, as the map is now; final after finish()."""
-        times, poses, connected, submaps = self._trajectory()
-        return Trajectory(times, poses, connected.astype(bool), submaps)
+        times, poses, connected, submaps, covariances, motions = self._trajectory()
+        return Trajectory(times, poses, connected.astype(bool), submaps, covariances, motions)
 
     def keyframes(self) -> Tuple[np.ndarray, np.ndarray]:
         """Times (K,) s and poses (K, 4, 4) of the keyframes of the trajectory's sub-map."""
@@ -179,6 +192,8 @@ class System(_core.System):
         """What the images said about the calibration, and the correction that is applied."""
         d = self._rig()
         d["parameters"] = {name: RigParameter(*p) for name, p in d["parameters"].items()}
+        if d["offset_estimate"]:
+            d["offset_estimate"] = OffsetEstimate(*d["offset_estimate"])
         return Rig(**d)
 
     def snapshot(self) -> MapSnapshot:

@@ -36,4 +36,8 @@ Map load_map_of_any_labels(const std::filesystem::path& path) {
   return parse_map(bytes_of(path), path.string(), std::nullopt);
 }
 
+StoredMap load_stored_map(const std::filesystem::path& path) {
+  return parse_stored_map(bytes_of(path), path.string(), std::nullopt);
+}
+
 }  // namespace kys_slam

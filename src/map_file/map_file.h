@@ -31,10 +31,21 @@ Map load_map(const std::filesystem::path& path, std::string_view label_space = "
 /// Reads a map whatever the label space of its priors, for what needs no priors.
 Map load_map_of_any_labels(const std::filesystem::path& path);
 
+/// A map with what its file says beside: to be shown, or changed and written again.
+struct StoredMap {
+  Map map;
+  std::string label_space;  ///< "": its priors have none, or there are none
+  int version = 0;          ///< of the format
+};
+/// \throws InputError as load_map, whatever the label space
+StoredMap load_stored_map(const std::filesystem::path& path);
+
 /// The same in memory; `name` is used in messages.
 std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_space = "");
 /// Without a label space that of the map's priors can be any.
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
               std::optional<std::string_view> label_space = "");
+StoredMap parse_stored_map(std::vector<std::uint8_t> bytes, const std::string& name,
+                           std::optional<std::string_view> label_space);
 
 }  // namespace kys_slam

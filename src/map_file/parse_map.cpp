@@ -278,12 +278,12 @@ void check_id_ends(const MapContents& contents) {
           "has ids out of all proportion");
 }
 
-Map parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label_space) {
+StoredMap parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label_space) {
   const Header header = check_header(bytes);
   ByteReader file{std::span(bytes).subspan(mf::kHeaderSize)};
   MapContents contents;
   contents.beliefs = (header.flags & mf::kHasBeliefs) != 0;
-  const std::string stored_space =
+  std::string stored_space =
       read_shared(ByteReader(mf::take_chunk(file)), header.version, contents);
   while (contents.keyframes.size() < header.keyframes) {
     contents.keyframes.push_back(
@@ -298,13 +298,18 @@ Map parse(std::vector<std::uint8_t> bytes, std::optional<std::string_view> label
     throw mf::Damage("contains priors of label space '" + stored_space + "', configured is '" +
                      std::string(*label_space) + "'");
   }
-  return Map(std::move(contents));
+  return {Map(std::move(contents)), std::move(stored_space), header.version};
 }
 
 }  // namespace
 
 Map parse_map(std::vector<std::uint8_t> bytes, const std::string& name,
               std::optional<std::string_view> label_space) {
+  return parse_stored_map(std::move(bytes), name, label_space).map;
+}
+
+StoredMap parse_stored_map(std::vector<std::uint8_t> bytes, const std::string& name,
+                           std::optional<std::string_view> label_space) {
   try {
     return parse(std::move(bytes), label_space);
   } catch (const mf::Damage& damage) {

@@ -66,6 +66,9 @@ class LocalMapper {
                             const std::atomic<bool>* stop = nullptr);
   /// At the end of a run: the last estimate of the disparity offset.
   void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
+  [[nodiscard]] const std::optional<OffsetEstimate>& offset() const {
+    return calibration_.offset();
+  }
   void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
 
  private:

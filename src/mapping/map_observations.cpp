@@ -1,25 +1,24 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
-#include <kys_slam/map_observations.h>
 
 #include <cmath>
 #include <string>
 #include <utility>
 
 #include "map_file/map_file.h"
+#include "mapping/observations_of_map.h"
 #include "mapping/rig_view.h"
 
 namespace kys_slam {
 
-MapObservations read_map_observations(const std::filesystem::path& file,
-                                      const MapSelection& selection) {
-  const Map map = load_map_of_any_labels(file);
-  RigProblem problem = rig_view(map, newest_keyframes(map, selection.keyframes),
-                                selection.min_observers, selection.observations)
-                           .problem;
+MapObservations observations_of_map(const Map& map, const MapSelection& selection,
+                                    const std::string& name) {
+  RigView view = rig_view(map, newest_keyframes(map, selection.keyframes), selection.min_observers,
+                          selection.observations, selection.coarsest_disparity);
+  RigProblem& problem = view.problem;
   if (problem.points.empty()) {
-    throw InputError(file.string() + ": holds no landmark that " +
-                     std::to_string(selection.min_observers) + " keyframes observe");
+    throw InputError(name + ": holds no landmark that " + std::to_string(selection.min_observers) +
+                     " keyframes observe");
   }
   MapObservations result;
   result.camera = problem.camera;
@@ -36,7 +35,19 @@ MapObservations read_map_observations(const std::filesystem::path& file,
     if (!o.row) measured.v_right = std::nanf("");
     result.observations.push_back({measured, o.pose, o.scale, o.inv_sigma});
   }
+  for (const KeyFrameId id : view.poses) {
+    const KeyFrame& keyframe = map.keyframe(id);
+    result.keyframe_ids.push_back(id.value);
+    result.submaps.push_back(keyframe.submap.value);
+    result.timestamps.push_back(keyframe.timestamp);
+  }
+  for (const LandmarkId id : view.landmarks) result.landmark_ids.push_back(id.value);
   return result;
+}
+
+MapObservations read_map_observations(const std::filesystem::path& file,
+                                      const MapSelection& selection) {
+  return observations_of_map(load_map_of_any_labels(file), selection, file.string());
 }
 
 }  // namespace kys_slam

@@ -165,12 +165,13 @@ bool RigCalibration::finish(Map& map, const std::atomic<bool>* stop) {
 
 /// Whether an estimate of the offset alone is to be applied. Decided anew every time, with all
 /// there is to see by then: an offset that was put in on thin evidence goes again.
-bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) const {
+bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) {
   const double total = found.correction.offset();
   const double noise = std::sqrt(found.covariance(kAtOffset, kAtOffset));
   const double share = static_cast<double>(options_.keyframes) / static_cast<double>(seen_);
   const double systematic = options_.systematic * std::sqrt(std::clamp(share, kLeastShare, 1.0));
   const double sigma = std::hypot(noise, systematic);
+  offset_ = OffsetEstimate{total, sigma, total == map.rig().offset()};
   if (noise <= 0 || std::abs(total) > options_.max_correction) return false;
   found.covariance(kAtOffset, kAtOffset) = sigma * sigma;
   const double present = map.rig().offset();
@@ -190,6 +191,7 @@ bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   if (!found) return false;
   if (!map.rig().bends() && !is_worth(map, *found, last)) return false;
   map.set_rig(*found);
+  if (offset_) offset_->applied = map.rig().offset() == offset_->value;
   const double before = path_length(map);
   // The poses of the estimate are those of its correction, which an offset may have lost.
   const bool begun = seen_ <= kMostKeyframes && map.rig() == view.problem.rig;

@@ -57,15 +57,18 @@ class RigCalibration {
   /// since the one before. What was not significant in a few keyframes may be now. Returns whether
   /// the map was changed.
   bool finish(Map& map, const std::atomic<bool>* stop = nullptr);
+  /// The latest estimate of the offset alone, applied or not.
+  [[nodiscard]] const std::optional<OffsetEstimate>& offset() const { return offset_; }
 
  private:
   bool look(Map& map, bool last, const std::atomic<bool>* stop);
-  [[nodiscard]] bool is_worth(const Map& map, RigEstimate& found, bool last) const;
+  [[nodiscard]] bool is_worth(const Map& map, RigEstimate& found, bool last);
 
   RigCalibrationOptions options_;
   RigEstimate prior_{{}, rig_prior()};
   std::size_t looks_ = 0;
   std::size_t seen_ = 0;  ///< keyframes at the latest estimate
+  std::optional<OffsetEstimate> offset_;
 };
 
 }  // namespace kys_slam

@@ -16,14 +16,13 @@ namespace {
 // distance, disparity) and raise its intercept, which is the offset.
 constexpr double kWeightAligned = 1;
 constexpr double kWeightFound = 8;
-constexpr float kLargestScale = 1.5f;  // px per px of the octave, of disparities to be used
 
 /// Poses and landmarks of a rig problem, by index in its arrays.
 class ViewMaker {
  public:
   ViewMaker(const Map& map, std::vector<KeyFrameId> keyframes, int min_observers,
-            std::size_t most_observations)
-      : map_(map) {
+            std::size_t most_observations, float coarsest)
+      : map_(map), coarsest_(coarsest) {
     view.poses = std::move(keyframes);
     const std::vector<KeyFrameId>& poses = view.poses;
     RigProblem& problem = view.problem;
@@ -83,7 +82,7 @@ class ViewMaker {
       seen.scale = map_.scales().scale[features.keypoint(o.feature).octave];
       seen.inv_sigma = pixel.inv_sigma;
       seen.measured = features.measured(o.feature);
-      if (std::isnan(pixel.u_right) || seen.scale > kLargestScale) {
+      if (std::isnan(pixel.u_right) || seen.scale > coarsest_) {
         seen.measured.u_right = std::nanf("");
       } else if (std::isnan(seen.measured.v_right)) {
         const Keypoint& k = features.keypoint(o.feature);
@@ -101,6 +100,7 @@ class ViewMaker {
   }
 
   const Map& map_;
+  float coarsest_;
   IdTable<KeyFrameId, std::size_t> index_;
   std::size_t aligned_ = 0;
 };
@@ -117,8 +117,8 @@ void RigView::write_to(Map& map) const {
 }
 
 RigView rig_view(const Map& map, std::vector<KeyFrameId> poses, int min_observers,
-                 std::size_t most_observations) {
-  return ViewMaker(map, std::move(poses), min_observers, most_observations).view;
+                 std::size_t most_observations, float coarsest) {
+  return ViewMaker(map, std::move(poses), min_observers, most_observations, coarsest).view;
 }
 
 std::vector<KeyFrameId> newest_keyframes(const Map& map, std::size_t most) {

@@ -66,6 +66,7 @@ class BackEnd {
   /// Stops full bundle adjustment. Thread-safe.
   void interrupt() { full_bundle_.interrupt(); }
   [[nodiscard]] const Map& map() const { return map_; }
+  [[nodiscard]] const std::optional<OffsetEstimate>& offset() const { return mapper_.offset(); }
 
  private:
   ChangeSet publish();
@@ -121,6 +122,8 @@ class BackEndRunner {
   }
   /// Call it after `drain` or `wait_idle`. After a failed step the map is in an intermediate state.
   [[nodiscard]] const Map& map() const { return back_end_.map(); }
+  /// As `map`.
+  [[nodiscard]] const std::optional<OffsetEstimate>& offset() const { return back_end_.offset(); }
   /// After `drain`.
   [[nodiscard]] bool failed() const { return failure_ != nullptr; }
 

@@ -38,6 +38,12 @@ nlohmann::ordered_json rig_json(const RigReport& report) {
   };
   json["offset_px"] = known.correction.offset();
   json["offset_sigma_px"] = sigma(static_cast<int>(RigParameter::kOffset));
+  json["offset_estimate"] = nullptr;
+  if (report.offset) {
+    json["offset_estimate"] = {{"value_px", report.offset->value},
+                               {"sigma_px", report.offset->sigma},
+                               {"applied", report.offset->applied}};
+  }
   json["parameters"] = nlohmann::ordered_json::object();
   for (int k = 0; k < RigCorrection::kSize; ++k) {
     const double value = known.correction.parameters()[k];
@@ -66,8 +72,11 @@ std::string describe_rig(const RigReport& report) {
   const std::string known = sigma > 0 ? fmt::format(" +- {:.2f}", sigma) : "";
   if (applied.offset() != 0) {
     parts.push_back(fmt::format("disparity offset {:.2f}{} px", applied.offset(), known));
-  } else if (sigma > 0) {
-    parts.push_back(fmt::format("disparity offset 0{} px, not corrected", known));
+  }
+  if (report.offset && !report.offset->applied) {
+    parts.push_back(fmt::format("disparity offset {:.3f} +- {:.3f} px {}, not applied",
+                                report.offset->value, report.offset->sigma,
+                                applied.offset() != 0 ? "found last" : "found"));
   }
   return fmt::format("{}", fmt::join(parts, "; "));
 }

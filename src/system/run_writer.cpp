@@ -113,6 +113,32 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   return text;
 }
 
+/// A row per tracked frame and kind of relative pose. The upper triangle, row by row.
+std::string covariance_csv(const System& system) {
+  constexpr std::array<const char*, 6> kNames{"rx", "ry", "rz", "tx", "ty", "tz"};
+  std::string text = "index,timestamp,kind,other,x,y,z,qx,qy,qz,qw";
+  for (std::size_t i = 0; i < 6; ++i) {
+    for (std::size_t j = i; j < 6; ++j) text += fmt::format(",{}_{}", kNames[i], kNames[j]);
+  }
+  text += "\n";
+  const auto add = [&](const FrameReport& r, const char* kind, const RelativePose& pose) {
+    const Eigen::Vector3d& t = pose.T_other_c.translation;
+    const Eigen::Quaterniond& q = pose.T_other_c.rotation;
+    text +=
+        fmt::format("{},{:.9f},{},{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g}", r.index,
+                    r.timestamp, kind, pose.other, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
+    for (int i = 0; i < 6; ++i) {
+      for (int j = i; j < 6; ++j) text += fmt::format(",{:.6e}", pose.covariance(i, j));
+    }
+    text += "\n";
+  };
+  for (const FrameReport& r : system.reports()) {
+    if (r.local) add(r, "local", *r.local);
+    if (r.motion) add(r, "motion", *r.motion);
+  }
+  return text;
+}
+
 /// Keyframes that see the same landmarks, the spanning tree, and loops; keyframes by time stamp,
 /// the later one first.
 std::string graph_csv(const MapSnapshot& map) {
@@ -387,6 +413,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   }
   files.write(
       [&] { write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory)); });
+  files.write([&] { write_file_atomic(folder / "covariance.csv", covariance_csv(system)); });
   files.write([&] {
     write_file_atomic(folder / "objects.csv",
                       objects_csv(system, settings.get("control.label_space")));

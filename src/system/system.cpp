@@ -256,6 +256,21 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   report.resident_mb = resident_memory_mb();
 }
 
+void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& report) const {
+  if (!tracked.uncertainty) return;
+  const PoseUncertainty& u = *tracked.uncertainty;
+  if (!u.covariance.pose.allFinite()) return;
+  RelativePose& local = report.local.emplace();
+  local.T_other_c = u.T_reference_c;
+  local.covariance = u.covariance.pose;
+  if (!(u.reference < first_keyframe)) {
+    local.other = keyframe_frames.at(u.reference.value - first_keyframe.value);
+  }
+  if (!u.covariance.motion || !u.covariance.motion->allFinite()) return;
+  report.motion = {reports.at(static_cast<std::size_t>(u.last)).index, u.T_last_c,
+                   *u.covariance.motion};
+}
+
 /// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
 /// starts, to be merged when a known place is seen again. The back end is waited for, so that the
 /// answer depends on the frames alone.
@@ -375,6 +390,8 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   report.timestamp = frame.timestamp;
   report.keyframe = tracked.keyframe.has_value();
   s.note(tracked, seen, report);
+  s.note_uncertainty(tracked, report);
+  if (tracked.keyframe) s.keyframe_frames.push_back(frame.index);
   s.note_masks(masks, report);
   if (same) {
     report.reason = kSamePicture;

@@ -3,8 +3,8 @@
 
 #include <map>
 
+#include "map/take_snapshot.h"
 #include "system/system_impl.h"
-#include "system/take_snapshot.h"
 
 /// What a System knows after its frames: poses, objects, the map.
 namespace kys_slam {
@@ -56,6 +56,8 @@ std::vector<FrameEstimate> System::trajectory() const {
     FrameEstimate estimate;
     estimate.index = report.index;
     estimate.timestamp = report.timestamp;
+    estimate.local = report.local;
+    estimate.motion = report.motion;
     if (const auto at = impl_->place(k)) {
       estimate.submap = static_cast<std::int64_t>(at->submap.value);
       estimate.connected = at->submap == main;
@@ -97,7 +99,9 @@ std::vector<Eigen::Vector3d> System::landmarks() const {
 
 RigReport System::rig() const {
   std::unique_lock lock(impl_->mutex);
-  return {impl_->quiet_map(lock).rig_estimate(), impl_->front_end.rows()};
+  RigReport report{impl_->quiet_map(lock).rig_estimate(), impl_->front_end.rows(), {}};
+  if (!report.applied.correction.bends()) report.offset = impl_->runner.offset();
+  return report;
 }
 
 std::size_t System::submaps() const {

@@ -121,6 +121,7 @@ class Tracker {
   Replica replica_;
   bool map_moved_ = false;  // as by a loop, since the last frame was refreshed
   LandmarkPatches patches_;
+  FrameCovariance covariance_;
   LocalMapGatherer local_map_gatherer_;
   PoseJudge judge_;
   MotionModel motion_;

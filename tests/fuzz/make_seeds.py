@@ -250,6 +250,22 @@ def payloads(data):
     save("feature_payload", "deflated", b"\2" + data[at + 16:at + 12 + length])
 
 
+def clouds():
+    columns = ("element vertex 2\nproperty float x\nproperty double y\nproperty float z\nproperty float nx\n"
+               "property float ny\nproperty float nz\nproperty int class\nend_header\n")
+    for order, name in (("<", "little"), (">", "big")):
+        points = b"".join(struct.pack(order + "fdffffi", x, 2 * x, 3 * x, 0, 1, 0, 7) for x in (1.5, -2))
+        save("point_cloud", f"{name}.ply", f"ply\nformat binary_{name}_endian 1.0\ncomment class 7 car\n".encode()
+             + columns.encode() + points)
+    save("point_cloud", "ascii.ply", "ply\nformat ascii 1.0\n" + columns + "1 2 3 0 1 0 7\n-1 nan 3 0 0 0 -1\n")
+    head = ("# .PCD v0.7\nVERSION 0.7\nFIELDS x y z label\nSIZE 4 4 4 2\nTYPE F F F U\nCOUNT 1 1 1 2\nWIDTH 2\n"
+            "HEIGHT 1\nPOINTS 2\nDATA ")
+    save("point_cloud", "ascii.pcd", head + "ascii\n1 2 3 4 5\nnan nan nan 0 0\n")
+    save("point_cloud", "binary.pcd", head.encode() + b"binary\n"
+         + b"".join(struct.pack("<fffHH", x, x, x, 1, 2) for x in (1, 2)))
+    save("point_cloud", "points.xyz", "# x y z\n1, 2, 3, 4\n-1e2 0.5 7\n")
+
+
 def main():
     shutil.rmtree(os.path.join(HERE, "seeds"), ignore_errors=True)
     images()
@@ -257,6 +273,7 @@ def main():
     trajectories()
     objects()
     perception()
+    clouds()
     own_formats(sys.argv[1])
 
 

@@ -27,6 +27,9 @@
 #include "map_file/map_file.h"
 #include "map_file/map_format.h"
 #include "object_files.h"
+#ifdef KYS_FUZZ_CLOUDS
+#include "point_cloud.h"
+#endif
 #include "priors/input/field_input.h"
 #include "priors/input/panoptic_input.h"
 
@@ -546,10 +549,28 @@ void read_feature_file(Bytes bytes) {
   (void)sequence.truth();
 }
 
+#ifdef KYS_FUZZ_CLOUDS
+void read_cloud(Bytes input) {
+  const std::string_view bytes(reinterpret_cast<const char*>(input.data()), input.size());
+  const PointCloud cloud = parse_point_cloud(bytes, "fuzz");
+  const std::size_t count = cloud.points.size();
+  if (count == 0 || (!cloud.classes.empty() && cloud.classes.size() != count) ||
+      (!cloud.normals.empty() && cloud.normals.size() != count)) {
+    finding("columns of different lengths");
+  }
+  for (const Eigen::Vector3d& p : cloud.points) {
+    if (!p.allFinite()) finding("a point that is not finite");
+  }
+}
+#endif
+
 /// Bytes per byte of an image: a bit per pixel in deflate's best case, given out as 16-bit colour.
 constexpr double kImageGrowth = 1032 * 8 * 6;
 
 constexpr std::array kReaders{
+#ifdef KYS_FUZZ_CLOUDS
+    Reader{"point_cloud", read_cloud},
+#endif
     Reader{"png", read_png, kImageGrowth},
     Reader{"jpeg", read_image, 3.0 * (1 << 14)},
     Reader{"kitti_calib", read_calib},

@@ -180,9 +180,9 @@ TEST(Calibration, StopsWithTheBestSoFar) {
   std::vector<Recording> recordings = three_days(mild_error());
   std::atomic<bool> stop{false};
   CalibrationOptions stopped = options();
-  stopped.stop = &stop;
+  stopped.watch.stop = &stop;
   int rig_iterations = 0;
-  stopped.progress = [&](int, int, const std::string& what) {
+  stopped.watch.progress = [&](int, int, const std::string& what) {
     if (what == "calibration" && ++rig_iterations == 6) stop = true;
   };
   const CalibrationResult result = calibrate(recordings, stopped);

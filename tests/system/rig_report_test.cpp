@@ -55,7 +55,30 @@ TEST_F(RigReported, AGoodPairNeedsNoCorrection) {
   EXPECT_EQ(rig["offset_px"], 0);
   EXPECT_TRUE(rig["offset_sigma_px"].is_null()) << "nothing was estimated";
   EXPECT_TRUE(rig["parameters"].empty());
+  EXPECT_TRUE(rig["offset_estimate"].is_null());
   EXPECT_EQ(table_.find("calibration"), std::string::npos) << table_;
+}
+
+// What is estimated and too small to be applied is said, and what is applied says so.
+TEST_F(RigReported, AnOffsetThatIsNotAppliedIsSaid) {
+  const std::vector<std::string> often{
+      "--set", "keyframes.reference_ratio=0.97", "--set", "keyframes.starved_ratio=0.97",
+      "--set", "calibration.keyframes=4",        "--set", "calibration.significance=1000"};
+  const nlohmann::json rig = run(often);
+  EXPECT_EQ(rig["corrected"], "none");
+  EXPECT_EQ(rig["offset_px"], 0);
+  EXPECT_TRUE(rig["parameters"].empty());
+  const nlohmann::json& found = rig["offset_estimate"];
+  ASSERT_TRUE(found.is_object());
+  EXPECT_EQ(found["applied"], false);
+  EXPECT_GE(found["sigma_px"], 0.026 * 0.7) << "with the systematic part";
+  EXPECT_LT(std::abs(found["value_px"].get<double>()), 0.2);
+  EXPECT_NE(table_.find(" px found, not applied"), std::string::npos) << table_;
+  const std::string trajectory = read_text(work_ / "out" / "trajectory.tum");
+  auto off = often;
+  off.insert(off.end(), {"--set", "calibration.enabled=false"});
+  run(off);
+  EXPECT_EQ(read_text(work_ / "out" / "trajectory.tum"), trajectory) << "nothing was applied";
 }
 
 TEST_F(RigReported, RowsThatDifferAreNamedWithTheirCorrection) {
@@ -88,6 +111,8 @@ TEST_F(RigReported, AnOffsetOfDisparitiesHasItsSign) {
   EXPECT_NEAR(rig["offset_px"], -0.5, 3 * rig["offset_sigma_px"].get<double>());
   EXPECT_EQ(rig["parameters"].size(), 1U);
   EXPECT_EQ(rig["parameters"]["offset"]["value"], rig["offset_px"]);
+  EXPECT_TRUE(rig["offset_estimate"]["applied"] == true ||
+              rig["offset_estimate"]["value_px"] != rig["offset_px"]);
   EXPECT_NE(table_.find("  calibration                  disparity offset -0."), std::string::npos)
       << table_;
 }

@@ -16,6 +16,7 @@
 
 #include "calibration.h"
 #include "common/command_line.h"
+#include "given_rig.h"
 
 namespace {
 
@@ -62,11 +63,6 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "no progress");
 }
 
-std::string describe(const StereoCamera& c) {
-  return fmt::format("{}x{} px, fx {:.9g}, cx {:.9g}, cy {:.9g}, baseline {:.9g} m", c.width,
-                     c.height, c.fx, c.cx, c.cy, c.baseline);
-}
-
 std::vector<Recording> read_maps(const Arguments& a) {
   MapSelection selection;
   selection.observations = std::min(kMostPerMap, kMostObservations / a.maps.size());
@@ -94,26 +90,6 @@ std::vector<Recording> read_maps(const Arguments& a) {
     progress.update(static_cast<std::int64_t>(recordings.size()));
   }
   return recordings;
-}
-
-/// The given calibration as it goes into the output.
-StereoRig given_rig(const Arguments& a, const StereoCamera& camera) {
-  if (a.from.empty()) return rig_of(camera, "output");
-  StereoRig rig = read_stereo_rig(std::vector<fs::path>{a.from}, a.unit);
-  rig.set_image_size(camera.width, camera.height);
-  const auto rectified = rig.rectified();
-  const StereoCamera theirs =
-      rectified ? *rectified : StereoRectifier(rig.left, rig.right, rig.name).camera();
-  constexpr double kSame = 1e-6;
-  const auto differ = [](double x, double y) { return std::abs(x - y) > kSame * std::abs(y); };
-  if (differ(theirs.fx, camera.fx) || differ(theirs.cx, camera.cx) ||
-      differ(theirs.cy, camera.cy) || differ(theirs.baseline, camera.baseline)) {
-    throw InputError(
-        fmt::format("{}: not the calibration of these maps: rectified it has {}, they "
-                    "have {}",
-                    a.from.string(), describe(theirs), describe(camera)));
-  }
-  return rig;
 }
 
 struct Line {
@@ -213,7 +189,7 @@ int run(const Arguments& a) {
   if (!a.json.empty()) check_writable(a.json);
   std::vector<Recording> recordings = read_maps(a);
   const StereoCamera camera = recordings.front().map.camera;
-  const StereoRig rig = given_rig(a, camera);
+  const StereoRig rig = given_rig(a.from, a.unit, camera);
   CalibrationOptions options;
   options.hold_out = a.hold_out;
   options.seed = static_cast<std::uint64_t>(a.seed);
@@ -225,11 +201,11 @@ int run(const Arguments& a) {
   }
   std::atomic<bool> stop{false};
   InterruptGuard guard([&] { stop = true; });
-  options.stop = &stop;
+  options.watch.stop = &stop;
   CalibrationResult result;
   {
     std::optional<Progress> progress;
-    options.progress = [&](int done, int most, const std::string& what) {
+    options.watch.progress = [&](int done, int most, const std::string& what) {
       if (!progress) {
         progress.emplace("iterations", most,
                          a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);

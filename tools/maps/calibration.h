@@ -3,13 +3,11 @@
 
 #include <kys_slam/map_observations.h>
 
-#include <atomic>
 #include <cstdint>
-#include <functional>
 #include <string>
 #include <vector>
 
-#include "rig_costs.h"
+#include "map_problem.h"
 
 namespace kys_slam {
 
@@ -26,22 +24,13 @@ struct CalibrationOptions {
   /// Mean and covariance of the parameters before anything is seen.
   RigCorrection::Parameters start = RigCorrection::Parameters::Zero();
   RigCorrection::Covariance prior;
-  const std::atomic<bool>* stop = nullptr;  ///< ends it early, with the best so far
-  /// Called after every iteration: how many are done of at most how many, and what is done.
-  std::function<void(int, int, const std::string&)> progress;
-};
-
-/// Robust standard deviations of (u, v, disparity, row) of observations that were not used, px of
-/// their octaves, and how many there are.
-struct HeldOut {
-  Eigen::Vector4d sigma = Eigen::Vector4d::Zero();
-  std::array<std::size_t, 4> count{};
+  Watch watch;
 };
 
 struct RecordingResult {
-  RigEstimate rig;  ///< the shape, and what this recording has of its own
-  HeldOut before;   ///< with the given calibration, poses and points fitted to it
-  HeldOut after;
+  RigEstimate rig;   ///< the shape, and what this recording has of its own
+  Residuals before;  ///< with the given calibration, poses and points fitted to it
+  Residuals after;   ///< of observations that were not used, as before
   std::size_t keyframes = 0, landmarks = 0, observations = 0;
 };
 

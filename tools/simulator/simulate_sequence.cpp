@@ -68,6 +68,9 @@ std::string command_of(const kys_slam::simulator::World& world,
   if (!rig_error.empty()) command += " --rig-error " + rig_error;
   command += sensor_options(world_options);
   if (images_only) command += " --images-only";
+  if (write_options.surface_points > 0) {
+    command += " --surface-points " + std::to_string(write_options.surface_points);
+  }
   if (write_options.drop_camera >= 0) {
     char text[64];
     std::snprintf(text, sizeof text, " --drop-camera %d --drop-share %g", write_options.drop_camera,
@@ -116,6 +119,9 @@ int run(int argc, char** argv) {
   // What the struct takes for "all" or "none" is said by leaving these out.
   app.add_option("--jobs", write_options.jobs, "threads (default: one per processor)")
       ->check(CLI::Range(1, 1024));
+  app.add_option("--surface-points", write_options.surface_points,
+                 "points of the static surfaces in view, to surface.ply (kys-slam map evaluate)")
+      ->check(kys_slam::whole_number(1, 20000000));
   app.add_flag("--images-only", images_only, "no disparity, flow, or panoptic segments");
   auto* camera = app.add_option("--drop-camera", write_options.drop_camera,
                                 "hall: camera (0 or 1) whose frames are dropped")

@@ -21,6 +21,7 @@
 #include "simulator/images/object_truth.h"
 #include "simulator/images/renderer.h"
 #include "simulator/images/segments.h"
+#include "simulator/images/surface_points.h"
 
 namespace kys_slam::simulator {
 
@@ -183,6 +184,10 @@ class Writer {
 
   void write_covering_files(const SequenceFigures& figures) {
     write_layout_files(world_, folder_, options_.drop_camera, options_.drop_share);
+    if (options_.surface_points > 0) {
+      write_file_atomic(folder_ / "surface.ply",
+                        surface_ply(world_, options_.surface_points, world_.seed));
+    }
     if (world_.rig_error) write_file_atomic(folder_ / "rig_error.yaml", to_yaml(*world_.rig_error));
     if (truth_) {
       std::string table = "frame,camera,segment_id,object,class,category_id,isthing,moving,area\n";

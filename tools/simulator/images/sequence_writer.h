@@ -4,6 +4,7 @@
 #include <kys/option_list.h>
 
 #include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -13,11 +14,12 @@ namespace kys_slam::simulator {
 
 struct WriteOptions {
   std::filesystem::path output;
-  std::string command;    ///< for the README of the sequence
-  int jobs = 0;           ///< threads; 0: one per processor
-  bool truth = true;      ///< disparity, flow, panoptic segments
-  int drop_camera = -1;   ///< kEuroc: camera whose frames are dropped
-  double drop_share = 0;  ///< 0 to 0.9
+  std::string command;              ///< for the README of the sequence
+  int jobs = 0;                     ///< threads; 0: one per processor
+  bool truth = true;                ///< disparity, flow, panoptic segments
+  int drop_camera = -1;             ///< kEuroc: camera whose frames are dropped
+  double drop_share = 0;            ///< 0 to 0.9
+  std::int64_t surface_points = 0;  ///< written to surface.ply; 0: none
   bool quiet = false;
   const std::atomic<bool>* stop = nullptr;  ///< if set, stop
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "system/take_snapshot.h"
+#include "map/take_snapshot.h"
 
 #include <algorithm>
 #include <map>
@@ -36,10 +36,11 @@ MapSnapshot take_snapshot(const Map& map) {
     add_edges(map, id, keyframe, snapshot);
   });
   map.landmarks().for_each([&](LandmarkId id, const Landmark& landmark) {
-    snapshot.landmarks.push_back(
-        {id.value, map.submap(landmark.reference).value, landmark.prior.label,
-         landmark.prior.instance, map.weight(landmark),
-         static_cast<std::uint32_t>(landmark.observations.size()), landmark.p_w});
+    snapshot.landmarks.push_back({id.value, map.submap(landmark.reference).value,
+                                  landmark.prior.label, landmark.prior.instance,
+                                  map.weight(landmark),
+                                  static_cast<std::uint32_t>(landmark.observations.size()),
+                                  landmark.reference.value, landmark.p_w});
   });
   return snapshot;
 }

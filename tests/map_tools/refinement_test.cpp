@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "refinement.h"
+
+#include <gtest/gtest.h>
+#include <kys_slam/error.h>
+
+#include <atomic>
+#include <cmath>
+
+#include "position_cost.h"
+#include "simulated_recordings.h"
+
+namespace kys_slam {
+namespace {
+
+using simulator::RigError;
+using testing::kKitti;
+using testing::SimulatedDrive;
+
+MapObservations drive(const RigError& error, unsigned seed, int keyframes = 30) {
+  SimulatedDrive drive;
+  drive.seed = seed;
+  drive.keyframes = keyframes;
+  Recording recording = testing::simulate(error, drive);
+  MapObservations& map = recording.map;
+  map.rig.correction = RigCorrection(kKitti, RigCorrection::Parameters::Zero());
+  map.submaps.assign(map.T_c_w.size(), 0);
+  for (std::size_t k = 0; k < map.T_c_w.size(); ++k) {
+    map.keyframe_ids.push_back(static_cast<std::uint32_t>(k));
+    map.timestamps.push_back(0.1 * static_cast<double>(k));
+  }
+  return map;
+}
+
+RefinementOptions with_free(const std::vector<std::string>& groups) {
+  RefinementOptions options;
+  options.free = parse_groups(groups);
+  options.prior = {RigCorrection(kKitti, RigCorrection::Parameters::Zero()), rig_prior()};
+  return options;
+}
+
+const std::vector<std::string> kAllGroups = {"offset", "intrinsics", "baseline", "rotation",
+                                             "distortion"};
+
+double sigma_of(const RigEstimate& rig, RigParameter p) {
+  return std::sqrt(rig.covariance(static_cast<int>(p), static_cast<int>(p)));
+}
+
+TEST(RigGroups, AreAllParametersEachOnce) {
+  std::array<int, RigCorrection::kSize> in{};
+  for (const std::string_view name : rig_groups()) {
+    const FreeParameters free = parse_groups({std::string(name)});
+    for (std::size_t k = 0; k < free.size(); ++k) in.at(k) += free.at(k) ? 1 : 0;
+  }
+  for (const int count : in) EXPECT_EQ(count, 1);
+  EXPECT_THROW(parse_groups({"offset", "lens"}), InputError);
+}
+
+TEST(Refinement, FindsAFreeOffsetAndHoldsTheRest) {
+  RigError error;
+  error.cx = 0.8;  // of the right image: disparities are smaller
+  MapObservations map = drive(error, 1);
+  const RefinementResult result = refine(map, with_free({"offset"}));
+  EXPECT_NEAR(result.after.correction.offset(), 0.8,
+              3 * sigma_of(result.after, RigParameter::kOffset));
+  EXPECT_LT(sigma_of(result.after, RigParameter::kOffset), 0.1);
+  EXPECT_EQ(map.rig.correction, result.after.correction);
+  for (int k = 0; k < RigCorrection::kSize; ++k) {
+    if (k == static_cast<int>(RigParameter::kOffset) || k == static_cast<int>(RigParameter::kRow)) {
+      continue;
+    }
+    EXPECT_EQ(result.after.correction.parameters()[k], 0) << k;
+    EXPECT_EQ(result.after.covariance(k, k), rig_prior()(k, k)) << "no better known than before";
+  }
+  EXPECT_LT(result.refined.held_out.sigma[2], 0.5 * result.adjusted.held_out.sigma[2]);
+  EXPECT_GT(result.refined.held_out.count[0], 300U);
+}
+
+TEST(Refinement, ATrueCalibrationStays) {
+  MapObservations map = drive({}, 2);
+  const RefinementResult result = refine(map, with_free(kAllGroups));
+  for (int k = 0; k < RigCorrection::kSize; ++k) {
+    EXPECT_LT(std::abs(result.after.correction.parameters()[k]),
+              3 * std::sqrt(result.after.covariance(k, k)))
+        << rig_parameter_names().at(static_cast<std::size_t>(k)).name;
+  }
+  for (int c = 0; c < 4; ++c) {
+    EXPECT_LT(result.refined.held_out.sigma[c], 1.05 * result.adjusted.held_out.sigma[c]);
+  }
+}
+
+TEST(Refinement, WithoutFreeParametersTheCorrectionStays) {
+  MapObservations map = drive({}, 3);
+  const RigEstimate before = map.rig;
+  RefinementOptions options = with_free({});
+  // Poses that are off come back to where the observations have them.
+  const std::vector<Rigid3> true_poses = map.T_c_w;
+  for (std::size_t k = 1; k < map.T_c_w.size(); ++k) map.T_c_w[k].translation.x() += 0.05;
+  const RefinementResult result = refine(map, options);
+  EXPECT_EQ(map.rig.correction, before.correction);
+  EXPECT_EQ(map.rig.covariance, before.covariance);
+  EXPECT_LT(result.refined.used.sigma[0], 0.3 * result.read.used.sigma[0]);
+  EXPECT_LT((map.T_c_w[1].translation - true_poses[1].translation).norm(), 0.03);
+}
+
+/// Errors of keyframes over their covariances, chi2 / 6.
+TEST(Refinement, CovariancesOfKeyframesAreThoseOfTheirErrors) {
+  double sum = 0;
+  int count = 0;
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    MapObservations map = drive({}, seed, 15);
+    const std::vector<Rigid3> truth = map.T_c_w;
+    RefinementOptions options = with_free({});
+    options.covariances = true;
+    options.hold_out = 0;
+    const RefinementResult result = refine(map, options);
+    ASSERT_EQ(result.covariances.size(), truth.size());
+    EXPECT_EQ(result.covariances[0].norm(), 0) << "the first is held";
+    for (std::size_t k = 1; k < truth.size(); ++k) {
+      const Rigid3 off = truth[k] * map.T_c_w[k].inverse();
+      Eigen::Matrix<double, 6, 1> e;
+      e << so3_log(off.rotation), off.translation;
+      sum += e.dot(result.covariances[k].ldlt().solve(e)) / 6;
+      ++count;
+    }
+    // Farther from the first keyframe less is known.
+    EXPECT_GT(result.covariances.back().trace(), result.covariances[1].trace());
+  }
+  EXPECT_GT(sum / count, 0.4);
+  EXPECT_LT(sum / count, 1.6);
+}
+
+TEST(Refinement, StopsWithTheBestSoFarAndIsTheSameEveryTime) {
+  RigError error;
+  error.cx = 0.8;
+  std::atomic<bool> stop{false};
+  RefinementOptions options = with_free({"offset"});
+  options.watch.stop = &stop;
+  int refined = 0;
+  options.watch.progress = [&](int, int, const std::string& what) {
+    if (what == "refined" && ++refined == 4) stop = true;
+  };
+  MapObservations map = drive(error, 4);
+  const RefinementResult result = refine(map, options);
+  EXPECT_TRUE(result.stopped);
+  EXPECT_LT(result.refined.used.sigma[2], result.adjusted.used.sigma[2]);
+  MapObservations one = drive(error, 4), two = drive(error, 4);
+  const RefinementResult a = refine(one, with_free(kAllGroups));
+  const RefinementResult b = refine(two, with_free(kAllGroups));
+  EXPECT_EQ(a.after.correction.parameters(), b.after.correction.parameters());
+  EXPECT_EQ(a.after.covariance, b.after.covariance);
+}
+
+/// Positions pull the map to where they are, by their covariances.
+TEST(Refinement, TakesMeasuredPositions) {
+  MapObservations map = drive({}, 5);
+  std::fill(map.held.begin(), map.held.end(), std::uint8_t{0});
+  const Eigen::Vector3d shift(0.5, 0.2, -0.3);
+  std::vector<Eigen::Vector3d> measured;
+  for (const Rigid3& T : map.T_c_w) measured.push_back(T.inverse_t() + shift);
+  RefinementOptions options = with_free({});
+  options.covariances = true;
+  options.more = [&](ceres::Problem& problem, MapProblem& blocks) {
+    for (std::size_t k = 0; k < measured.size(); ++k) {
+      problem.AddResidualBlock(new PositionCost(measured[k], 1e-4 * Eigen::Matrix3d::Identity()),
+                               nullptr, blocks.pose(k));
+    }
+  };
+  const RefinementResult result = refine(map, options);
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    EXPECT_LT((map.T_c_w[k].inverse_t() - measured[k]).norm(), 0.02) << k;
+    const double variance = result.covariances[k].diagonal().tail(3).sum();
+    EXPECT_LT(variance, 3e-4) << "1 cm each";
+  }
+}
+
+TEST(PositionCost, DerivativesAreThoseOfIncrements) {
+  const Rigid3 T_c_w(so3_exp({0.3, -0.2, 0.5}), {1, 2, 3});
+  Eigen::Matrix3d covariance;
+  covariance << 0.04, 0.01, 0, 0.01, 0.09, 0.02, 0, 0.02, 0.25;
+  const PositionCost cost({0.5, 0.1, -2}, covariance);
+  const PoseBlock block = to_block(T_c_w);
+  const double* blocks[] = {block.data()};
+  Eigen::Vector3d at;
+  Eigen::Matrix<double, 3, kPoseSize, Eigen::RowMajor> J;
+  double* jacobians[] = {J.data()};
+  ASSERT_TRUE(cost.Evaluate(blocks, at.data(), jacobians));
+  const Eigen::Vector3d off = T_c_w.inverse_t() - Eigen::Vector3d(0.5, 0.1, -2);
+  EXPECT_NEAR(at.squaredNorm(), off.dot(covariance.ldlt().solve(off)), 1e-9);
+  for (int k = 0; k < 6; ++k) {
+    Eigen::Matrix<double, 6, 1> step = Eigen::Matrix<double, 6, 1>::Zero();
+    step[k] = 1e-6;
+    PoseBlock moved;
+    ASSERT_TRUE(PoseManifold().Plus(block.data(), step.data(), moved.data()));
+    const double* there[] = {moved.data()};
+    Eigen::Vector3d value;
+    ASSERT_TRUE(cost.Evaluate(there, value.data(), nullptr));
+    EXPECT_LT(((value - at) / 1e-6 - J.col(k)).norm(), 1e-4) << k;
+  }
+}
+
+}  // namespace
+}  // namespace kys_slam

@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "map_problem.h"
+
+#include <ceres/iteration_callback.h>
+#include <ceres/normal_prior.h>
+#include <kys_slam/util/median.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace kys_slam {
+
+namespace {
+
+constexpr double kHuber = 0.7;  // delta: errors are about half of what the deviations allow
+constexpr double kGaussian = 1.4826;
+
+class IterationWatch final : public ceres::IterationCallback {
+ public:
+  IterationWatch(const Watch& watch, const SolveRound& round, int done)
+      : watch_(watch), round_(round), done_(done) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    if (watch_.progress) watch_.progress(done_ + summary.iteration, round_.most, round_.what);
+    const bool stop = watch_.stop != nullptr && watch_.stop->load(std::memory_order_relaxed);
+    return stop ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const Watch& watch_;
+  const SolveRound& round_;
+  int done_;
+};
+
+template <typename F>
+void for_each_observation(const MapObservations& map, F&& f) {
+  for (std::size_t k = 0; k < map.landmarks.size(); ++k) {
+    for (auto i = static_cast<std::size_t>(map.first[k]);
+         i < static_cast<std::size_t>(map.first[k + 1]); ++i) {
+      f(k, i);
+    }
+  }
+}
+
+}  // namespace
+
+MapProblem::MapProblem(MapObservations& map, double* shape)
+    : map_(&map), shape_(shape), held_out_(map.observations.size(), 0), loss_(kHuber) {
+  for (const Rigid3& T : map.T_c_w) poses_.push_back(to_block(T));
+}
+
+ceres::Problem::Options MapProblem::problem_options() {
+  ceres::Problem::Options ours;
+  ours.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ours.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  return ours;
+}
+
+void MapProblem::hold_out(double share, std::mt19937_64& random) {
+  const double most = share * 1e6;
+  for (std::size_t k = 0; k < map_->landmarks.size(); ++k) {
+    int left = map_->first[k + 1] - map_->first[k];
+    for (auto i = static_cast<std::size_t>(map_->first[k]);
+         i < static_cast<std::size_t>(map_->first[k + 1]); ++i) {
+      const bool chosen = static_cast<double>(random() % 1000000) < most;
+      if (!chosen || left <= kLeastObservers) continue;
+      held_out_[i] = 1;
+      --left;
+    }
+  }
+}
+
+RigCorrection MapProblem::rig() const {
+  return {map_->camera, join(shape_, own_.data())};
+}
+
+void MapProblem::set_rig(const RigCorrection::Parameters& parameters) {
+  for (int k = 0; k < kShapeSize; ++k) {
+    shape_[k] = parameters[shape_places().at(static_cast<std::size_t>(k))];
+  }
+  for (int k = 0; k < kOwnSize; ++k) {
+    own_[k] = parameters[own_places().at(static_cast<std::size_t>(k))];
+  }
+}
+
+/// Predicted less measured (u, v, disparity, row), px; NaN where nothing is measured.
+Eigen::Vector4d MapProblem::residual(const RigCorrection& rig, std::size_t landmark,
+                                     std::size_t i) const {
+  const MapObservations::Observation& o = map_->observations[i];
+  const Eigen::Vector3d p_c = to_pose(poses_[o.keyframe].data()) * map_->landmarks[landmark];
+  if (p_c.z() < kNearest) return Eigen::Vector4d::Constant(std::nan(""));
+  return predict(map_->camera, rig, p_c, false).value - measured_values(o.measured);
+}
+
+void MapProblem::choose(double far_off) {
+  const RigCorrection rig = this->rig();
+  active_.assign(map_->observations.size(), 0);
+  for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
+    if (held_out_[i] != 0) return;
+    Eigen::Vector4d e = residual(rig, k, i);
+    e = e.cwiseProduct(inverse_deviations(*map_, map_->observations[i]));
+    if (!std::isfinite(e[0])) return;
+    const double disparity = std::isfinite(e[2]) ? e[2] * e[2] : 0;
+    active_[i] = e.head<2>().squaredNorm() + disparity < far_off ? 1 : 0;
+  });
+  for (std::size_t k = 0; k < map_->landmarks.size(); ++k) {
+    const auto begin = active_.begin() + map_->first[k];
+    const auto end = active_.begin() + map_->first[k + 1];
+    if (std::count(begin, end, 1) < kLeastObservers) std::fill(begin, end, std::uint8_t{0});
+  }
+}
+
+void MapProblem::add_to(ceres::Problem& problem) {
+  problem.AddParameterBlock(own_.data(), kOwnSize);
+  ids_.clear();
+  for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
+    if (active_[i] == 0) return;
+    const MapObservations::Observation& o = map_->observations[i];
+    const Eigen::Vector4d inv_sigma = inverse_deviations(*map_, o);
+    ceres::CostFunction* cost = nullptr;
+    if (std::isnan(o.measured.u_right)) {
+      cost = new MeasuredCost<2>(&map_->camera, o.measured, inv_sigma);
+    } else if (std::isnan(o.measured.v_right)) {
+      cost = new MeasuredCost<3>(&map_->camera, o.measured, inv_sigma);
+    } else {
+      cost = new MeasuredCost<4>(&map_->camera, o.measured, inv_sigma);
+    }
+    ids_.push_back(problem.AddResidualBlock(cost, &loss_, poses_[o.keyframe].data(),
+                                            map_->landmarks[k].data(), shape_, own_.data()));
+  });
+  for (std::size_t k = 0; k < poses_.size(); ++k) {
+    double* pose = poses_[k].data();
+    if (!problem.HasParameterBlock(pose)) continue;
+    problem.SetManifold(pose, &manifold_);
+    if (map_->held[k] != 0) problem.SetParameterBlockConstant(pose);
+  }
+}
+
+void MapProblem::order(const ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering) {
+  for (Eigen::Vector3d& p : map_->landmarks) {
+    if (problem.HasParameterBlock(p.data())) ordering.AddElementToGroup(p.data(), 0);
+  }
+  for (PoseBlock& pose : poses_) {
+    if (problem.HasParameterBlock(pose.data())) ordering.AddElementToGroup(pose.data(), 1);
+  }
+  ordering.AddElementToGroup(own_.data(), 1);
+}
+
+Residuals MapProblem::residuals(bool held_out) const {
+  std::array<std::vector<double>, 4> magnitudes;
+  const RigCorrection rig = this->rig();
+  for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
+    if ((held_out_[i] != 0) != held_out) return;
+    const Eigen::Vector4d e = residual(rig, k, i) / map_->observations[i].scale;
+    for (std::size_t c = 0; c < 4; ++c) {
+      if (const double value = e[static_cast<Eigen::Index>(c)]; std::isfinite(value)) {
+        magnitudes.at(c).push_back(std::abs(value));
+      }
+    }
+  });
+  Residuals result;
+  for (std::size_t c = 0; c < 4; ++c) {
+    std::vector<double>& values = magnitudes.at(c);
+    result.count.at(c) = values.size();
+    if (!values.empty()) result.sigma[static_cast<Eigen::Index>(c)] = kGaussian * median(values);
+  }
+  return result;
+}
+
+std::vector<MapProblem::Row> MapProblem::rows() const {
+  std::vector<Row> rows;
+  const auto part_of = [](double at, int size, int parts) {
+    return std::clamp(static_cast<int>(at / size * parts), 0, parts - 1);
+  };
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    if (active_[i] == 0) continue;
+    const RigCorrection::Measured& m = map_->observations[i].measured;
+    const int part = part_of(m.v, map_->camera.height, kRowsOfParts) * kColumns +
+                     part_of(m.u, map_->camera.width, kColumns);
+    const Eigen::Vector4d inv_sigma = inverse_deviations(*map_, map_->observations[i]);
+    const int count = std::isnan(m.u_right) ? 2 : std::isnan(m.v_right) ? 3 : 4;
+    for (int c = 0; c < count; ++c) rows.push_back({4 * part + c, inv_sigma[c]});
+  }
+  return rows;
+}
+
+void MapProblem::write_poses() {
+  for (std::size_t k = 0; k < poses_.size(); ++k) map_->T_c_w[k] = to_pose(poses_[k].data());
+}
+
+void MapProblem::drop_unused() {
+  for (std::size_t k = 0; k < map_->landmarks.size(); ++k) {
+    const auto begin = active_.begin() + map_->first[k];
+    const auto end = active_.begin() + map_->first[k + 1];
+    bool sound = std::find(begin, end, 1) != end;
+    for (auto i = static_cast<std::size_t>(map_->first[k]);
+         i < static_cast<std::size_t>(map_->first[k + 1]); ++i) {
+      const Rigid3 T_c_w = to_pose(poses_[map_->observations[i].keyframe].data());
+      sound = sound && (active_[i] == 0 || (T_c_w * map_->landmarks[k]).z() > kNearest);
+    }
+    if (!sound) map_->landmarks[k].setConstant(std::nan(""));
+  }
+}
+
+template <int kBlock>
+ceres::CostFunction* prior_cost(const RigCorrection::Covariance& covariance,
+                                const RigCorrection::Parameters& mean,
+                                const std::array<int, kBlock>& places) {
+  Eigen::Matrix<double, kBlock, kBlock> block;
+  ceres::Vector centre(kBlock);
+  for (int a = 0; a < kBlock; ++a) {
+    const int from = places.at(static_cast<std::size_t>(a));
+    centre[a] = mean[from];
+    for (int b = 0; b < kBlock; ++b) {
+      block(a, b) = covariance(from, places.at(static_cast<std::size_t>(b)));
+    }
+  }
+  const Eigen::Matrix<double, kBlock, kBlock> L = block.llt().matrixL();
+  return new ceres::NormalPrior(ceres::Matrix(L.inverse()), centre);
+}
+template ceres::CostFunction* prior_cost<kShapeSize>(const RigCorrection::Covariance&,
+                                                     const RigCorrection::Parameters&,
+                                                     const std::array<int, kShapeSize>&);
+template ceres::CostFunction* prior_cost<kOwnSize>(const RigCorrection::Covariance&,
+                                                   const RigCorrection::Parameters&,
+                                                   const std::array<int, kOwnSize>&);
+
+bool solve_round(ceres::Problem& problem,
+                 const std::shared_ptr<ceres::ParameterBlockOrdering>& ordering,
+                 const SolveRound& round, const Watch& watch, int& done) {
+  IterationWatch callback(watch, round, done);
+  ceres::Solver::Options solver;
+  solver.logging_type = ceres::SILENT;
+  solver.num_threads = 1;
+  solver.linear_solver_type = ceres::SPARSE_SCHUR;
+  solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  solver.linear_solver_ordering = ordering;
+  solver.max_num_iterations = round.iterations;
+  solver.max_solver_time_in_seconds = 1e9;
+  solver.function_tolerance = round.function_tolerance;
+  solver.parameter_tolerance = 1e-13;  // of the norm of all points: the default ends too early
+  solver.callbacks.push_back(&callback);
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  done += std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  return summary.termination_type != ceres::USER_SUCCESS;
+}
+
+}  // namespace kys_slam

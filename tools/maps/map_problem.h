@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <ceres/loss_function.h>
+#include <ceres/ordered_groups.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+#include <kys_slam/map_observations.h>
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "rig_costs.h"
+
+namespace kys_slam {
+
+/// Robust standard deviations of residuals (u, v, disparity, row), px of their octaves, and how
+/// many there are.
+struct Residuals {
+  Eigen::Vector4d sigma = Eigen::Vector4d::Zero();
+  std::array<std::size_t, 4> count{};
+};
+
+/// One map in a Ceres problem, which can have residuals of other measurements as well: a block of
+/// kPoseSize per keyframe (PoseManifold), three numbers per landmark, and the rig's correction in
+/// two blocks, of which the shape may be common to several maps. Costs by the map's noise model
+/// with Huber's loss.
+class MapProblem {
+ public:
+  static constexpr double kAll = 1e30;       ///< for choose(): none is too far off
+  static constexpr double kFarOff = 25;      ///< chi2 of an observation that is left out
+  static constexpr int kLeastObservers = 2;  ///< of a landmark, without those held out
+
+  /// \param map  its landmarks are moved in place; must outlive the problem
+  /// \param shape  block of kShapeSize; the same
+  MapProblem(MapObservations& map, double* shape);
+  MapProblem(const MapProblem&) = delete;
+  MapProblem& operator=(const MapProblem&) = delete;
+
+  /// Options with which Ceres problems for these blocks are made.
+  static ceres::Problem::Options problem_options();
+
+  /// Leaves out a share of the observations, which are predicted only. The same generator and map
+  /// give the same choice.
+  void hold_out(double share, std::mt19937_64& random);
+  /// Uses them from now on.
+  void use_held_out() { held_out_.assign(held_out_.size(), 0); }
+  /// Leaves out what is far off at the present place, behind the camera, or of a landmark that few
+  /// views remain of, until the next call.
+  void choose(double far_off);
+  /// Adds the blocks and the observations that were chosen.
+  void add_to(ceres::Problem& problem);
+  /// Landmarks are eliminated first.
+  void order(const ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering);
+
+  /// Block of a keyframe, T_c_w as to_block() has it. A cost gives its derivatives by the increment
+  /// x_c -> exp(w) x_c + v in the first six of seven columns.
+  [[nodiscard]] double* pose(std::size_t keyframe) { return poses_[keyframe].data(); }
+  [[nodiscard]] double* own() { return own_.data(); }
+  [[nodiscard]] std::vector<PoseBlock>& poses() { return poses_; }
+  [[nodiscard]] MapObservations& map() { return *map_; }
+  /// Of the observations that were added last.
+  [[nodiscard]] const std::vector<ceres::ResidualBlockId>& ids() const { return ids_; }
+  /// Of every residual (row) of these: the part of the images that it is of, with what is measured
+  /// there, and 1/px.
+  struct Row {
+    int part = 0;
+    double inv_sigma = 1;
+  };
+  static constexpr int kColumns = 6, kRowsOfParts = 3;  ///< parts of the images
+  static constexpr int kParts = 4 * kColumns * kRowsOfParts;
+  [[nodiscard]] std::vector<Row> rows() const;
+  [[nodiscard]] RigCorrection rig() const;
+  void set_rig(const RigCorrection::Parameters& parameters);
+
+  /// At the present place, of observations that are held out, or of the others.
+  [[nodiscard]] Residuals residuals(bool held_out) const;
+  /// Landmarks that were not added last, or are behind a camera that observes them, become NaN:
+  /// SavedMap::update leaves these where their reference keyframe has them.
+  void drop_unused();
+  /// Poses into the map.
+  void write_poses();
+
+ private:
+  [[nodiscard]] Eigen::Vector4d residual(const RigCorrection& rig, std::size_t landmark,
+                                         std::size_t observation) const;
+
+  MapObservations* map_;
+  double* shape_;
+  std::vector<PoseBlock> poses_;
+  Own own_ = Own::Zero();
+  std::vector<std::uint8_t> held_out_;  // per observation
+  std::vector<std::uint8_t> active_;    // per observation: chosen
+  std::vector<ceres::ResidualBlockId> ids_;
+  ceres::HuberLoss loss_;
+  PoseManifold manifold_;
+};
+
+/// Normal prior on one of the rig's two blocks.
+template <int kBlock>
+ceres::CostFunction* prior_cost(const RigCorrection::Covariance& covariance,
+                                const RigCorrection::Parameters& mean,
+                                const std::array<int, kBlock>& places);
+
+/// How far an adjustment is, and whether it is to end.
+struct Watch {
+  const std::atomic<bool>* stop = nullptr;  ///< ends it early, with the best so far
+  /// Called after every iteration: how many are done of at most how many, and what is done.
+  std::function<void(int, int, const std::string&)> progress;
+};
+
+struct SolveRound {
+  std::string what;
+  int iterations = 10;
+  int most = 0;  ///< of all rounds together
+  double function_tolerance = 1e-6;
+};
+
+/// SPARSE_SCHUR with SuiteSparse, one thread: the same bytes every time. \param done iterations of
+/// all rounds, increased \return false when it was stopped
+bool solve_round(ceres::Problem& problem,
+                 const std::shared_ptr<ceres::ParameterBlockOrdering>& ordering,
+                 const SolveRound& round, const Watch& watch, int& done);
+
+}  // namespace kys_slam
