@@ -55,7 +55,8 @@ def write_pair(sequence, folder):
     camera = ("cam{}:\n  camera_model: pinhole\n  intrinsics: [{f}, {f}, {cx}, {cy}]\n"
               "  distortion_model: radtan\n  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [620, 188]\n")
     write(folder / "camchain.yaml", "".join(camera.format(i, f=f, cx=cx, cy=cy) for i in (0, 1))
-          + f"  T_cn_cnm1:\n  - [1, 0, 0, {minus_fb / f}]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, 0, 0, 1]\n")
+          + f"  T_cn_cnm1:\n  - [1, 0, 0, {minus_fb / f}]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n"
+          "  - [0, 0, 0, 1]\n")
     shutil.copy(sequence / "times.txt", folder / "times.txt")
 
 
