@@ -59,6 +59,13 @@ struct KnownPlace {
   std::vector<LandmarkId> landmarks;  ///< per feature; invalid: none
 };
 
+/// Priors of the features of an earlier frame, from segments that came after it was tracked.
+struct LatePriors {
+  std::int64_t frame = 0;
+  std::optional<KeyFrameId> keyframe;  ///< that it became
+  std::vector<kys::Prior> priors;      ///< one per feature
+};
+
 struct TrackTimes {
   double predict = 0;    ///< ms
   double local_map = 0;  ///< ms
@@ -115,6 +122,18 @@ class Tracker {
     map_moved_ |= changes.moved;
     replica_.apply(std::move(changes));
   }
+
+  /// Priors that became known late; call it between two frames.
+  /// \param instances beliefs after the last frame, as if they had been known in time
+  /// \param judged poses of the frames it keeps, latest first
+  void apply(std::vector<LatePriors> late, const InstanceTracker& instances,
+             std::deque<FramePose> judged);
+  /// Beliefs after the last frame; null: the mode has none.
+  [[nodiscard]] const InstanceTracker* instances() const {
+    return instances_ ? &*instances_ : nullptr;
+  }
+  /// Poses of the frames that the beliefs keep, latest first.
+  [[nodiscard]] const std::deque<FramePose>& judged_poses() const { return judged_; }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
   /// The features, with what is believed of instances now in place of what their file says; as they
@@ -254,6 +273,7 @@ class Tracker {
   VisibilityCounts counts_;                   // since the last keyframe
   std::optional<InstanceTracker> instances_;  // when the model uses belief
   std::deque<FramePose> judged_;              // of the frames it keeps, latest first
+  std::vector<KeyFramePriors> late_;          // for the next message
 };
 
 }  // namespace kys_slam

@@ -4,6 +4,7 @@
 // Whether a frame becomes a keyframe, and what it gives to the map.
 
 #include <algorithm>
+#include <utility>
 
 namespace kys_slam {
 
@@ -76,6 +77,7 @@ KeyFrameMessage Tracker::make_keyframe(Frame& frame) {
     frame.landmarks[landmark.feature] = landmark.id;
   }
   message.counts = counts_.take();
+  message.late_priors = std::exchange(late_, {});
 
   // The replica has it at once; the back end's view of it follows in a change set.
   KeyFrameView view;
