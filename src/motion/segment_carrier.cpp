@@ -2,6 +2,7 @@
 #include "motion/segment_carrier.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -15,7 +16,11 @@ constexpr double kFar = 1000;               // m, of features without a disparit
 constexpr double kSurfaceTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kLeastTolerance = 1.5;     // px
 constexpr double kSurfaceRadius = 0.03;     // of the width: features that say how far a pixel is
-constexpr double kNeighbourRadius = 0.01;   // of the width: features that share a segment
+constexpr double kSlant = 0.35;             // px of disparity per px: a road, steep surfaces
+constexpr int kCell = 4;                    // px, side
+constexpr double kLargestSplat = 4;         // cells, half side
+constexpr int kGap = 2;                     // cells, on each side
+constexpr std::size_t kMostFar = 60;        // features beyond kSurfaceRadius that are compared
 constexpr double kMoved = 0.02;             // m; less is no motion
 constexpr double kNearest = 0.1;            // m
 constexpr int kOctaves = 255;
@@ -37,7 +42,7 @@ SegmentCarrier::SegmentCarrier(const StereoCamera& camera,
                                std::shared_ptr<const SegmentImage> image,
                                std::vector<kys::Prior> segments,
                                std::shared_ptr<const FrameFeatures> features,
-                               std::vector<std::uint8_t> is_thing)
+                               std::vector<std::uint8_t> is_thing, bool carried)
     : camera_(camera),
       image_(std::move(image)),
       segments_(std::move(segments)),
@@ -53,6 +58,7 @@ SegmentCarrier::SegmentCarrier(const StereoCamera& camera,
       members_[segment - 1U].push_back(static_cast<std::uint32_t>(i));
     }
   }
+  if (carried) sample_depths();
 }
 
 std::uint16_t SegmentCarrier::at(double u, double v) const {
@@ -62,40 +68,38 @@ std::uint16_t SegmentCarrier::at(double u, double v) const {
   return image_->map.at(static_cast<int>(x), static_cast<int>(y));
 }
 
-/// That of the nearest feature of the segment; NaN: none is near.
-double SegmentCarrier::disparity_near(std::uint16_t segment, double u, double v) const {
-  const double radius = kSurfaceRadius * camera_.width;
-  double nearest = radius * radius;
-  double disparity = std::nan("");
-  features_->for_each_near(static_cast<float>(u), static_cast<float>(v),
-                           static_cast<float>(radius), 0, kOctaves, [&](std::size_t i) {
-                             if (segment_of_feature_[i] != segment || !features_->has_stereo(i)) {
-                               return;
-                             }
-                             const double du = features_->keypoint(i).x - u;
-                             const double dv = features_->keypoint(i).y - v;
-                             const double distance = du * du + dv * dv;
-                             if (distance >= nearest) return;
-                             nearest = distance;
-                             disparity = disparity_of(*features_, i);
-                           });
-  return disparity;
+/// What features of the segment around a pixel (u, v, u_right) say of how far away it is. Surfaces
+/// are slanted: the further a feature, the more its disparity may differ.
+SegmentCarrier::Surface SegmentCarrier::surface_at(std::uint16_t segment,
+                                                   const Eigen::Vector3d& pixel) const {
+  const auto radius = static_cast<float>(kSurfaceRadius * camera_.width);
+  const double disparity = pixel.x() - pixel.z();
+  Surface surface;
+  features_->for_each_near(
+      static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), radius, 0, kOctaves,
+      [&](std::size_t i) {
+        if (segment_of_feature_[i] != segment || !features_->has_stereo(i)) return;
+        const double there = disparity_of(*features_, i);
+        const double distance =
+            std::hypot(features_->keypoint(i).x - pixel.x(), features_->keypoint(i).y - pixel.y());
+        const double margin = tolerance(there) + kSlant * distance;
+        surface.near = true;
+        if (std::abs(disparity - there) <= margin) surface.agrees = true;
+        if (disparity <= there + margin) surface.in_front = false;
+      });
+  return surface;
 }
 
 /// Whether a point seen at a pixel of the segment lies on its surface. Of stuff, which may be a
 /// whole street, only what is in front of it does not.
 bool SegmentCarrier::agrees(std::uint16_t segment, const Eigen::Vector3d& p_s) const {
   const Eigen::Vector3d pixel = camera_.project_stereo(p_s);
-  const double disparity = pixel.x() - pixel.z();
-  const double near = disparity_near(segment, pixel.x(), pixel.y());
-  if (!std::isnan(near)) {
-    if (std::abs(disparity - near) <= tolerance(near)) return true;
-    if (!is_thing(segment)) return disparity < near;
-  } else if (!is_thing(segment)) {
-    return true;
-  }
+  const Surface surface = surface_at(segment, pixel);
+  if (surface.near) return surface.agrees || (!is_thing(segment) && !surface.in_front);
+  if (!is_thing(segment)) return true;
   const std::vector<std::uint32_t>& members = members_[segment - 1U];
   if (members.empty()) return true;
+  const double disparity = pixel.x() - pixel.z();
   double least = 1e300;
   double most = 0;
   for (const std::uint32_t i : members) {
@@ -103,7 +107,124 @@ bool SegmentCarrier::agrees(std::uint16_t segment, const Eigen::Vector3d& p_s) c
     least = std::min(least, d - tolerance(d));
     most = std::max(most, d + tolerance(d));
   }
-  return std::isnan(near) && disparity >= least && disparity <= most;
+  return disparity >= least && disparity <= most;
+}
+
+/// How far away the cells of the picture are: by the nearest features of their segments. A thing
+/// without a disparity is about as far away as what surrounds it, other segments are far.
+void SegmentCarrier::sample_depths() {
+  columns_ = (camera_.width + kCell - 1) / kCell;
+  rows_ = (camera_.height + kCell - 1) / kCell;
+  cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+  std::vector<std::uint32_t> all;
+  for (const std::vector<std::uint32_t>& members : members_) {
+    all.insert(all.end(), members.begin(), members.end());
+  }
+  for (int row = 0; row < rows_; ++row) {
+    for (int column = 0; column < columns_; ++column) {
+      const double u = kCell * column + 0.5 * (kCell - 1), v = kCell * row + 0.5 * (kCell - 1);
+      const std::uint16_t segment = at(u, v);
+      if (segment == 0) continue;
+      const std::vector<std::uint32_t>& own = members_[segment - 1U];
+      const bool by_others = own.empty() && is_thing(segment);
+      cells_[static_cast<std::size_t>(row * columns_ + column)] = {
+          segment, static_cast<float>(depth_at(segment, by_others ? all : own, u, v))};
+    }
+  }
+}
+
+/// m; of the nearest three of some features, by the inverse square of their distance.
+double SegmentCarrier::depth_at(std::uint16_t segment, std::span<const std::uint32_t> among,
+                                double u, double v) const {
+  std::array<std::pair<double, double>, 3> nearest;  // squared distance, disparity
+  nearest.fill({1e300, 0});
+  const auto see = [&](std::size_t i) {
+    const double du = features_->keypoint(i).x - u, dv = features_->keypoint(i).y - v;
+    const double distance = 1 + du * du + dv * dv;
+    if (distance >= nearest.back().first) return;
+    nearest.back() = {distance, disparity_of(*features_, i)};
+    std::sort(nearest.begin(), nearest.end());
+  };
+  features_->for_each_near(static_cast<float>(u), static_cast<float>(v),
+                           static_cast<float>(kSurfaceRadius * camera_.width), 0, kOctaves,
+                           [&](std::size_t i) {
+                             if (segment_of_feature_[i] == segment && features_->has_stereo(i)) {
+                               see(i);
+                             }
+                           });
+  if (nearest.front().first > 1e200) {
+    const std::size_t step = 1 + among.size() / kMostFar;
+    for (std::size_t k = 0; k < among.size(); k += step) see(among[k]);
+  }
+  double sum = 0;
+  double weights = 0;
+  for (const auto& [distance, disparity] : nearest) {
+    sum += disparity / distance;
+    weights += 1 / distance;
+  }
+  return sum > weights * camera_.bf() / kFar ? camera_.bf() * weights / sum : kFar;
+}
+
+/// The cells moved to another frame; where several come together the nearest one is seen.
+std::vector<SegmentCarrier::Cell> SegmentCarrier::warp(const Rigid3& T_now_s,
+                                                       const SegmentShifts& shifts) const {
+  std::vector<Cell> moved(cells_.size());
+  for (int row = 0; row < rows_; ++row) {
+    for (int column = 0; column < columns_; ++column) {
+      const Cell& cell = cells_[static_cast<std::size_t>(row * columns_ + column)];
+      if (cell.segment == 0) continue;
+      const double u = kCell * column + 0.5 * (kCell - 1), v = kCell * row + 0.5 * (kCell - 1);
+      const Eigen::Vector3d p =
+          T_now_s * (camera_.back_project(u, v, cell.depth) + shifts[cell.segment - 1U]);
+      if (p.z() < kNearest) continue;
+      put(cell, p, moved);
+    }
+  }
+  close_gaps(moved);
+  return moved;
+}
+
+/// Between cells that move apart: that of the farthest of the neighbours, which the nearer ones have
+/// uncovered.
+void SegmentCarrier::close_gaps(std::vector<Cell>& grid) const {
+  for (int pass = 0; pass < kGap; ++pass) {
+    const std::vector<Cell> before = grid;
+    for (int y = 1; y + 1 < rows_; ++y) {
+      for (int x = 1; x + 1 < columns_; ++x) {
+        const std::ptrdiff_t i = std::ptrdiff_t{y} * columns_ + x;
+        Cell& cell = grid[static_cast<std::size_t>(i)];
+        if (cell.segment != 0) continue;
+        for (const std::ptrdiff_t step : {std::ptrdiff_t{-1}, std::ptrdiff_t{1},
+                                          std::ptrdiff_t{-columns_}, std::ptrdiff_t{columns_}}) {
+          const Cell& other = before[static_cast<std::size_t>(i + step)];
+          if (other.segment != 0 && other.depth > cell.depth) cell = other;
+        }
+      }
+    }
+  }
+}
+
+/// Puts a cell at its point (m) in the camera of the other frame; it covers more of the grid when
+/// it comes nearer.
+void SegmentCarrier::put(const Cell& cell, const Eigen::Vector3d& p, std::vector<Cell>& grid) const {
+  const Eigen::Vector2d at = (camera_.project(p) + Eigen::Vector2d(0.5, 0.5)) / kCell;
+  const double half = std::clamp(0.5 * cell.depth / p.z(), 0.5, kLargestSplat);
+  if (!(at.x() + half >= 0 && at.y() + half >= 0 && at.x() - half < columns_ &&
+        at.y() - half < rows_)) {
+    return;
+  }
+  // Those whose centres it covers.
+  const int first_x = std::max(0, static_cast<int>(std::ceil(at.x() - half - 0.5)));
+  const int last_x = std::min(columns_ - 1, static_cast<int>(std::floor(at.x() + half - 0.5)));
+  const int first_y = std::max(0, static_cast<int>(std::ceil(at.y() - half - 0.5)));
+  const int last_y = std::min(rows_ - 1, static_cast<int>(std::floor(at.y() + half - 0.5)));
+  for (int y = first_y; y <= last_y; ++y) {
+    for (int x = first_x; x <= last_x; ++x) {
+      Cell& there = grid[static_cast<std::size_t>(y * columns_ + x)];
+      const auto depth = static_cast<float>(p.z());
+      if (there.segment == 0 || depth < there.depth) there = {cell.segment, depth};
+    }
+  }
 }
 
 /// The segment of a point (m) in the camera of the picture. \param only this one; 0: any
@@ -136,28 +257,49 @@ std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const
     const Keypoint& k = now.keypoint(i);
     numbers[i] = segment_of(camera_.back_project(k.x, k.y, now.depth(i)), T_s_now, shifts);
   }
-  // Without a disparity: that of the nearest feature with one, else as far away.
-  const auto radius = static_cast<float>(kNeighbourRadius * camera_.width);
-  std::vector<std::uint16_t> others(now.size(), 0);
+  const std::vector<Cell> moved = warp(T_s_now.inverse(), shifts);
   for (std::size_t i = 0; i < now.size(); ++i) {
-    if (now.has_stereo(i)) continue;
+    if (numbers[i] != 0) continue;
     const Keypoint& k = now.keypoint(i);
+    const int column = static_cast<int>(std::floor((k.x + 0.5F) / kCell));
+    const int row = static_cast<int>(std::floor((k.y + 0.5F) / kCell));
+    if (column < 0 || row < 0 || column >= columns_ || row >= rows_) continue;
+    const Cell& cell = moved[static_cast<std::size_t>(row * columns_ + column)];
+    if (cell.segment == 0) continue;
+    if (now.has_stereo(i)) {
+      const double there = camera_.bf() / cell.depth;
+      if (std::abs(disparity_of(now, i) - there) > 2 * tolerance(there)) continue;
+      numbers[i] = cell.segment;
+      continue;
+    }
+    // At this depth the pixel in the picture says it more exactly than the cell.
+    const std::uint16_t exact =
+        segment_of(camera_.back_project(k.x, k.y, cell.depth), T_s_now, shifts);
+    numbers[i] = exact > 0 ? exact : cell.segment;
+  }
+  fill(now, numbers);
+  return numbers;
+}
+
+/// What was hidden in the picture, or outside it, has the segment of the nearest feature that is as
+/// far away, unless this is a thing: these have borders.
+void SegmentCarrier::fill(const FrameFeatures& now, std::vector<std::uint16_t>& numbers) const {
+  const auto radius = static_cast<float>(kSurfaceRadius * camera_.width);
+  const std::vector<std::uint16_t> known = numbers;
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    if (known[i] != 0 || !now.has_stereo(i)) continue;
+    const Keypoint& k = now.keypoint(i);
+    const double disparity = disparity_of(now, i);
     float nearest = radius * radius;
-    bool found = false;
     now.for_each_near(k.x, k.y, radius, 0, kOctaves, [&](std::size_t n) {
-      if (!now.has_stereo(n)) return;
+      if (known[n] == 0 || !now.has_stereo(n)) return;
+      if (std::abs(disparity_of(now, n) - disparity) > tolerance(disparity)) return;
       const float du = now.keypoint(n).x - k.x, dv = now.keypoint(n).y - k.y;
       if (du * du + dv * dv >= nearest) return;
       nearest = du * du + dv * dv;
-      others[i] = numbers[n];
-      found = true;
+      numbers[i] = is_thing(known[n]) ? std::uint16_t{0} : known[n];
     });
-    if (!found) others[i] = segment_of(camera_.back_project(k.x, k.y, kFar), T_s_now, shifts);
   }
-  for (std::size_t i = 0; i < now.size(); ++i) {
-    if (!now.has_stereo(i)) numbers[i] = others[i];
-  }
-  return numbers;
 }
 
 std::vector<kys::Prior> SegmentCarrier::priors_of(std::span<const std::uint16_t> numbers) const {

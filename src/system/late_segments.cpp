@@ -105,7 +105,7 @@ std::vector<kys::Prior> LateSegments::name(const SegmentImage& image, const Fram
   std::vector<std::uint16_t> same(named.size(), 0);
   if (before != nullptr) {
     const SegmentCarrier now(camera_, std::make_shared<const SegmentImage>(image), named,
-                             frame.features, is_thing_);
+                             frame.features, is_thing_, false);
     const Rigid3 T_s_w = tracker.current_pose(before->pose);
     same = same_segments(*before->segments, now, T_s_w * T_c_w.inverse(),
                          shifts_at(*before, frame.taken, beliefs, T_s_w), start_);
@@ -218,7 +218,7 @@ std::vector<kys::Prior> LateSegments::carry(double timestamp, const FrameFeature
   if (own_image_) {
     // Its own segments: looked up as they are.
     const SegmentCarrier own(camera_, own_image_, own_named_,
-                             std::make_shared<const FrameFeatures>(features), is_thing_);
+                             std::make_shared<const FrameFeatures>(features), is_thing_, false);
     return own.priors_of(own.own());
   }
   if (!carried_ || timestamp - carried_->taken > memory_) return {};
