@@ -84,7 +84,8 @@ class System {
   /// priors, moved with the scene and its things, until the next segmentation; frames since its own,
   /// their keyframes and landmarks get theirs. A frame with priors of its own keeps these.
   ///
-  /// With control.segment_every = n frames 0, n, 2n, ... have one: `feed` waits for it where it
+  /// Frames are kept for it from the first call on, or from the first frame with
+  /// control.segment_every above 0. With control.segment_every = n frames 0, n, 2n, ... have one: `feed` waits for it where it
   /// takes effect (not `realtime`), so that results do not depend on when it came. It has to come
   /// before, or from another thread. After control.segment_timeout the run goes on without any.
   /// \param frame index of the frame as fed: 0, 1, ...

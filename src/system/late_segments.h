@@ -46,6 +46,8 @@ class LateSegments {
   bool arrive(std::int64_t frame, std::shared_ptr<const SegmentImage> image, std::int64_t now,
               double timestamp, const std::shared_ptr<const FrameFeatures>& features,
               Tracker& tracker);
+  /// The frame whose segments are carried; -1: none yet.
+  [[nodiscard]] std::int64_t latest() const { return base_frame_; }
   /// Priors of a frame that has none, before it is tracked; empty: nothing to carry.
   [[nodiscard]] std::vector<kys::Prior> carry(double timestamp, const FrameFeatures& features,
                                               const Tracker& tracker);

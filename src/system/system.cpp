@@ -365,9 +365,6 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   report.index = frame.index;
   report.name = frame.name;
   report.timestamp = frame.timestamp;
-  s.note_masks(masks, report);
-  add_phrase(report.warning, std::exchange(s.first_note, ""));
-  add_phrase(report.warning, s.segments.take_warning());
   const bool hold = s.must_hold(arrived, seen);
   if (!hold && !s.held.empty()) s.track_held(arrived);
   if (hold) {
@@ -375,10 +372,13 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   } else {
     s.track(frame, seen, arrived, report);
   }
+  s.note_masks(masks, report);
   if (same) {
     report.reason = kSamePicture;
     add_phrase(report.warning, kSamePicture);
   }
+  add_phrase(report.warning, std::exchange(s.first_note, ""));
+  add_phrase(report.warning, s.segments.take_warning());
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
   s.reports.back() = report;
@@ -427,6 +427,7 @@ void System::finish() {
   impl_->finished = true;
   if (!impl_->held.empty()) impl_->track_held({});
   impl_->drain();
+  impl_->runner.set_priors(impl_->tracker.take_late_priors());
   impl_->tracker.apply(impl_->runner.finish());
 }
 

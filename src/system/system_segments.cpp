@@ -134,6 +134,7 @@ void System::Impl::track_held(const std::vector<SegmentQueue::Delivery>& arrived
       if (delivery.frame == count) own.push_back(delivery);
     }
     track(frame->frame, frame->seen, own, report);
+    reports.back().segments_of = -1;  // they are known with the frame being fed
   }
   observer = silent;
 }
@@ -147,7 +148,8 @@ std::int64_t System::Impl::attach_segments(const StereoFrame& frame, FrontEndRes
   std::int64_t latest = -1;
   for (const SegmentQueue::Delivery& delivery : arrived) {
     if (late_segments->arrive(delivery.frame, delivery.image, count, frame.timestamp, seen.features,
-                              tracker)) {
+                              tracker) ||
+        delivery.frame == late_segments->latest()) {
       latest = delivery.frame;
     }
   }

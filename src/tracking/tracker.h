@@ -128,6 +128,8 @@ class Tracker {
   /// \param judged poses of the frames it keeps, latest first
   void apply(std::vector<LatePriors> late, const InstanceTracker& instances,
              std::deque<FramePose> judged);
+  /// Those of keyframes that no message has had yet.
+  [[nodiscard]] std::vector<KeyFramePriors> take_late_priors() { return std::exchange(late_, {}); }
   /// Beliefs after the last frame; null: the mode has none.
   [[nodiscard]] const InstanceTracker* instances() const {
     return instances_ ? &*instances_ : nullptr;
