@@ -11,14 +11,13 @@ from typing import Iterator, Optional
 
 import kys_slam
 from kys_slam import InputError
-from kys_slam._core import _InterruptGuard
+from kys_slam._core import _InterruptGuard, _label_space_of_priors
 from kys_slam import cli_segment
 from kys_slam.cli_errors import TRACKING_FAILED, Failures, interrupted, library_warns, warn
 from kys_slam.cli_feed import Feed
 from kys_slam.cli_input import correction_of, make_settings, open_recording
 from kys_slam.cli_output import must_be_new, open_recorders, output_folder
 from kys_slam.live import Playback
-from kys_slam.segmenter import label_space_of_priors
 
 
 def run(args) -> int:
@@ -97,7 +96,7 @@ def _label_space(args, function) -> str:
     """That of the segments or the prior files, for control.label_space; "": none is known."""
     if function:
         return function.label_space
-    return label_space_of_priors(args.priors) if args.priors else ""
+    return _label_space_of_priors(args.priors) if args.priors else ""
 
 
 def _save_map(args, slam: kys_slam.System, output: Path) -> None:

@@ -10,7 +10,8 @@ import kys_slam
 from kys_slam import InputError, PriorCamera, PriorFrame
 from kys_slam.kysp import SEGMENT, THING
 from kys_slam.segment_network import NetworkError, SegmentNetwork, need
-from kys_slam.segmenter import Function, Segmenter, from_folder, label_space_of
+from kys_slam._core import _label_space_of_priors
+from kys_slam.segmenter import Function, Segmenter, from_folder
 
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 _FIRST_THING = 65536  # instances of things in prior files
@@ -79,7 +80,7 @@ class _FolderFunction:
     """Stored segments, by the names of frames."""
 
     def __init__(self, folder: str) -> None:
-        self.label_space = label_space_of(folder)
+        self.label_space = _label_space_of_priors(folder)
         self._read = from_folder(folder)
 
     def __call__(self, frame: Any) -> Optional[PriorFrame]:
@@ -114,9 +115,7 @@ def open_function(args, recording) -> Optional[Function]:
         raise InputError("--segment needs images; this recording has features only")
     path = Path(args.segment)
     if path.is_dir():
-        if any(path.glob("*.kysp")):
-            return _FolderFunction(args.segment)
-        raise InputError(f"{path}: has no prior files")
+        return _FolderFunction(args.segment)
     try:
         return _NetworkFunction(args, recording)
     except NetworkError as error:

@@ -106,36 +106,10 @@ def from_folder(folder: PathLike) -> Function:
     """The prior files of a folder, by the names of frames, in place of a network."""
     folder = Path(folder)
     if not any(folder.glob("*.kysp")):
-        raise InputError(f"{folder}: has no prior files")
+        raise InputError(f"{folder}: has no prior files (*.kysp)")
 
     def read(frame: Any) -> Optional[PriorFrame]:
         file = folder / f"{frame.name}.kysp"
         return read_prior(file) if file.exists() else None
 
     return read
-
-
-def label_space_of_priors(folder: PathLike) -> str:
-    """The same for --priors, which takes the folder that holds the folder of prior files; "": there are
-    none."""
-    folder = Path(folder)
-    for place in (folder, folder / "priors"):
-        if place.is_dir() and any(place.glob("*.kysp")):
-            return label_space_of(place)
-    return ""
-
-
-def label_space_of(folder: PathLike) -> str:
-    """The label space of the prior files in a folder, as control.label_space takes it: its name where it
-    is built in, else the path of its two files in the folder or beside it."""
-    import kys_slam
-    file = min(Path(folder).glob("*.kysp"))
-    name = read_prior(file).label_space
-    try:
-        kys_slam.LabelSpace(name)
-        return name
-    except InputError:
-        for place in (file.parent, file.parent.parent):
-            if (place / f"{name}.classes.csv").exists():
-                return str(place / name)
-        return name

@@ -569,6 +569,7 @@ void bind_guard(nb::module_& m) {
 }
 
 void bind_system(nb::module_& m) {
+  m.def("_label_space_of_priors", &label_space_of_priors, "folder"_a);
   bind_settings(m);
   bind_report(m);
   bind_pipe(m);
