@@ -66,7 +66,7 @@ struct FrameReport {
   double prior_coverage = 0;     ///< share of keypoints with a valid label, 0..1
   /// Index of the frame whose segments (System::add_segments) took effect with this one; -1: none.
   std::int64_t segments_of = -1;
-  int masked = 0;                ///< keypoints dropped by masks or by mode `mask`
+  int masked = 0;  ///< keypoints dropped by masks or by mode `mask`
   kys::Statistics
       statistics;  ///< descriptor comparisons of this frame and of its keyframe in the back end
   StageTimes times;

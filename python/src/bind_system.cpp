@@ -173,8 +173,9 @@ class Slam {
   }
 
   /// \param segments (label, instance, flagged as moving, motion not judged) per segment
-  void add_segments(std::int64_t frame, const std::optional<SegmentMap>& map,
-                    const std::vector<std::tuple<std::uint16_t, std::int32_t, bool, bool>>& segments) {
+  void add_segments(
+      std::int64_t frame, const std::optional<SegmentMap>& map,
+      const std::vector<std::tuple<std::uint16_t, std::int32_t, bool, bool>>& segments) {
     std::shared_ptr<SegmentImage> image;
     if (map) {
       image = std::make_shared<SegmentImage>();
@@ -499,8 +500,9 @@ void bind_report(nb::module_& m) {
       .def_ro("matches", &FrameReport::matches, "landmarks matched")
       .def_ro("inliers", &FrameReport::inliers, "matches that fit the pose")
       .def_ro("keyframe", &FrameReport::keyframe, "whether it became a keyframe")
-      .def_ro("segments_of", &FrameReport::segments_of,
-              "index of the frame whose segments (add_segments) took effect with this one; -1: none")
+      .def_ro(
+          "segments_of", &FrameReport::segments_of,
+          "index of the frame whose segments (add_segments) took effect with this one; -1: none")
       .def_ro("masked", &FrameReport::masked, "keypoints dropped by mode `mask` or by masks")
       .def_ro("prior_coverage", &FrameReport::prior_coverage,
               "0..1, share of keypoints with a valid label")

@@ -71,7 +71,9 @@ class InstanceTracker {
 
   // by_instance_ points into things_, whose nodes stay where they are when it is moved.
   InstanceTracker(const InstanceTracker& other);
-  InstanceTracker& operator=(const InstanceTracker& other) { return *this = InstanceTracker(other); }
+  InstanceTracker& operator=(const InstanceTracker& other) {
+    return *this = InstanceTracker(other);
+  }
   InstanceTracker(InstanceTracker&&) = default;
   InstanceTracker& operator=(InstanceTracker&&) = default;
   ~InstanceTracker() = default;

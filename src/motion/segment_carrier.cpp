@@ -75,18 +75,19 @@ SegmentCarrier::Surface SegmentCarrier::surface_at(std::uint16_t segment,
   const auto radius = static_cast<float>(kSurfaceRadius * camera_.width);
   const double disparity = pixel.x() - pixel.z();
   Surface surface;
-  features_->for_each_near(
-      static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), radius, 0, kOctaves,
-      [&](std::size_t i) {
-        if (segment_of_feature_[i] != segment || !features_->has_stereo(i)) return;
-        const double there = disparity_of(*features_, i);
-        const double distance =
-            std::hypot(features_->keypoint(i).x - pixel.x(), features_->keypoint(i).y - pixel.y());
-        const double margin = tolerance(there) + kSlant * distance;
-        surface.near = true;
-        if (std::abs(disparity - there) <= margin) surface.agrees = true;
-        if (disparity <= there + margin) surface.in_front = false;
-      });
+  features_->for_each_near(static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), radius, 0,
+                           kOctaves, [&](std::size_t i) {
+                             if (segment_of_feature_[i] != segment || !features_->has_stereo(i))
+                               return;
+                             const double there = disparity_of(*features_, i);
+                             const double distance =
+                                 std::hypot(features_->keypoint(i).x - pixel.x(),
+                                            features_->keypoint(i).y - pixel.y());
+                             const double margin = tolerance(there) + kSlant * distance;
+                             surface.near = true;
+                             if (std::abs(disparity - there) <= margin) surface.agrees = true;
+                             if (disparity <= there + margin) surface.in_front = false;
+                           });
   return surface;
 }
 
@@ -184,8 +185,8 @@ std::vector<SegmentCarrier::Cell> SegmentCarrier::warp(const Rigid3& T_now_s,
   return moved;
 }
 
-/// Between cells that move apart: that of the farthest of the neighbours, which the nearer ones have
-/// uncovered.
+/// Between cells that move apart: that of the farthest of the neighbours, which the nearer ones
+/// have uncovered.
 void SegmentCarrier::close_gaps(std::vector<Cell>& grid) const {
   for (int pass = 0; pass < kGap; ++pass) {
     const std::vector<Cell> before = grid;
@@ -206,7 +207,8 @@ void SegmentCarrier::close_gaps(std::vector<Cell>& grid) const {
 
 /// Puts a cell at its point (m) in the camera of the other frame; it covers more of the grid when
 /// it comes nearer.
-void SegmentCarrier::put(const Cell& cell, const Eigen::Vector3d& p, std::vector<Cell>& grid) const {
+void SegmentCarrier::put(const Cell& cell, const Eigen::Vector3d& p,
+                         std::vector<Cell>& grid) const {
   const Eigen::Vector2d at = (camera_.project(p) + Eigen::Vector2d(0.5, 0.5)) / kCell;
   const double half = std::clamp(0.5 * cell.depth / p.z(), 0.5, kLargestSplat);
   if (!(at.x() + half >= 0 && at.y() + half >= 0 && at.x() - half < columns_ &&
@@ -323,8 +325,8 @@ std::vector<Eigen::Vector3d> SegmentCarrier::sample(std::uint16_t segment) const
     top = std::min(top, y);
     bottom = y;
   }
-  const int step = std::max(1, static_cast<int>(std::ceil(
-                                   std::sqrt(static_cast<double>(area) / double{kSamples}))));
+  const int step = std::max(
+      1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(area) / double{kSamples}))));
   std::vector<Eigen::Vector3d> points;
   for (int y = top; y <= bottom; y += step) {
     const std::uint16_t* row = image_->map.row(y);
@@ -367,7 +369,8 @@ std::vector<std::uint16_t> same_segments(const SegmentCarrier& before, const Seg
       const std::uint16_t old_label = before.segments()[old - 1U].label;
       if (old_label == label || (pooled(label) && pooled(old_label))) ++votes[old];
     }
-    const double enough = std::max<double>(kLeastVotes, kOverlap * static_cast<double>(points.size()));
+    const double enough =
+        std::max<double>(kLeastVotes, kOverlap * static_cast<double>(points.size()));
     for (const auto& [old, count] : votes) {
       if (count >= enough) pairs.push_back({count, segment, old});
     }

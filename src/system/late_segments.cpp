@@ -50,12 +50,10 @@ std::optional<Rigid3> LateSegments::expected_pose(double timestamp, const Tracke
 }
 
 LateSegments::Carried LateSegments::begin(std::shared_ptr<const SegmentImage> image,
-                                          const Frame& frame,
-                                          std::vector<kys::Prior> named) const {
+                                          const Frame& frame, std::vector<kys::Prior> named) const {
   Carried carried;
-  carried.segments = std::make_shared<const SegmentCarrier>(camera_, std::move(image),
-                                                            std::move(named), frame.features,
-                                                            is_thing_);
+  carried.segments = std::make_shared<const SegmentCarrier>(
+      camera_, std::move(image), std::move(named), frame.features, is_thing_);
   carried.pose = *frame.pose;
   carried.taken = carried.until = frame.taken;
   carried.moved.assign(carried.segments->segments().size(), Eigen::Vector3d::Zero());
@@ -197,9 +195,8 @@ bool LateSegments::arrive(std::int64_t index, std::shared_ptr<const SegmentImage
   const auto after = std::ranges::upper_bound(frames_, base_frame_, {}, &Frame::index);
   const auto first = static_cast<std::size_t>(after - frames_.begin());
   if (at_base_) replay(base_, *at_base_, first, s, tracker, nullptr);
-  std::vector<kys::Prior> named =
-      name(*image, *at, tracker.current_pose(*at->pose), base_.instances,
-           at_base_ ? &*at_base_ : nullptr, tracker);
+  std::vector<kys::Prior> named = name(*image, *at, tracker.current_pose(*at->pose),
+                                       base_.instances, at_base_ ? &*at_base_ : nullptr, tracker);
   at_base_ = begin(std::move(image), *at, std::move(named));
   std::vector<LatePriors> late{
       {index, at->keyframe, at_base_->segments->priors_of(at_base_->segments->own())}};

@@ -69,10 +69,10 @@ class LateSegments {
   /// A segmentation, and how far its things have moved since.
   struct Carried {
     std::shared_ptr<const SegmentCarrier> segments;
-    FramePose pose;      // of its picture
-    double taken = 0;    // s, of its picture
-    double until = 0;    // s, of the shifts
-    SegmentShifts moved;  // m, in the world
+    FramePose pose;                   // of its picture
+    double taken = 0;                 // s, of its picture
+    double until = 0;                 // s, of the shifts
+    SegmentShifts moved;              // m, in the world
     std::vector<std::uint8_t> known;  // flags: `moved` is measured
   };
   /// Beliefs after one frame.
@@ -112,11 +112,11 @@ class LateSegments {
   kys::InitialBelief start_;
   std::vector<std::uint8_t> is_thing_;
   double memory_;  // s
-  std::int32_t next_identity_ = 65536  /* as in prior files */;
+  std::int32_t next_identity_ = 65536 /* as in prior files */;
   std::deque<Frame> frames_;  // oldest first
   Judged base_;               // after the frame of the last segmentation
   std::int64_t base_frame_ = -1;
-  Judged live_;  // after the last frame; where the tracker keeps no beliefs
+  Judged live_;                     // after the last frame; where the tracker keeps no beliefs
   std::optional<Carried> at_base_;  // the last segmentation, at its own frame
   std::optional<Carried> carried_;  // the same, at the last frame
   // Of the frame to be tracked next, when it has its own segmentation.

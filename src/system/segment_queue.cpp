@@ -40,15 +40,15 @@ std::vector<SegmentQueue::Delivery> SegmentQueue::take(std::int64_t now) {
   std::unique_lock lock(mutex_);
   const std::int64_t due = realtime_ ? now : now - options_.lag;
   if (!realtime_ && !too_late_ && options_.every > 0 && due >= 0 && due % options_.every == 0) {
-    const bool there = changed_.wait_for(
-        lock, std::chrono::duration<double>(options_.timeout),
-        [&] { return ended_ || delivered_.contains(due); });
+    const bool there = changed_.wait_for(lock, std::chrono::duration<double>(options_.timeout),
+                                         [&] { return ended_ || delivered_.contains(due); });
     if (!there) {
       too_late_ = true;
       waiting_.clear();
-      warning_ = fmt::format("no segments of frame {} within {:g} s (control.segment_timeout): the "
-                             "run goes on without any",
-                             due, options_.timeout);
+      warning_ = fmt::format(
+          "no segments of frame {} within {:g} s (control.segment_timeout): the "
+          "run goes on without any",
+          due, options_.timeout);
     }
   }
   std::vector<Delivery> taken;

@@ -51,9 +51,7 @@ void System::end_segments() {
 
 /// By the label space of the settings. \throws InputError
 std::size_t System::Impl::labels() {
-  std::call_once(labels_known, [&] {
-    is_thing = things_of(options.control.label_space);
-  });
+  std::call_once(labels_known, [&] { is_thing = things_of(options.control.label_space); });
   return is_thing.size();
 }
 
@@ -76,7 +74,8 @@ std::vector<SegmentQueue::Delivery> System::Impl::take_segments(const FrontEndRe
 /// Whether the frame waits for the first segments: without priors a map may follow a vehicle.
 bool System::Impl::must_hold(const std::vector<SegmentQueue::Delivery>& arrived,
                              const FrontEndResult& seen) {
-  if (!model.uses_belief() || tracker.has_map() || options.control.segments.every == 0) return false;
+  if (!model.uses_belief() || tracker.has_map() || options.control.segments.every == 0)
+    return false;
   if (segments.over() || !seen.features->priors().empty()) return false;
   const auto first = count - static_cast<std::int64_t>(held.size());
   return std::ranges::none_of(

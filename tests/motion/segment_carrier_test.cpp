@@ -15,8 +15,8 @@ namespace {
 // A wall 20 m away, a car 10 m away before its right half, and the sky above, without a disparity.
 const StereoCamera kWallCamera{640, 240, 400, 400, 320, 120, 0.5};
 constexpr std::uint16_t kWallSegment = 1, kSkySegment = 2, kCarSegment = 3;  // segments
-constexpr double kWallDepth = 20, kCarDepth = 10;       // m
-constexpr int kHorizon = 60;                            // px, sky above
+constexpr double kWallDepth = 20, kCarDepth = 10;                            // m
+constexpr int kHorizon = 60;                                                 // px, sky above
 
 class Wall : public ::testing::Test {
  protected:
@@ -41,16 +41,16 @@ class Wall : public ::testing::Test {
         k.y = static_cast<float>(v);
         set.keypoints.push_back(k);
         set.descriptors.emplace_back();
-        const double depth = (segment == kCarSegment ? kCarDepth + shift.z() : kWallDepth) - centre.z();
+        const double depth =
+            (segment == kCarSegment ? kCarDepth + shift.z() : kWallDepth) - centre.z();
         u_right.push_back(segment == kSkySegment || !stereo
                               ? std::numeric_limits<float>::quiet_NaN()
                               : static_cast<float>(u - kWallCamera.bf() / depth));
         seen.truth.push_back(segment);
       }
     }
-    seen.features = std::make_shared<const FrameFeatures>(kWallCamera, std::move(set),
-                                                          std::move(u_right),
-                                                          std::vector<kys::Prior>{});
+    seen.features = std::make_shared<const FrameFeatures>(
+        kWallCamera, std::move(set), std::move(u_right), std::vector<kys::Prior>{});
     return seen;
   }
   [[nodiscard]] static std::uint16_t segment_at(int u, int v, const Eigen::Vector3d& centre,

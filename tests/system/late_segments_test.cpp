@@ -25,8 +25,8 @@ using testing::FeatureWorld;
 using testing::kitti_camera;
 using testing::weaving_pose;
 
-constexpr double kCameraStep = 0.8;      // m per frame, of the camera
-constexpr double kVanStep = 0.75;  // of the van
+constexpr double kCameraStep = 0.8;  // m per frame, of the camera
+constexpr double kVanStep = 0.75;    // of the van
 
 class VanAhead {
  public:
@@ -67,12 +67,15 @@ class VanAhead {
       }
     }
     for (const std::uint16_t label : {building(), car()}) {
-      kys::Prior& prior = image->segments.emplace_back(kys::make_prior(label, instance, 0, 0, false));
+      kys::Prior& prior =
+          image->segments.emplace_back(kys::make_prior(label, instance, 0, 0, false));
       prior.unjudged = 1;
     }
     return image;
   }
-  [[nodiscard]] static std::uint16_t building() { return space().index_of("building-other-merged"); }
+  [[nodiscard]] static std::uint16_t building() {
+    return space().index_of("building-other-merged");
+  }
   [[nodiscard]] static std::uint16_t car() { return space().index_of("car"); }
 
  private:
