@@ -91,6 +91,11 @@ inline Eigen::Matrix<double, 6, 1> minus(const Rigid3& A, const Rigid3& B) {
   return delta;
 }
 
+/// Distance of two camera centres, m, from poses of the same world.
+inline double centre_distance(const Rigid3& T_a_w, const Rigid3& T_b_w) {
+  return (T_a_w.inverse_t() - T_b_w.inverse_t()).norm();
+}
+
 /// Angle of the rotation, rad.
 inline double rotation_angle(const Rigid3& T) {
   return so3_log(T.rotation).norm();

@@ -241,7 +241,7 @@ void LateSegments::add(std::int64_t index, const TrackResult& tracked,
   frames_.push_back(std::move(frame));
   if (frames_.size() > kMostFrames) frames_.pop_front();
   const Frame& last = frames_.back();
-  if (tracker.instances() == nullptr) {
+  if (!tracker.instances().in_use()) {
     const auto priors = last.features->priors();
     judge(live_, last, {priors.begin(), priors.end()}, {}, tracker);
   }
@@ -250,11 +250,11 @@ void LateSegments::add(std::int64_t index, const TrackResult& tracked,
   if (image && last.pose) {
     carried_ = at_base_ = begin(image, last, std::move(named));
     base_frame_ = index;
-    if (tracker.instances() == nullptr) {
+    if (!tracker.instances().in_use()) {
       base_ = live_;
     } else {
-      base_.instances = *tracker.instances();
-      base_.poses = tracker.judged_poses();
+      base_.instances = *tracker.instances().tracker();
+      base_.poses = tracker.instances().judged();
     }
     base_.T_c_w = tracked.T_c_w;
     base_.taken = last.taken;

@@ -103,7 +103,7 @@ class LateSegments {
               const Tracker& tracker, std::vector<LatePriors>* late) const;
   [[nodiscard]] std::optional<Rigid3> expected_pose(double timestamp, const Tracker& tracker) const;
   [[nodiscard]] const InstanceTracker& beliefs(const Tracker& tracker) const {
-    return tracker.instances() != nullptr ? *tracker.instances() : live_.instances;
+    return tracker.instances().in_use() ? *tracker.instances().tracker() : live_.instances;
   }
 
   StereoCamera camera_;

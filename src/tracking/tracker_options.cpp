@@ -33,11 +33,15 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
            "keypoints are aligned with the image patches of their landmarks");
   list.add("tracking.landmark_noise", o.landmark_noise, {0, 100}, "",
            "variance that a landmark of one observation adds to a keypoint's (n: the n-th part)");
-  list.add("tracking.acceleration", o.acceleration, {0, 1e6}, "m/s^2",
-           "standard deviation about constant velocity, a prior of poses with few matches and of "
-           "lost frames; 0: no prior");
-  list.add("tracking.turn_acceleration", o.turn_acceleration, {1e-3, 1e6}, "rad/s^2",
-           "the same for rotation");
+  list.add("tracking.hold_share", o.hold_share, {0, 1e6}, "",
+           "uncertainty of the position, as a part of that of the expected one, above which the "
+           "expected pose holds a frame");
+  list.add("tracking.max_vote", o.max_vote, {0, 100}, "nats",
+           "limit of what the belief about one instance says about a pose");
+  list.add("tracking.prior_gap", o.prior_gap, {0, 60}, "s",
+           "after a frame with priors in which one without starts no sub-map (mode verified)");
+  describe(list, o.motion);
+  describe(list, o.judge);
   describe(list, o.consensus);
   describe(list, o.keyframes);
   describe(list, o.instances);

@@ -5,7 +5,9 @@
 
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
+#include "tracking/judge_options.h"
 #include "tracking/keyframe_policy.h"
+#include "tracking/motion_model.h"
 
 namespace kys_slam {
 
@@ -24,14 +26,18 @@ struct TrackerOptions {
   float max_distance = 100;       ///< bits
   float reference_distance = 50;  ///< bits, matching without prediction
   float reference_ratio = 0.7f;
-  double acceleration = 3;  ///< m/s^2, standard deviation about constant velocity, a prior of poses
-                            ///< with few matches; 0: off
-  double turn_acceleration = 3;  ///< rad/s^2, the same for rotation
   bool align = true;  ///< align keypoints with the patches of their landmarks, if there are images
   /// Variance that a landmark of one observation adds to that of a keypoint; n observations add the
   /// n-th part. Between 0.04 (v), 0.36 (u) and 0.77 (disparity) for aligned keypoints of a rendered
   /// block, more on KITTI.
   double landmark_noise = 0.5;
+  /// The expected pose is used as a prior when the position from the observations is more uncertain
+  /// than this share of the uncertainty of the expected position.
+  double hold_share = 0.5;
+  double max_vote = 3;   ///< nats, limit of what one instance says: its belief may be wrong
+  double prior_gap = 1;  ///< s after a frame with priors in which one without starts no sub-map
+  MotionModelOptions motion;
+  JudgeOptions judge;
   ConsensusOptions consensus;  ///< pose by image area, not by number of matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model uses belief

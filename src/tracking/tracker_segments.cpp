@@ -9,16 +9,12 @@ namespace kys_slam {
 
 void Tracker::apply(std::vector<LatePriors> late, const InstanceTracker& instances,
                     std::deque<FramePose> judged) {
-  if (instances_) {
-    instances_ = instances;
-    judged_ = std::move(judged);
-  }
+  instances_.replace(instances, std::move(judged));
   for (LatePriors& frame : late) {
     for (kys::Prior& prior : frame.priors) prior = with_belief(prior);
     if (last_ && last_->index == frame.frame && last_->features->size() == frame.priors.size()) {
       last_->features =
           std::make_shared<const FrameFeatures>(last_->features->with_priors(frame.priors));
-      if (instances_ && !frame.priors.empty()) labelled_ = last_->taken;
     }
     if (!frame.keyframe) continue;
     replica_.set_priors(*frame.keyframe, frame.priors);

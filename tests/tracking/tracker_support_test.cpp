@@ -96,7 +96,7 @@ TEST_F(TrackerWithBeliefs, APoseThatOnlyThingsSupportIsNotUsedBesideAFixedScene)
       result = tracker.track({i, 0.1 * i, mixture.features()}, 0);
     }
     EXPECT_EQ(result.status == TrackingStatus::kLost, others == 100) << others << result.reason;
-    EXPECT_EQ(result.reason.find("only things") != std::string::npos, others == 100);
+    EXPECT_EQ(result.reason.find("only objects") != std::string::npos, others == 100);
   }
 }
 

@@ -571,7 +571,7 @@ TEST_F(TrackerTest, TheGateKnowsThatALandmarkOfOneKeyframeIsAsNoisyAsAKeypoint) 
 
 TEST_F(TrackerTest, AFrameThatFitsTheMapPoorlyIsLostWithItsInliers) {
   TrackerOptions options;
-  options.acceleration = 0;
+  options.motion.acceleration = 0;
   tracker_ = Tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), options, model_);
   track_world(0, 0);
   track_world(1, 0.4);
