@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys/option_list.h>
+
 namespace kys_slam {
 
 /// When segmentations given by System::add_segments take effect.
@@ -10,5 +12,7 @@ struct SegmentOptions {
   double timeout = 10;  ///< s, of a wait
   double memory = 3;    ///< s, for which a segmentation is carried to later frames
 };
+/// For check_options().
+void describe(kys::OptionList& list, SegmentOptions& options);
 
 }  // namespace kys_slam
