@@ -29,6 +29,7 @@ void LateSegments::forget() {
   frames_.clear();
   at_base_.reset();
   carried_.reset();
+  older_.clear();
   for (Judged* judged : {&base_, &live_}) {
     judged->instances.forget_frames();
     judged->instances.forget_velocities();
@@ -100,24 +101,50 @@ std::vector<kys::Prior> LateSegments::name(const SegmentImage& image, const Fram
                                            const Rigid3& T_c_w, const InstanceTracker& beliefs,
                                            const Carried* before, const Tracker& tracker) {
   std::vector<kys::Prior> named = image.segments;
-  std::vector<std::uint16_t> same(named.size(), 0);
+  const auto is_thing = [&](const kys::Prior& prior) {
+    return prior.label < is_thing_.size() && is_thing_[prior.label] != 0;
+  };
+  for (kys::Prior& prior : named) prior.instance = is_thing(prior) ? -1 : prior.label;
   if (before != nullptr) {
     const SegmentCarrier now(camera_, std::make_shared<const SegmentImage>(image), named,
                              frame.features, is_thing_, false);
-    const Rigid3 T_s_w = tracker.current_pose(before->pose);
-    same = same_segments(*before->segments, now, T_s_w * T_c_w.inverse(),
-                         shifts_at(*before, frame.taken, beliefs, T_s_w), start_);
-  }
-  for (std::size_t k = 0; k < named.size(); ++k) {
-    if (named[k].label >= is_thing_.size() || is_thing_[named[k].label] == 0) {
-      named[k].instance = named[k].label;
-    } else if (same[k] > 0) {
-      named[k].instance = before->segments->segments()[same[k] - 1U].instance;
-    } else {
-      named[k].instance = next_identity_++;
+    take_names(*before, now, T_c_w, frame.taken, beliefs, tracker, named);
+    // What the last segmentation missed was there before.
+    for (const Carried& older : older_) {
+      if (frame.taken - older.taken > memory_) break;
+      take_names(older, now, T_c_w, frame.taken, beliefs, tracker, named);
     }
   }
+  for (kys::Prior& prior : named) {
+    if (prior.instance < 0) prior.instance = next_identity_++;
+  }
   return named;
+}
+
+/// Things without an identity get those of an earlier segmentation that nothing else has.
+void LateSegments::take_names(const Carried& before, const SegmentCarrier& now, const Rigid3& T_c_w,
+                              double taken, const InstanceTracker& beliefs, const Tracker& tracker,
+                              std::vector<kys::Prior>& named) const {
+  const auto nameless = [](const kys::Prior& prior) { return prior.instance < 0; };
+  if (std::ranges::none_of(named, nameless)) return;
+  const Rigid3 T_s_w = tracker.current_pose(before.pose);
+  const std::vector<std::uint16_t> same =
+      same_segments(*before.segments, now, T_s_w * T_c_w.inverse(),
+                    shifts_at(before, taken, beliefs, T_s_w), start_);
+  for (std::size_t k = 0; k < named.size(); ++k) {
+    if (!nameless(named[k]) || same[k] == 0) continue;
+    const std::int32_t instance = before.segments->segments()[same[k] - 1U].instance;
+    if (std::ranges::find(named, instance, &kys::Prior::instance) == named.end()) {
+      named[k].instance = instance;
+    }
+  }
+}
+
+/// The last segmentation gives way to a new one.
+void LateSegments::keep_older() {
+  if (!at_base_) return;
+  older_.push_front(std::move(*at_base_));
+  if (older_.size() > kOlder) older_.pop_back();
 }
 
 /// What the frame says of its things, as Tracker::judge_instances.
@@ -197,6 +224,7 @@ bool LateSegments::arrive(std::int64_t index, std::shared_ptr<const SegmentImage
   if (at_base_) replay(base_, *at_base_, first, s, tracker, nullptr);
   std::vector<kys::Prior> named = name(*image, *at, tracker.current_pose(*at->pose),
                                        base_.instances, at_base_ ? &*at_base_ : nullptr, tracker);
+  keep_older();
   at_base_ = begin(std::move(image), *at, std::move(named));
   std::vector<LatePriors> late{
       {index, at->keyframe, at_base_->segments->priors_of(at_base_->segments->own())}};
@@ -248,6 +276,7 @@ void LateSegments::add(std::int64_t index, const TrackResult& tracked,
   const std::shared_ptr<const SegmentImage> image = std::exchange(own_image_, nullptr);
   std::vector<kys::Prior> named = std::exchange(own_named_, {});
   if (image && last.pose) {
+    keep_older();
     carried_ = at_base_ = begin(image, last, std::move(named));
     base_frame_ = index;
     if (!tracker.instances().in_use()) {

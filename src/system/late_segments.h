@@ -57,6 +57,7 @@ class LateSegments {
 
  private:
   static constexpr std::size_t kMostFrames = 100;
+  static constexpr std::size_t kOlder = 2;  // segmentations that give names besides the last
 
   struct Frame {
     std::int64_t index = 0;
@@ -89,6 +90,10 @@ class LateSegments {
   [[nodiscard]] std::vector<kys::Prior> name(const SegmentImage& image, const Frame& frame,
                                              const Rigid3& T_c_w, const InstanceTracker& beliefs,
                                              const Carried* before, const Tracker& tracker);
+  void take_names(const Carried& before, const SegmentCarrier& now, const Rigid3& T_c_w,
+                  double taken, const InstanceTracker& beliefs, const Tracker& tracker,
+                  std::vector<kys::Prior>& named) const;
+  void keep_older();
   [[nodiscard]] SegmentShifts shifts_at(const Carried& carried, double taken,
                                         const InstanceTracker& beliefs, const Rigid3& T_s_w) const;
   [[nodiscard]] std::vector<kys::Prior> priors_at(const Carried& carried, double taken,
@@ -117,6 +122,7 @@ class LateSegments {
   Judged base_;               // after the frame of the last segmentation
   std::int64_t base_frame_ = -1;
   Judged live_;                     // after the last frame; where the tracker keeps no beliefs
+  std::deque<Carried> older_;       // segmentations before the last, latest first
   std::optional<Carried> at_base_;  // the last segmentation, at its own frame
   std::optional<Carried> carried_;  // the same, at the last frame
   // Of the frame to be tracked next, when it has its own segmentation.
