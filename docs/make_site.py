@@ -25,6 +25,7 @@ NAVIGATION = [
     ("Guide", [
         ("Guide", "docs/guide.md"),
         ("Calibration", "docs/calibration.md"),
+        ("Pose quality", "docs/pose_quality.md"),
         ("Python package", "python/README.md"),
         ("Networks", "tools/perception/README.md"),
         ("Priors", "priors/README.md"),

@@ -46,9 +46,9 @@ RunOutcome summarise_run(const System& system, const RunInfo& info);
 
 /// Writes a run's folder, every file atomically: trajectory.tum, trajectory.kitti, keyframes.tum,
 /// submap_N.tum (frames of sub-maps that are not connected to that of trajectory.tum),
-/// ground_truth.tum (when there is any), frames.csv, objects.csv, summary.json, config.yaml,
-/// map.ply, graph.csv. All but summary.json's `timing_ms`, `process`, `peak_memory_mb` and
-/// frames.csv's columns `ms_*` and `resident_mb` depend on input and settings alone.
+/// ground_truth.tum (when there is any), frames.csv, covariance.csv, objects.csv, summary.json,
+/// config.yaml, map.ply, graph.csv. All but summary.json's `timing_ms`, `process`, `peak_memory_mb`
+/// and frames.csv's columns `ms_*` and `resident_mb` depend on input and settings alone.
 ///
 /// \throws InputError when a file cannot be written, after all others have been.
 void write_run(const std::filesystem::path& folder, const System& system, const Settings& settings,

@@ -28,6 +28,7 @@ from ._core import (  # noqa: F401
     PairCheck,
     PairHistory,
     Priors,
+    RelativePose,
     RowField,
     RowMeter,
     Sequence,
@@ -59,8 +60,8 @@ from .system import TIERS, MapSnapshot, Objects, Observation, Rig, RigParameter,
 
 __all__ = [
     "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
-    "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "Rig",
-    "RigParameter", "RowField", "RowMeter", "Sequence", "Settings", "StereoCamera", "StereoFrame",
+    "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "RelativePose",
+    "Rig", "RigParameter", "RowField", "RowMeter", "Sequence", "Settings", "StereoCamera", "StereoFrame",
     "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory", "builtin_label_spaces",
     "check_stereo_pair", "check_writable", "evaluate", "has_rig_correction", "mode_needs_priors", "modes", "open_image_pair",
     "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",

@@ -44,6 +44,13 @@ def object_paths(objects: Objects, classes: List[str]) -> Iterator[Tuple[str, np
         yield f"{name.replace(' ', '_')}_{instance}", objects.positions[at]
 
 
+def _sigmas(kind: str, relative: Optional[dict]) -> Dict[str, float]:
+    """Standard deviations of a relative pose: root of the trace, m and degrees."""
+    d = np.full(6, np.nan) if relative is None else np.diag(np.reshape(relative["covariance"], (6, 6)))
+    return {f"sigma_{kind}_m": float(np.sqrt(d[3:].sum())),
+            f"sigma_{kind}_deg": float(np.degrees(np.sqrt(d[:3].sum())))}
+
+
 def quaternion(r: np.ndarray) -> np.ndarray:
     """(x, y, z, w) of a rotation matrix, from its largest component (Shepperd, 1978)."""
     q = np.empty(4)
@@ -85,7 +92,9 @@ class FrameDrawing:
     points: Optional[np.ndarray]  #: (M, 3) m, stereo points in the camera's frame; of keyframes
     point_colours: Optional[np.ndarray]  #: (M, 3), by class
     boxes: List[Box]
-    numbers: Dict[str, float]  #: counts and ms, for plots
+    numbers: Dict[str, float]  #: counts, ms, standard deviations (nan: none), for plots
+    #: "local", "motion", as far as known: other, pose (12,), covariance (36,), rows of RelativePose
+    relative: Dict[str, dict]
 
 
 @dataclass
@@ -120,7 +129,8 @@ class EndDrawing:
 class Seen(NamedTuple):
     """What the system reported of a frame (python/src/observation_pipe.h)."""
 
-    report: dict  #: index, name, timestamp, status, lost, pose (3, 4), keyframe, counts, ms
+    #: index, name, timestamp, status, lost, pose (3, 4), local, motion, keyframe, counts, ms
+    report: dict
     keypoints: np.ndarray  #: (N, 2) float32, px
     depths: np.ndarray  #: (N,) float32, m; negative: no stereo match
     tiers: np.ndarray  #: (N,) uint8, index of kys_slam.TIERS
@@ -190,7 +200,8 @@ class Artist:
             points = np.column_stack([(uv - (c.cx, c.cy)) / (c.fx, c.fy) * z[:, None], z])
             colours = class_colours(np.full(len(deep), VOID_LABEL, np.uint16) if seen.labels is None
                                     else seen.labels[deep])
-        numbers = {**r["counts"], **{f"ms_{stage}": ms for stage, ms in r["ms"].items()}}
+        numbers = {**r["counts"], **{f"ms_{stage}": ms for stage, ms in r["ms"].items()},
+                   **_sigmas("local", r["local"]), **_sigmas("motion", r["motion"])}
         if prior is None:
             segments, boxes = None, self._boxes_of_keypoints(seen)
         else:
@@ -199,7 +210,7 @@ class Artist:
             boxes = self._boxes_of_segments(prior, moving)
         return FrameDrawing(r["index"], r["name"], r["timestamp"], r["status"], pose, seen.jpeg,
                             segments, seen.keypoints, seen.tiers, stereo, points, colours, boxes,
-                            numbers)
+                            numbers, {key: r[key] for key in ("local", "motion") if r[key]})
 
     def _segments_moving(self, seen: Seen, prior: Segments) -> np.ndarray:
         """(K,) belief in the moving of each segment, 0..1; nan: not a thing, or not judged."""

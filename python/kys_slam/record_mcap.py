@@ -17,6 +17,11 @@ _NUMBER = {"type": "number"}
 _REPORT = {"title": "kys_slam.Frame", "type": "object", "additionalProperties": _NUMBER,
            "properties": {"index": _NUMBER, "name": {"type": "string"},
                           "status": {"type": "string"}}}
+_NUMBERS = {"type": "array", "items": _NUMBER}
+_RELATIVE = {"type": "object", "properties": {"other": _NUMBER, "pose": _NUMBERS,
+                                              "covariance": _NUMBERS}}
+_COVARIANCE = {"title": "kys_slam.Covariance", "type": "object",
+               "properties": {"index": _NUMBER, "local": _RELATIVE, "motion": _RELATIVE}}
 _LOOP = {"title": "kys_slam.Loop", "type": "object",
          "properties": {"frame": _NUMBER, "other": _NUMBER, "kind": {"type": "string"},
                         "gap_m": _NUMBER}}
@@ -51,7 +56,7 @@ class McapSink(Sink):
         self.writer = Writer(self.stream, compression=CompressionType.LZ4)
         self.writer.start(library=f"kys-slam {__version__}")
         self.schemas = {kind: register_schema(self.writer, kind) for kind in self.pb.values()}
-        for schema in (_REPORT, _LOOP):
+        for schema in (_REPORT, _COVARIANCE, _LOOP):
             self.schemas[schema["title"]] = self.writer.register_schema(
                 schema["title"], "jsonschema", json.dumps(schema).encode())
         self.channels = {}
@@ -114,8 +119,11 @@ class McapSink(Sink):
             image.format, image.data = "png", d.segments
             self._write("/camera/segments", t, image)
         self._annotate(d)
+        numbers = {name: value for name, value in d.numbers.items() if np.isfinite(value)}
         self._write_json("/frame", _REPORT, t, {"index": d.index, "name": d.name,
-                                                "status": d.status, **d.numbers})
+                                                "status": d.status, **numbers})
+        if d.relative:
+            self._write_json("/pose/covariance", _COVARIANCE, t, {"index": d.index, **d.relative})
         if d.pose is None:
             self._log(t, f"frame {d.index} {d.name} is lost")
             return

@@ -18,6 +18,9 @@ class Trajectory(NamedTuple):
     poses: np.ndarray  #: (N, 4, 4) float64, left camera to world, m
     connected: np.ndarray  #: (N,) bool: in the frame of the sub-map with most frames; False: lost
     submaps: np.ndarray  #: (N,) int64: number of the frame's sub-map, -1: lost
+    #: (N, 6, 6) float64, FrameReport.covariance as it was when the frame was tracked; nan: none
+    covariances: np.ndarray
+    motion_covariances: np.ndarray  #: (N, 6, 6) float64, FrameReport.motion_covariance; nan: none
 
 
 class Observation(NamedTuple):
@@ -202,8 +205,8 @@ class System(_core.System):
 
     def trajectory(self) -> Trajectory:
         """Poses of all frames fed, as the map is now; final after finish()."""
-        times, poses, connected, submaps = self._trajectory()
-        return Trajectory(times, poses, connected.astype(bool), submaps)
+        times, poses, connected, submaps, covariances, motions = self._trajectory()
+        return Trajectory(times, poses, connected.astype(bool), submaps, covariances, motions)
 
     def keyframes(self) -> Tuple[np.ndarray, np.ndarray]:
         """Times (K,) s and poses (K, 4, 4) of the keyframes of the trajectory's sub-map."""

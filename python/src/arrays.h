@@ -57,6 +57,11 @@ inline nb::ndarray<nb::numpy, double> pose_to_numpy(const Rigid3& T) {
   return to_numpy(std::move(values), {4, 4});
 }
 
+/// (6, 6) array.
+inline nb::ndarray<nb::numpy, double> covariance_to_numpy(const Eigen::Matrix<double, 6, 6>& C) {
+  return to_numpy(std::vector<double>(C.data(), C.data() + C.size()), {6, 6});  // symmetric
+}
+
 /// (N, 4, 4) array of the poses of all items.
 template <typename List, typename Pose>
 nb::ndarray<nb::numpy, double> poses_to_numpy(const List& list, Pose&& pose_of) {

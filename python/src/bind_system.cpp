@@ -18,6 +18,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -84,6 +85,20 @@ class Priors final : public PriorProvider {
   std::int64_t without_ = 0, of_features_ = 0;  // frames
   std::span<const kys::Prior> segments_;
 };
+
+/// (N, 6, 6) array; NaN where there is none.
+nb::ndarray<nb::numpy, double> covariances_to_numpy(
+    const std::vector<FrameEstimate>& list, std::optional<RelativePose> FrameEstimate::*which) {
+  std::vector<double> values;
+  values.reserve(36 * list.size());
+  for (const FrameEstimate& e : list) {
+    RelativePose::Covariance C =
+        RelativePose::Covariance::Constant(std::numeric_limits<double>::quiet_NaN());
+    if (e.*which) C = (e.*which)->covariance;
+    values.insert(values.end(), C.data(), C.data() + C.size());
+  }
+  return to_numpy(std::move(values), {list.size(), 6, 6});
+}
 
 /// One line of Python's logging, which goes to stderr unless the program says otherwise.
 void warn(const std::string& message) {
@@ -475,6 +490,18 @@ void bind_settings(nb::module_& m) {
 }
 
 void bind_report(nb::module_& m) {
+  nb::class_<RelativePose>(m, "RelativePose", "Pose of a frame relative to another one.")
+      .def_ro("other", &RelativePose::other,
+              "index of the other frame; -1: a keyframe of a loaded map")
+      .def_prop_ro(
+          "pose", [](const RelativePose& p) { return pose_to_numpy(p.T_other_c); },
+          nb::rv_policy::move, "(4, 4) left camera to that of the other frame, m")
+      .def_prop_ro(
+          "covariance", [](const RelativePose& p) { return covariance_to_numpy(p.covariance); },
+          nb::rv_policy::move,
+          "(6, 6) of the increment [rotation (rad), translation (m)] on the right of `pose`, in "
+          "the "
+          "frame of this frame's left camera");
   nb::class_<FrameReport>(m, "FrameReport", "What came of one frame.")
       .def_ro("index", &FrameReport::index,
               "number of the frame as it was fed: of a Sequence, its position there")
@@ -489,11 +516,37 @@ void bind_report(nb::module_& m) {
       .def_ro("reason", &FrameReport::reason, "why it is lost, or how its pose was predicted")
       .def_ro("warning", &FrameReport::warning,
               "what is wrong with one of the images or the motion, \"\" nothing")
+      .def_prop_ro(
+          "integrity", [](const FrameReport& r) { return std::string(to_string(r.integrity)); },
+          "how far the pose can be relied on: \"ok\", \"degraded\" or \"contradicted\"")
+      .def_prop_ro(
+          "integrity_reason",
+          [](const FrameReport& r) { return std::string(to_string(r.integrity_reason)); },
+          "why it is not \"ok\", \"\" it is")
       .def_ro("relocalised", &FrameReport::relocalised,
               "tracking had lost it, but it was recognised in the map")
       .def_prop_ro(
           "pose", [](const FrameReport& r) { return pose_to_numpy(r.T_w_c); }, nb::rv_policy::move,
           "(4, 4) left camera to world, m, as estimated at this frame; meaningless when lost")
+      .def_ro("local", &FrameReport::local,
+              "RelativePose to the reference keyframe; None unless tracked")
+      .def_ro("motion", &FrameReport::motion,
+              "RelativePose to the last frame with a pose; None unless tracked, and after a "
+              "relocalisation")
+      .def_prop_ro(
+          "covariance",
+          [](const FrameReport& r) -> std::optional<nb::ndarray<nb::numpy, double>> {
+            if (!r.local) return std::nullopt;
+            return covariance_to_numpy(r.local->covariance);
+          },
+          nb::rv_policy::move, "(6, 6) that of `local`, or None")
+      .def_prop_ro(
+          "motion_covariance",
+          [](const FrameReport& r) -> std::optional<nb::ndarray<nb::numpy, double>> {
+            if (!r.motion) return std::nullopt;
+            return covariance_to_numpy(r.motion->covariance);
+          },
+          nb::rv_policy::move, "(6, 6) that of `motion`, or None")
       .def_ro("keypoints", &FrameReport::keypoints, "of the left image")
       .def_ro("stereo_matches", &FrameReport::stereo_matches,
               "keypoints with a match in the right image")
@@ -645,7 +698,8 @@ void bind_system(nb::module_& m) {
                  column<double>(list, [](const E& e) { return e.timestamp; }),
                  poses_to_numpy(list, [](const E& e) { return e.T_w_c; }),
                  column<std::uint8_t>(list, [](const E& e) { return e.connected; }),
-                 column<std::int64_t>(list, [](const E& e) { return e.submap; }));
+                 column<std::int64_t>(list, [](const E& e) { return e.submap; }),
+                 covariances_to_numpy(list, &E::local), covariances_to_numpy(list, &E::motion));
            })
       .def("_keyframes",
            [](Slam& s) {

@@ -35,6 +35,18 @@ class Cursor {
   std::uint8_t* at_;
 };
 
+/// null: there is none.
+nlohmann::json to_json(const std::optional<RelativePose>& relative) {
+  if (!relative) return nullptr;
+  const Eigen::Matrix<double, 3, 4> M = relative->T_other_c.matrix();
+  nlohmann::json pose = nlohmann::json::array();
+  for (int i = 0; i < 12; ++i) pose.push_back(M(i / 4, i % 4));
+  nlohmann::json covariance = nlohmann::json::array();
+  for (int i = 0; i < 36; ++i) covariance.push_back(relative->covariance(i / 6, i % 6));
+  return {
+      {"other", relative->other}, {"pose", std::move(pose)}, {"covariance", std::move(covariance)}};
+}
+
 nlohmann::json to_json(const FrameReport& r) {
   const Eigen::Matrix<double, 3, 4> M = r.T_w_c.matrix();
   nlohmann::json pose = nlohmann::json::array();
@@ -46,6 +58,8 @@ nlohmann::json to_json(const FrameReport& r) {
           {"status", to_string(r.status)},
           {"lost", r.status == FrameStatus::kLost},
           {"pose", std::move(pose)},
+          {"local", to_json(r.local)},
+          {"motion", to_json(r.motion)},
           {"keyframe", r.keyframe},
           {"counts",
            {{"keypoints", r.keypoints},

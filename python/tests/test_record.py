@@ -96,6 +96,16 @@ def test_mcap_reads_back(block, truth):
     for frame, row in zip(frames, rows):
         assert [frame[key] for key in COUNTS] == [int(row[key]) for key in COUNTS]
         assert (frame["name"], frame["status"]) == (row["name"], row["status"])
+    tracked = [row for row in rows if row["status"] == "tracked"]
+    covariances = [value for _, value in messages["/pose/covariance"]]
+    assert [c["index"] for c in covariances] == [int(row["index"]) for row in tracked]
+    for c in covariances:
+        full = np.reshape(c["local"]["covariance"], (6, 6))
+        assert np.array_equal(full, full.T) and np.linalg.eigvalsh(full).min() > 0
+    sigmas = [frame["sigma_local_m"] for frame in frames if frame["status"] == "tracked"]
+    expected = [np.sqrt(np.trace(np.reshape(c["local"]["covariance"], (6, 6))[3:, 3:]))
+                for c in covariances]
+    assert np.allclose(sigmas, expected)
     loops = [(value["frame"], value["other"]) for _, value in messages["/loops"]]
     assert loops and loops == loops_of(rows)
     assert messages["/scene/loops"][0][1].entities[0].lines[0].points

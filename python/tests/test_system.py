@@ -251,3 +251,33 @@ def test_example_writes_one_submap(corridor, corridor_camera, tmp_path, monkeypa
     data = (tmp_path / "map.ply").read_bytes().split(b"end_header\n", 1)[1]
     assert np.array_equal(np.frombuffer(data, "<f4").reshape(-1, 3),
                           seen.landmark_points[often & main].astype("<f4"))
+
+
+def test_covariances_of_the_poses(kitti, tmp_path):
+    sequence = kys_slam.open_sequence(kitti)
+    slam = kys_slam.System(sequence.camera)
+    reports = [slam.feed_frame(frame) for frame in sequence]
+    slam.finish()
+    assert reports[0].status == "started"
+    assert reports[0].covariance is None and reports[0].motion is None
+    for before, report in zip(reports, reports[1:]):
+        if report.status != "tracked":
+            assert report.covariance is None and report.motion_covariance is None
+            continue
+        for covariance in (report.covariance, report.motion_covariance):
+            assert covariance.shape == (6, 6) and np.array_equal(covariance, covariance.T)
+            assert np.linalg.eigvalsh(covariance).min() > 0
+        assert report.motion.other == before.index and report.local.other <= before.index
+        assert np.array_equal(report.motion.covariance, report.motion_covariance)
+    path = slam.trajectory()
+    tracked = np.array([r.status == "tracked" for r in reports])
+    assert path.covariances.shape == path.motion_covariances.shape == (len(reports), 6, 6)
+    assert np.array_equal(~np.isnan(path.covariances).any(axis=(1, 2)), tracked)
+    assert np.array_equal(path.covariances[tracked][-1], reports[-1].covariance)
+    slam.write_run(tmp_path, sequence.name)
+    rows = (tmp_path / "covariance.csv").read_text().splitlines()
+    assert len(rows) == 1 + 2 * tracked.sum()
+    last = rows[-1].split(",")
+    assert last[:4:2] == [str(reports[-1].index), "motion"] and len(last) == 11 + 21
+    upper = reports[-1].motion_covariance[np.triu_indices(6)]
+    assert np.allclose([float(v) for v in last[11:]], upper, rtol=1e-5)

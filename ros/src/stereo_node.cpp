@@ -2,6 +2,7 @@
 // Untested: see ../README.md.
 #include <kys_slam/error.h>
 #include <kys_slam/image_view.h>
+#include <kys_slam/ros_covariance.h>
 #include <kys_slam/run_writer.h>
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/stereo_rig.h>
@@ -155,13 +156,33 @@ class StereoNode : public rclcpp::Node {
         RCLCPP_WARN(get_logger(), "lost: %s", report.reason.c_str());
         return;
       }
-      publish(report.T_w_c, left->header.stamp);
+      publish(report, left->header.stamp);
     } catch (const kys_slam::InputError& error) {
       RCLCPP_ERROR(get_logger(), "%s", error.what());
     }
   }
 
-  void publish(const kys_slam::Rigid3& T_w_c, const builtin_interfaces::msg::Time& stamp) {
+  /// Covariance and twist of a frame that starts a map or is relocalised stay zero: not known.
+  void add_covariances(const kys_slam::FrameReport& report, nav_msgs::msg::Odometry& odometry) {
+    if (report.local) {
+      const auto covariance = kys_slam::ros_pose_covariance(report.local->covariance, report.T_w_c);
+      std::copy(covariance.begin(), covariance.end(), odometry.pose.covariance.begin());
+    }
+    if (!report.motion) return;
+    if (const auto twist = kys_slam::ros_twist(*report.motion, report.timestamp - tracked_)) {
+      odometry.twist.twist.linear.x = twist->linear.x();
+      odometry.twist.twist.linear.y = twist->linear.y();
+      odometry.twist.twist.linear.z = twist->linear.z();
+      odometry.twist.twist.angular.x = twist->angular.x();
+      odometry.twist.twist.angular.y = twist->angular.y();
+      odometry.twist.twist.angular.z = twist->angular.z();
+      std::copy(twist->covariance.begin(), twist->covariance.end(),
+                odometry.twist.covariance.begin());
+    }
+  }
+
+  void publish(const kys_slam::FrameReport& report, const builtin_interfaces::msg::Time& stamp) {
+    const kys_slam::Rigid3& T_w_c = report.T_w_c;
     nav_msgs::msg::Odometry odometry;
     odometry.header.stamp = stamp;
     odometry.header.frame_id = "map";
@@ -174,6 +195,8 @@ class StereoNode : public rclcpp::Node {
     pose.orientation.y = T_w_c.rotation.y();
     pose.orientation.z = T_w_c.rotation.z();
     pose.orientation.w = T_w_c.rotation.w();
+    add_covariances(report, odometry);
+    tracked_ = report.timestamp;
     odometry_->publish(odometry);
 
     geometry_msgs::msg::TransformStamped transform;
@@ -206,6 +229,7 @@ class StereoNode : public rclcpp::Node {
   std::unique_ptr<kys_slam::System> slam_;
   std::int64_t frames_ = 0;
   int bits_ = 0;         // of 16-bit images, 0: not known
+  double tracked_ = 0;   // s, time stamp of the last frame with a pose
   std::string warning_;  // of the last frame
 };
 

@@ -52,6 +52,12 @@ struct CulledKeyFrame {
   Rigid3 T_c_parent;  ///< fixed at the time of culling
 };
 
+/// Standard deviations of a rig's correction that change lengths; zero: it was not corrected.
+struct RigSigma {
+  double offset = 0;  ///< px, of all disparities
+  double focal = 0;   ///< share of the focal length
+};
+
 /// Changes of the map since the last change set, as far as the tracker uses them. Applied to a
 /// replica of the earlier state, it gives a replica of the later state.
 struct ChangeSet {
@@ -66,6 +72,7 @@ struct ChangeSet {
   std::vector<CulledKeyFrame> culled_keyframes;                ///< in the order of culling
   bool moved = false;  ///< many keyframes moved together, as by a loop
   RigCorrection rig;   ///< of new frames
+  RigSigma rig_sigma;  ///< of that correction
   double scale = 1;    ///< Map::scale
 };
 

@@ -126,6 +126,12 @@ class FrameFeatures {
   [[nodiscard]] FrameFeatures with_priors(std::vector<kys::Prior> priors) const;
 
   [[nodiscard]] std::size_t size() const { return keypoints_.size(); }
+  /// Number of features with a disparity.
+  [[nodiscard]] int stereo_count() const {
+    int count = 0;
+    for (std::size_t i = 0; i < size(); ++i) count += has_stereo(i) ? 1 : 0;
+    return count;
+  }
   [[nodiscard]] const Keypoint& keypoint(std::size_t i) const { return keypoints_[i]; }
   [[nodiscard]] const kys::Descriptor& descriptor(std::size_t i) const {
     return descriptors_.get()[i];

@@ -5,6 +5,7 @@
 #include <kys/prior.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -533,6 +534,10 @@ KeyFrameView Map::view(KeyFrameId id) const {
 ChangeSet Map::take_changes() {
   ChangeSet changes;
   changes.rig = rig();
+  const auto sigma = [&](RigParameter p) {
+    return std::sqrt(rig_.covariance(static_cast<int>(p), static_cast<int>(p)));
+  };
+  changes.rig_sigma = {sigma(RigParameter::kOffset), sigma(RigParameter::kFocal)};
   changes.scale = scale_;
   changes.moved = std::exchange(moved_, false);
   sort_unique(dirty_landmarks_);

@@ -16,6 +16,21 @@ void add_phrase(std::string& text, const std::string& phrase) {
   if (!phrase.empty()) text += (text.empty() ? "" : "; ") + phrase;
 }
 
+void note_integrity(const IntegrityResult& result, FrameReport& report) {
+  report.integrity = result.integrity;
+  report.integrity_reason = result.reason;
+  if (result.reason == IntegrityReason::kTwoMotions) {
+    add_phrase(report.warning,
+               "a large part of the picture moves otherwise than the pose says: an object that "
+               "fills the view, or the camera's own vehicle (mask it: --mask)");
+  }
+  if (result.keeps_place) {
+    add_phrase(report.warning,
+               "a part of the picture keeps its place while the camera moves: its own vehicle "
+               "(mask it: --mask), or one that it follows");
+  }
+}
+
 bool is_by_parallax(const std::string& fault, const FrameFeatures& left, int width) {
   const bool of_right = fault.starts_with("the right half of the right");
   if (!of_right && !fault.starts_with("the left half of the left")) return false;

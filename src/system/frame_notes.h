@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys_slam/report.h>
+
 #include <string>
 
 #include "map/frame_features.h"
+#include "tracking/integrity_check.h"
 
 namespace kys_slam {
 
@@ -11,6 +14,9 @@ inline constexpr const char* kSamePicture = "the left and the right image are th
 
 /// Appends a phrase to a report's warning.
 void add_phrase(std::string& text, const std::string& phrase);
+
+/// How far a pose can be relied on, with a warning where a mask may help.
+void note_integrity(const IntegrityResult& result, FrameReport& report);
 
 /// Whether a half image that shows nothing does so since what the other camera sees there is
 /// shifted to the other half: a near wall without corners. A camera that is dead there leaves the

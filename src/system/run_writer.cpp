@@ -86,7 +86,8 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
       "same_instance", "cross_instance", "cross_class", "bypassed", "gated", "filtered", "skipped"};
   std::string text =
       "index,name,timestamp,status,submap,reason,keyframe,loop,loop_frame,loop_distance_m,"
-      "loop_gap_m,keypoints,stereo_matches,matches,inliers,prior_coverage,masked";
+      "loop_gap_m,keypoints,stereo_matches,matches,inliers,prior_coverage,masked,"
+      "integrity,integrity_reason";
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
@@ -100,11 +101,40 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
                     to_string(r.loop), r.loop_frame, r.loop_distance_m, r.loop_gap_m);
     text += fmt::format(",{},{},{},{},{:.4f},{}", r.keypoints, r.stereo_matches, r.matches,
                         r.inliers, r.prior_coverage, r.masked);
+    const bool has_pose = r.status != FrameStatus::kLost;
+    text += fmt::format(",{},\"{}\"", has_pose ? to_string(r.integrity) : "",
+                        to_string(r.integrity_reason));
     for (std::size_t t = 0; t < kys::kTierCount; ++t) {
       text += fmt::format(",{},{}", r.statistics.pairs[t], r.statistics.accepted[t]);
     }
     for (const Stage& stage : kStages) text += fmt::format(",{:.3f}", r.times.*stage.value);
     text += fmt::format(",{:.1f}\n", r.resident_mb);
+  }
+  return text;
+}
+
+/// A row per tracked frame and kind of relative pose. The upper triangle, row by row.
+std::string covariance_csv(const System& system) {
+  constexpr std::array<const char*, 6> kNames{"rx", "ry", "rz", "tx", "ty", "tz"};
+  std::string text = "index,timestamp,kind,other,x,y,z,qx,qy,qz,qw";
+  for (std::size_t i = 0; i < 6; ++i) {
+    for (std::size_t j = i; j < 6; ++j) text += fmt::format(",{}_{}", kNames[i], kNames[j]);
+  }
+  text += "\n";
+  const auto add = [&](const FrameReport& r, const char* kind, const RelativePose& pose) {
+    const Eigen::Vector3d& t = pose.T_other_c.translation;
+    const Eigen::Quaterniond& q = pose.T_other_c.rotation;
+    text +=
+        fmt::format("{},{:.9f},{},{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g}", r.index,
+                    r.timestamp, kind, pose.other, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
+    for (int i = 0; i < 6; ++i) {
+      for (int j = i; j < 6; ++j) text += fmt::format(",{:.6e}", pose.covariance(i, j));
+    }
+    text += "\n";
+  };
+  for (const FrameReport& r : system.reports()) {
+    if (r.local) add(r, "local", *r.local);
+    if (r.motion) add(r, "motion", *r.motion);
   }
   return text;
 }
@@ -233,6 +263,16 @@ std::optional<nlohmann::ordered_json> segments_json(const std::vector<FrameRepor
   return json;
 }
 
+/// Frames with a pose that are not sound, by reason.
+std::map<std::string, std::int64_t> unsound_frames(const std::vector<FrameReport>& reports) {
+  std::map<std::string, std::int64_t> found;
+  for (const FrameReport& r : reports) {
+    if (r.integrity == Integrity::kOk) continue;
+    ++found[fmt::format("{}: {}", to_string(r.integrity), to_string(r.integrity_reason))];
+  }
+  return found;
+}
+
 nlohmann::ordered_json summary(const System& system, Schedule schedule, const RunInfo& info,
                                const RunOutcome& outcome) {
   // An object from the start: one that becomes an object by operator[] is not sound when memory
@@ -257,6 +297,10 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   json["path_length_m"] = path_length(outcome.connected);
   json["missing_priors"] = info.missing_priors;
   json["rig"] = rig_json(system.rig());
+  json["integrity"] = nlohmann::ordered_json::object();
+  for (const auto& [what, count] : unsound_frames(system.reports())) {
+    json["integrity"][what] = count;
+  }
   json["left_out"] = nlohmann::ordered_json::object();
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
@@ -389,6 +433,7 @@ void write_run(const std::filesystem::path& folder, const System& system, const 
   }
   files.write(
       [&] { write_file_atomic(folder / "frames.csv", frames_csv(system, outcome.trajectory)); });
+  files.write([&] { write_file_atomic(folder / "covariance.csv", covariance_csv(system)); });
   files.write([&] {
     write_file_atomic(folder / "objects.csv",
                       objects_csv(system, settings.get("control.label_space")));
@@ -469,6 +514,9 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
     if (s.mean <= 0) continue;
     row(fmt::format("{} [ms]", stage.name).c_str(),
         fmt::format("median {:6.2f}   p95 {:6.2f}   mean {:6.2f}", s.median, s.p95, s.mean));
+  }
+  for (const auto& [what, count] : unsound_frames(reports)) {
+    row("frames to be doubted", fmt::format("{} {}", count, what));
   }
   const double frames = std::max<double>(1, static_cast<double>(outcome.trajectory.size()));
   row("processor time per frame", fmt::format("{:.1f} ms", 1000 * info.cpu_s / frames));

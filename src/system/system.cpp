@@ -239,6 +239,7 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
         "frames, "
         "or it follows something that moves";
   }
+  note_integrity(tracked.integrity, report);
   report.T_w_c = tracked.T_c_w.inverse();
   report.keypoints = static_cast<int>(seen.features->size());
   report.stereo_matches = seen.stereo_matches;
@@ -254,6 +255,21 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   report.times.predict = tracked.times.predict;
   report.times.local_map = tracked.times.local_map;
   report.resident_mb = resident_memory_mb();
+}
+
+void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& report) const {
+  if (!tracked.uncertainty) return;
+  const PoseUncertainty& u = *tracked.uncertainty;
+  if (!u.covariance.pose.allFinite()) return;
+  RelativePose& local = report.local.emplace();
+  local.T_other_c = u.T_reference_c;
+  local.covariance = u.covariance.pose;
+  if (!(u.reference < first_keyframe)) {
+    local.other = keyframe_frames.at(u.reference.value - first_keyframe.value);
+  }
+  if (!u.covariance.motion || !u.covariance.motion->allFinite()) return;
+  report.motion = {reports.at(static_cast<std::size_t>(u.last)).index, u.T_last_c,
+                   *u.covariance.motion};
 }
 
 /// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
@@ -400,6 +416,8 @@ void System::Impl::track(const StereoFrame& frame, FrontEndResult& seen,
   if (tracker.has_map()) front_end.hold_rig();
   report.keyframe = tracked.keyframe.has_value();
   note(tracked, seen, report);
+  note_uncertainty(tracked, report);
+  if (tracked.keyframe) keyframe_frames.push_back(frame.index);
   record(std::move(tracked), seen, report);
 }
 

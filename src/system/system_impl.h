@@ -71,6 +71,7 @@ struct System::Impl {
   void hold(const StereoFrame& frame, const FrontEndResult& seen, FrameReport& report);
   void track_held(const std::vector<SegmentQueue::Delivery>& arrived);
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
+  void note_uncertainty(const TrackResult& tracked, FrameReport& report) const;
   void note_masks(const StereoMasks& masks, FrameReport& report) const;
   bool drop_same_picture(const StereoFrame& frame, FrontEndResult& seen);
   /// Both as 8-bit grey, by the bits that the first pair uses.
@@ -112,6 +113,8 @@ struct System::Impl {
   ObjectLog objects;
   std::vector<FrameReport> reports;
   RelativeFramePoses frame_poses;  // of every frame fed
+  std::vector<std::int64_t>
+      keyframe_frames;             // indices of frames, by keyframe id from first_keyframe
   std::int64_t count = 0;          // frames fed: the index everything inside goes by
   KeyFrameId first_keyframe{0};    // older ones come from a loaded map
   std::int64_t same_pictures = 0;  // frames from the first one on whose images are one picture

@@ -56,6 +56,8 @@ std::vector<FrameEstimate> System::trajectory() const {
     FrameEstimate estimate;
     estimate.index = report.index;
     estimate.timestamp = report.timestamp;
+    estimate.local = report.local;
+    estimate.motion = report.motion;
     if (const auto at = impl_->place(k)) {
       estimate.submap = static_cast<std::int64_t>(at->submap.value);
       estimate.connected = at->submap == main;

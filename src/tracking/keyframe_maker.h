@@ -24,6 +24,11 @@ class KeyFrameMaker {
   [[nodiscard]] KeyFrameId first() const { return first_; }
   void set_first(KeyFrameId first) { first_ = first; }
 
+  /// The keyframe that the frame of this index became; invalid: none, or not the last one.
+  [[nodiscard]] KeyFrameId keyframe_of(std::int64_t index) const {
+    return index == last_frame_ ? last_ : KeyFrameId{};
+  }
+
   /// Landmarks that should be in view, and of these those that were found.
   void count(const std::vector<LandmarkId>& visible, const std::vector<LandmarkId>& found);
   /// \param waiting keyframes sent to the back end whose change set has not been applied

@@ -31,9 +31,6 @@ struct Evidence {
   int matches = 0;  ///< landmarks or points matched
   int inliers = 0;  ///< of these, those that fit the pose
   double position_sigma = std::numeric_limits<double>::infinity();  ///< m, least certain direction
-  double area = 0;       ///< image area with matches of the fixed scene, cells
-  double explained = 0;  ///< of it, that of inliers
-
   [[nodiscard]] double inlier_share() const { return inliers / static_cast<double>(matches); }
 };
 

@@ -120,6 +120,7 @@ void estimate(const TrackingContext& context, const FrameFeatures& features, dou
   }
   candidate.evidence.matches = static_cast<int>(terms.observations.size());
   candidate.evidence.inliers = found.pose.inliers;
+  candidate.evidence.position_sigma = position_sigma(found.pose);
 }
 
 }  // namespace kys_slam

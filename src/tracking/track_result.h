@@ -10,6 +10,8 @@
 
 #include "map/keyframe_message.h"
 #include "motion/instance_tracker.h"
+#include "tracking/integrity_check.h"
+#include "tracking/pose_uncertainty.h"
 #include "tracking/tracked_frame.h"
 
 namespace kys_slam {
@@ -29,11 +31,13 @@ struct TrackResult {
   double taken = 0;          ///< s, when its picture was taken: the time stamp without its jitter
   Rigid3 T_c_w;              ///< undefined when lost
   FramePose pose;
-  int matches = 0;  ///< landmarks matched, outliers included
+  std::optional<PoseUncertainty> uncertainty;  ///< when tracked
+  int matches = 0;                             ///< landmarks matched, outliers included
   int inliers = 0;
   bool held = false;       ///< the expected pose was used as a prior
   bool jumped = false;     ///< the pose found near the prediction needs an impossible acceleration
   bool overruled = false;  ///< image area gave another pose than the number of matches
+  IntegrityResult integrity;
   std::vector<InstanceState> instances;  ///< of the frame, when the mode uses belief
   TrackTimes times;
   kys::Statistics statistics;

@@ -13,12 +13,6 @@
 namespace kys_slam {
 namespace {
 
-int count_stereo(const FrameFeatures& features) {
-  int stereo = 0;
-  for (std::size_t i = 0; i < features.size(); ++i) stereo += features.has_stereo(i) ? 1 : 0;
-  return stereo;
-}
-
 void take_pose(const PoseCandidate& candidate, TrackedFrame& frame) {
   frame.T_c_w = candidate.T_c_w;
   frame.landmarks = candidate.landmarks;
@@ -35,6 +29,7 @@ Tracker::Tracker(const StereoCamera& camera, const ScaleLevels& scales,
       options_(options),
       model_(&model),
       patches_(camera, scales),
+      covariance_(camera, scales),
       motion_(options.motion),
       instances_(camera, scales, options, model, start) {
   check_options(options);
@@ -56,6 +51,7 @@ TrackingContext Tracker::context() {
 void Tracker::apply(ChangeSet changes) {
   patches_.apply(changes);
   map_moved_ |= changes.moved;
+  covariance_.set_rig(changes.rig_sigma);
   replica_.apply(std::move(changes));
 }
 
@@ -146,6 +142,12 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
     return false;
   }
   result.status = TrackingStatus::kTracked;
+  const bool follows = last_ && last_->index + 1 == frame.index && !result.relocalised;
+  result.integrity = integrity_.check(context(), frame, candidate.evidence, result.jumped, follows,
+                                      result.statistics);
+  const KeyFrameId last_keyframe = last_ ? keyframes_.keyframe_of(last_->index) : KeyFrameId{};
+  result.uncertainty =
+      uncertainty_of(context(), frame, !result.relocalised, last_keyframe, covariance_);
   if (keyframes_.is_due(context(), frame, result.inliers, waiting)) {
     result.keyframe = make_keyframe(frame);
   }
@@ -216,7 +218,7 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
 
 bool Tracker::can_start(const FrameFeatures& features) const {
   if (instances_.misses_priors()) return false;
-  return !keyframes_.frozen() && count_stereo(features) >= options_.min_start_points;
+  return !keyframes_.frozen() && features.stereo_count() >= options_.min_start_points;
 }
 
 TrackResult Tracker::start_submap(const TrackerInput& input) {
@@ -230,7 +232,7 @@ TrackResult Tracker::start_submap(const TrackerInput& input) {
 
 /// A frame with enough stereo points becomes the first keyframe of a map, at the world's origin.
 void Tracker::start_map(TrackedFrame& frame, TrackResult& result) {
-  const int stereo = count_stereo(*frame.features);
+  const int stereo = frame.features->stereo_count();
   if (stereo < options_.min_start_points) {
     result.reason = "too few stereo points to start a map: " + std::to_string(stereo);
     return;

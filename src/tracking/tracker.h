@@ -15,6 +15,7 @@
 
 #include "map/replica.h"
 #include "tracking/frame_instances.h"
+#include "tracking/integrity_check.h"
 #include "tracking/keyframe_maker.h"
 #include "tracking/landmark_patches.h"
 #include "tracking/local_map.h"
@@ -137,10 +138,12 @@ class Tracker {
   Replica replica_;
   bool map_moved_ = false;  // as by a loop, since the last frame was refreshed
   LandmarkPatches patches_;
+  FrameCovariance covariance_;
   LocalMapGatherer local_map_gatherer_;
   PoseJudge judge_;
   MotionModel motion_;
   FrameInstances instances_;
+  IntegrityCheck integrity_;
   KeyFrameMaker keyframes_;
   std::optional<TrackedFrame> last_;  // last frame with a pose
   KeyFrameId reference_;              // keyframe that shares most with it

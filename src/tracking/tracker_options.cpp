@@ -44,6 +44,7 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
   describe(list, o.judge);
   describe(list, o.consensus);
   describe(list, o.keyframes);
+  describe(list, o.integrity);
   describe(list, o.instances);
 }
 

@@ -5,6 +5,7 @@
 
 #include "motion/instance_tracker.h"
 #include "optimization/pose_consensus.h"
+#include "tracking/integrity_options.h"
 #include "tracking/judge_options.h"
 #include "tracking/keyframe_policy.h"
 #include "tracking/motion_model.h"
@@ -38,6 +39,7 @@ struct TrackerOptions {
   double prior_gap = 1;  ///< s after a frame with priors in which one without starts no sub-map
   MotionModelOptions motion;
   JudgeOptions judge;
+  IntegrityOptions integrity;
   ConsensusOptions consensus;  ///< pose by image area, not by number of matches
   KeyFramePolicyOptions keyframes;
   InstanceTrackerOptions instances;  ///< used when the model uses belief

@@ -11,8 +11,8 @@ import zlib
 
 WIDTH, HEIGHT, FRAMES, DISPARITY = 320, 120, 12, 16
 FX, BF = 200.0, 100.0
-OUTPUTS = ("trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "graph.csv",
-           "config.yaml", "map.ply", "summary.json")
+OUTPUTS = ("trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "covariance.csv",
+           "graph.csv", "config.yaml", "map.ply", "summary.json")
 
 
 def png(path, rows, width=None, height=None):

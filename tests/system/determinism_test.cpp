@@ -34,8 +34,8 @@ class Determinism : public ::testing::Test {
   void expect_repeatable(const std::string& schedule) {
     const auto idle = run(schedule, "idle");
     for (const char* file :
-         {"trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "graph.csv",
-          "summary.json", "config.yaml", "map.ply", "ground_truth.tum"}) {
+         {"trajectory.tum", "trajectory.kitti", "keyframes.tum", "frames.csv", "covariance.csv",
+          "graph.csv", "summary.json", "config.yaml", "map.ply", "ground_truth.tum"}) {
       EXPECT_TRUE(idle.count(file) == 1) << file;
     }
     const auto summary = nlohmann::json::parse(idle.at("summary.json"));

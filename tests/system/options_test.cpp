@@ -44,7 +44,12 @@ TEST(EveryOption, OfGeometryAndOptimization) {
 
 TEST(EveryOption, OfTracking) {
   expect_every_number_checked<KeyFramePolicyOptions>();
+  expect_every_number_checked<MotionModelOptions>();
+  expect_every_number_checked<SceneSupportOptions>();
+  expect_every_number_checked<JudgeOptions, SceneSupportOptions>();
+  expect_every_number_checked<IntegrityOptions>();
   expect_every_number_checked<TrackerOptions, ConsensusOptions, KeyFramePolicyOptions,
+                              MotionModelOptions, JudgeOptions, IntegrityOptions,
                               InstanceTrackerOptions>();
 }
 

@@ -243,6 +243,7 @@ TEST_F(TrackerTest, ATurnIsNotHiddenByWhatLooksAsIfTheCameraWentOn) {
     TrackResult result;
     ASSERT_NO_FATAL_FAILURE(turn_back(i, 0.5, 190, result));
     EXPECT_EQ(result.jumped, i == 12) << i << ": " << result.reason;
+    EXPECT_EQ(result.integrity.reason == IntegrityReason::kImpossibleMotion, i == 12) << i;
   }
 }
 

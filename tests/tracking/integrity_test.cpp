@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "support/map_builder.h"
+#include "tracking/tracker.h"
+
+namespace kys_slam {
+namespace {
+
+using testing::FeatureWorld;
+using testing::see;
+using testing::weaving_pose;
+
+/// Features that are put together from several sources, with their columns in the right image.
+struct Picture {
+  FeatureSet left;
+  std::vector<float> u_right;
+
+  void add(const FrameFeatures& from, std::size_t i, float disparity) {
+    left.keypoints.push_back(from.keypoint(i));
+    left.descriptors.push_back(from.descriptor(i));
+    u_right.push_back(from.keypoint(i).x - disparity);
+  }
+  [[nodiscard]] std::shared_ptr<const FrameFeatures> take() {
+    return std::make_shared<const FrameFeatures>(testing::kitti_camera(), std::move(left),
+                                                 std::move(u_right), std::vector<kys::Prior>{});
+  }
+};
+
+class IntegrityOfFrames : public ::testing::Test {
+ protected:
+  static FeatureWorld world() {
+    FeatureWorld::Options options;
+    options.seed = 3;
+    return {testing::kitti_camera(), options};
+  }
+  static float disparity(const FrameFeatures& features, std::size_t i) {
+    return features.keypoint(i).x - features.u_right(i);
+  }
+  /// What a camera sees whose own vehicle covers the rows from `top` on, `nearness` px of disparity
+  /// away; one of `every` corners of it is found.
+  std::shared_ptr<const FrameFeatures> over_bonnet(int index, double metres, float top,
+                                                   std::size_t every) {
+    const auto seen = see(world_, index, weaving_pose(metres));
+    const auto bonnet = testing::random_features(testing::kitti_camera(), 2000, 5, 1.0);
+    Picture picture;
+    for (std::size_t i = 0; i < seen.features->size(); ++i) {
+      if (seen.features->keypoint(i).y >= top || !seen.features->has_stereo(i)) continue;
+      picture.add(*seen.features, i, disparity(*seen.features, i));
+    }
+    for (std::size_t i = 0; i < bonnet->size(); i += every) {
+      if (bonnet->keypoint(i).y >= top) picture.add(*bonnet, i, 60);
+    }
+    return picture.take();
+  }
+  TrackResult track(int index, std::shared_ptr<const FrameFeatures> features) {
+    return tracker_.track({index, 0.1 * index, std::move(features)}, 0);
+  }
+  static Rigid3 truth(double metres) { return weaving_pose(0).inverse() * weaving_pose(metres); }
+  static double error(const TrackResult& result, double metres) {
+    return (result.T_c_w.inverse().t() - truth(metres).t()).norm();
+  }
+
+  FeatureWorld world_ = world();
+  kys::DistanceModel model_;
+  Tracker tracker_{testing::kitti_camera(), ScaleLevels(1.2, 8), TrackerOptions(), model_};
+};
+
+TEST_F(IntegrityOfFrames, AStaticSceneThatIsFollowedIsSound) {
+  for (int i = 0; i < 12; ++i) {
+    const TrackResult result = track(i, see(world_, i, weaving_pose(0.4 * i)).features);
+    ASSERT_NE(result.status, TrackingStatus::kLost);
+    EXPECT_EQ(result.integrity.integrity, Integrity::kOk) << to_string(result.integrity.reason);
+    EXPECT_FALSE(result.integrity.keeps_place);
+  }
+}
+
+TEST_F(IntegrityOfFrames, AVehicleThatHoldsThePoseIsContradictedByTheSceneBehindIt) {
+  for (int i = 0; i < 12; ++i) {
+    const TrackResult result = track(i, over_bonnet(i, 0.8 * i, 170, 1));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << result.reason;
+    if (i < 4) continue;  // the scene is still followed in part
+    ASSERT_GT(error(result, 0.8 * i), 1.0) << "the test needs a pose that stands";
+    EXPECT_EQ(result.integrity.integrity, Integrity::kContradicted) << i;
+    EXPECT_EQ(result.integrity.reason, IntegrityReason::kTwoMotions) << i;
+  }
+}
+
+TEST_F(IntegrityOfFrames, AVehicleThatLeavesThePoseAloneIsToldAndContradictsNothing) {
+  const int told_after = IntegrityOptions().still_frames;
+  for (int i = 0; i < told_after + 4; ++i) {
+    const TrackResult result = track(i, over_bonnet(i, 0.8 * i, 250, 8));
+    ASSERT_LT(error(result, 0.8 * i), 0.05) << i << result.reason;
+    EXPECT_NE(result.integrity.reason, IntegrityReason::kTwoMotions) << i;
+    // The first frame with a motion to compare is the second.
+    EXPECT_EQ(result.integrity.keeps_place, i >= told_after) << i;
+  }
+}
+
+/// At 2 km, where f b = 379 px m gives disparities of 0.2 px, a camera may be anywhere within
+/// metres. Pixels differ by 0.1 px from frame to frame.
+TEST_F(IntegrityOfFrames, APoseFromPointsWithoutParallaxIsUncertain) {
+  const auto far = testing::random_features(testing::kitti_camera(), 400, 9, 1.0);
+  int doubted = 0;
+  for (int i = 0; i < 8; ++i) {
+    Picture picture;
+    for (std::size_t k = 0; k < far->size(); ++k) {
+      picture.add(*far, k, 0.2f + 0.05f * std::sin(static_cast<float>(k + 7 * k * i)));
+      picture.left.keypoints.back().x += 0.1f * std::sin(static_cast<float>(3 * k + 11 * i));
+      picture.left.keypoints.back().y += 0.1f * std::cos(static_cast<float>(5 * k + 13 * i));
+    }
+    const TrackResult result = track(i, picture.take());
+    if (result.status != TrackingStatus::kTracked) continue;
+    const IntegrityReason reason = result.integrity.reason;
+    EXPECT_TRUE(reason == IntegrityReason::kWeakGeometry || reason == IntegrityReason::kHeld)
+        << i << to_string(reason);
+    ++doubted;
+  }
+  EXPECT_GE(doubted, 6) << "frames with a pose";
+}
+
+TEST_F(IntegrityOfFrames, CanBeSwitchedOff) {
+  TrackerOptions options;
+  options.integrity.enabled = false;
+  Tracker tracker(testing::kitti_camera(), ScaleLevels(1.2, 8), options, model_);
+  for (int i = 0; i < 6; ++i) {
+    const TrackResult result = tracker.track({i, 0.1 * i, over_bonnet(i, 0.8 * i, 170, 1)}, 0);
+    EXPECT_EQ(result.integrity.integrity, Integrity::kOk);
+  }
+}
+
+}  // namespace
+}  // namespace kys_slam
