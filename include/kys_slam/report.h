@@ -108,7 +108,9 @@ struct FrameReport {
   double loop_distance_m = 0;    ///< m, between the two frames, as verified
   double loop_gap_m = 0;         ///< m, translation error before the correction
   double prior_coverage = 0;     ///< share of keypoints with a valid label, 0..1
-  int masked = 0;                ///< keypoints dropped by masks or by mode `mask`
+  /// Index of the frame whose segments (System::add_segments) took effect with this one; -1: none.
+  std::int64_t segments_of = -1;
+  int masked = 0;  ///< keypoints dropped by masks or by mode `mask`
   kys::Statistics
       statistics;  ///< descriptor comparisons of this frame and of its keyframe in the back end
   StageTimes times;

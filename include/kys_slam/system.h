@@ -10,6 +10,7 @@
 #include <kys_slam/prior_provider.h>
 #include <kys_slam/report.h>
 #include <kys_slam/rig_rows.h>
+#include <kys_slam/segment_image.h>
 #include <kys_slam/settings.h>
 
 #include <filesystem>
@@ -80,6 +81,22 @@ class System {
   /// in order, from 0. \param timestamp s
   FrameReport feed(double timestamp, const ImageView& left, const ImageView& right,
                    const StereoMasks& masks = {});
+  /// The segmentation of the left image of a frame, which may come late and for some frames only.
+  /// From any thread. It takes effect when frame `frame` + control.segment_lag is fed, or the next
+  /// one where that is past; in the schedule `realtime` with the next one fed. Later frames get its
+  /// priors, moved with the scene and its things, until the next segmentation; frames since its
+  /// own, their keyframes and landmarks get theirs. A frame with priors of its own keeps these.
+  ///
+  /// Frames are kept for it from the first call on, or from the first frame with
+  /// control.segment_every above 0. With control.segment_every = n frames 0, n, 2n, ... have one:
+  /// `feed` waits for it where it takes effect (not `realtime`), so that results do not depend on
+  /// when it came. It has to come before, or from another thread. After control.segment_timeout the
+  /// run goes on without any. \param frame index of the frame as fed: 0, 1, ... \param image null:
+  /// the frame has none \throws InputError for a wrong size or label, and for a frame given twice
+  void add_segments(std::int64_t frame, std::shared_ptr<const SegmentImage> image);
+  /// No more segmentations come: nothing is waited for. From any thread.
+  void end_segments();
+
   /// Sets the function called after every following frame; empty: none.
   void set_observer(FrameObserver observer);
 

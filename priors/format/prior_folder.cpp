@@ -15,6 +15,44 @@ namespace kys_slam {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+bool holds_priors(const fs::path& folder) {
+  const std::vector<fs::path> entries = list_folder(folder);
+  return std::any_of(entries.begin(), entries.end(),
+                     [](const fs::path& p) { return p.extension() == ".kysp"; });
+}
+
+/// The folder itself, or the folder `priors` in it, which make_priors.py fills.
+fs::path folder_of_priors(const fs::path& folder) {
+  if (holds_priors(folder)) return folder;
+  const fs::path inside = folder / "priors";
+  if (is_folder(inside) && holds_priors(inside)) return inside;
+  throw InputError(folder.string() + ": has no prior files (*.kysp)");
+}
+
+bool can_load(const std::string& label_space) {
+  try {
+    (void)kys::load_label_space(label_space);
+    return true;
+  } catch (const kys::Error&) {
+    return false;
+  }
+}
+
+}  // namespace
+
+std::string label_space_of_priors(const fs::path& folder) {
+  const fs::path file = list_prior_files(folder).front();
+  const std::string name = PriorFile::open(file).label_space();
+  if (can_load(name)) return name;
+  const fs::path place = file.parent_path();
+  for (const fs::path& beside : {place / name, place.parent_path() / name}) {
+    if (can_load(beside.string())) return beside.string();
+  }
+  return name;
+}
+
 ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space) {
   ExpectedPriors e;
   e.width = camera.width;
@@ -30,16 +68,11 @@ ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& la
   return e;
 }
 
-PriorFolder::PriorFolder(fs::path folder, ExpectedPriors expected, bool strict, Warning warn)
-    : folder_(std::move(folder)),
+PriorFolder::PriorFolder(const fs::path& folder, ExpectedPriors expected, bool strict, Warning warn)
+    : folder_(folder_of_priors(folder)),
       expected_(std::move(expected)),
       strict_(strict),
-      warn_(std::move(warn)) {
-  const std::vector<fs::path> entries = list_folder(folder_);
-  const bool any = std::any_of(entries.begin(), entries.end(),
-                               [](const fs::path& p) { return p.extension() == ".kysp"; });
-  if (!any) throw InputError(folder_.string() + ": has no prior files (*.kysp)");
-}
+      warn_(std::move(warn)) {}
 
 fs::path PriorFolder::path_of(const std::string& name) const {
   return folder_ / (name + ".kysp");
@@ -89,10 +122,9 @@ void PriorFolder::prefetch(const std::string& name) const {
 std::vector<fs::path> list_prior_files(const fs::path& input) {
   if (!is_folder(input)) return {input};
   std::vector<fs::path> files;
-  for (const fs::path& path : list_folder(input)) {
+  for (const fs::path& path : list_folder(folder_of_priors(input))) {
     if (path.extension() == ".kysp") files.push_back(path);
   }
-  if (files.empty()) throw InputError(input.string() + ": has no prior files (*.kysp)");
   sort_frames(files);
   return files;
 }

@@ -66,12 +66,15 @@ def _check_pair(frame) -> None:
 class Feed:
     """Feeds the frames of a recording to a system."""
 
-    def __init__(self, args, slam, masks, fixed, notes: List[str], total: int) -> None:
-        """masks: MaskFolder or None. fixed: FixedMasks or None. notes: warnings about the recording."""
+    def __init__(self, args, slam, masks, fixed, notes: List[str], total: int,
+                 segmenter=None) -> None:
+        """masks: MaskFolder or None. fixed: FixedMasks or None. notes: warnings about the recording.
+        segmenter: Segmenter or None."""
         self.args, self.slam, self.masks, self.fixed, self.notes = args, slam, masks, fixed, notes
         for note in notes:
             warn(note)
         self.progress, self.watch = _Progress(total, args.quiet), _PairWatch()
+        self.segmenter = segmenter
         self.done, self._told = 0, set()
 
     def all(self, frames, interrupted: Callable[[], bool]) -> None:
@@ -95,11 +98,17 @@ class Feed:
             segments, mask = self.masks.priors(mask), self.masks.without_classes(mask)
         if self.fixed:
             mask = self.fixed.add_to(mask)
+        if self.segmenter:
+            self.segmenter.offer(frame)
         if isinstance(frame, kys_slam.StereoFrame):
             report = self.slam.feed_frame(frame, segments, mask)
         else:
             report = self.slam.feed(frame.left, frame.right, frame.timestamp, segments, mask,
                                     name=frame.name, index=frame.index)
+        if self.segmenter:
+            self.segmenter.fed()
+            if self.segmenter.error:
+                self._tell(self.segmenter.error + "; the run goes on without segments")
         if report.warning:
             self._tell(report.warning, f"frame {report.index}: ")
 
@@ -111,4 +120,6 @@ class Feed:
 
     def finish(self) -> list:
         """All warnings that a run's summary has."""
-        return self.notes + self.watch.finish() + ([self.masks.warning] if self.masks and self.masks.warning else [])
+        others = [source.warning for source in (self.masks,) if source and source.warning]
+        others += [self.segmenter.error] if self.segmenter and self.segmenter.error else []
+        return self.notes + self.watch.finish() + others

@@ -7,6 +7,8 @@ from typing import List, Optional
 import kys_slam
 from kys_slam import InputError
 
+from kys_slam.cli_segment import set_options
+
 INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
 
 
@@ -116,12 +118,14 @@ def _pair_inside(path: Path):
     return None
 
 
-def make_settings(args, recording) -> kys_slam.Settings:
+def make_settings(args, recording, label_space: str = "") -> kys_slam.Settings:
     """The settings, checked. The recording selects the defaults: by its layout, and by the priors that
-    a feature file may have."""
+    a feature file may have. `label_space`: of the priors, where nothing else is said."""
     indoor = args.kind == "indoor" or (args.kind is None and recording.layout in INDOOR_LAYOUTS)
     settings = kys_slam.Settings.indoor() if indoor else kys_slam.Settings()
-    has_priors = (args.priors or getattr(recording, "label_space", "")
+    if label_space:
+        settings["control.label_space"] = label_space
+    has_priors = (args.priors or getattr(args, "segment", None) or getattr(recording, "label_space", "")
                   or (args.masks and (Path(args.masks) / "classes.txt").exists()))
     if has_priors:  # a mode that is named anywhere takes the place of this one
         settings["kys.mode"] = "verified"
@@ -134,6 +138,8 @@ def make_settings(args, recording) -> kys_slam.Settings:
         settings[key] = value
     if args.mode:
         settings["kys.mode"] = args.mode
+    if getattr(args, "segment", None):
+        set_options(args, settings)
     settings.check()
     mode = settings.get("kys.mode")
     if not has_priors and kys_slam.mode_needs_priors(mode):

@@ -91,6 +91,21 @@ def _add_run(commands) -> None:
     slam.add_argument("--priors", metavar="DIR", help="prior files of this recording")
     slam.add_argument("--strict-priors", action="store_true",
                       help="with --priors: a missing prior file is an error")
+    slam.add_argument("--segment", metavar="MODEL.yaml|DIR",
+                      help="a segmentation network beside the tracker (docs/guide.md), or prior files of "
+                      "--save-priors in its place")
+    slam.add_argument("--segment-weights", metavar="FILE.onnx",
+                      help="with --segment: its ONNX file (default: what MODEL.yaml names)")
+    slam.add_argument("--segment-every", type=_whole(1), metavar="N",
+                      help="with --segment: every N-th frame (default: 1; with --schedule realtime as many "
+                      "as the network can)")
+    slam.add_argument("--segment-lag", type=_whole(0), metavar="K",
+                      help="with --segment: segments take effect K frames after their own (default: 0); not "
+                      "with --schedule realtime")
+    slam.add_argument("--segment-threads", type=_whole(1), default=1, metavar="T",
+                      help="with --segment: threads of the network (default: 1)")
+    slam.add_argument("--save-priors", metavar="DIR",
+                      help="with --segment: write the segments as prior files")
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (docs/guide.md)")

@@ -11,7 +11,8 @@ from typing import Iterator, Optional
 
 import kys_slam
 from kys_slam import InputError
-from kys_slam._core import _InterruptGuard
+from kys_slam._core import _InterruptGuard, _label_space_of_priors
+from kys_slam import cli_segment
 from kys_slam.cli_errors import TRACKING_FAILED, Failures, interrupted, library_warns, warn
 from kys_slam.cli_feed import Feed
 from kys_slam.cli_input import correction_of, make_settings, open_recording
@@ -29,7 +30,8 @@ def _run_recording(args) -> int:
     began = time.monotonic()
     _check_options(args)
     recording = open_recording(args)
-    settings = make_settings(args, recording)
+    function = cli_segment.open_function(args, recording)
+    settings = make_settings(args, recording, _label_space(args, function))
     if isinstance(recording, kys_slam.Sequence):
         recording.check_features(settings)
     mode = settings.get("kys.mode")
@@ -54,12 +56,13 @@ def _run_recording(args) -> int:
     if args.schedule == "realtime":
         frames = Playback(recording, args.late, args.queue, args.speed,
                           float(settings.get("control.stall_ms")))
-    feed = Feed(args, slam, masks, fixed, list(getattr(recording, "notes", ())), len(recording))
+    segmenter = cli_segment.make_segmenter(args, slam, settings, function) if function else None
+    feed = Feed(args, slam, masks, fixed, list(getattr(recording, "notes", ())), len(recording), segmenter)
     start_up_s = time.monotonic() - began
     with _signals_save(slam, frames) as guard:
         failures = Failures()
         wall, cpu = time.monotonic(), time.process_time()
-        with failures.guard():
+        with failures.guard(), segmenter or contextlib.nullcontext():
             feed.all(frames, lambda: guard.requested)
         feed.progress.end()
         if feed.done == 0 and (failures.status or guard.requested):  # nothing to save
@@ -84,7 +87,16 @@ def _run_recording(args) -> int:
             with failures.guard():
                 _save_map(args, slam, output)
         _close(recorders, failures)
+        if segmenter and not args.quiet:
+            print(cli_segment.describe(segmenter, slam.reports()))
         return _tell(args, result, output, failures)
+
+
+def _label_space(args, function) -> str:
+    """That of the segments or the prior files, for control.label_space; "": none is known."""
+    if function:
+        return function.label_space
+    return _label_space_of_priors(args.priors) if args.priors else ""
 
 
 def _save_map(args, slam: kys_slam.System, output: Path) -> None:
@@ -120,6 +132,7 @@ def _tell(args, result: Optional[dict], output: Path, failures: Failures) -> int
 
 def _check_options(args) -> None:
     """Raises InputError for options that contradict each other and for files that cannot be written."""
+    cli_segment.check_options(args)
     if len(args.mask or ()) > 2:
         raise InputError("--mask: one file for the left camera, or two for both")
     if args.localize_only and not args.load_map:

@@ -140,20 +140,23 @@ def _one_camera(space: "_core.LabelSpace", classes: np.ndarray, instances: Optio
     return PriorCamera(segments, segment_map, motion if is_moving.any() else None)
 
 
-def priors_from_labels(space: "_core.LabelSpace", left: np.ndarray, right: np.ndarray,
+def priors_from_labels(space: "_core.LabelSpace", left: np.ndarray,
+                       right: Optional[np.ndarray] = None,
                        left_instances: Optional[np.ndarray] = None,
                        right_instances: Optional[np.ndarray] = None,
                        moving: Optional[Tuple[int, ...]] = None) -> PriorFrame:
     """Priors from class maps of both images.
 
     left, right: (H, W) of class ids as the data set numbers them (COCO, ADE20K, Cityscapes, ...);
-        an id that is none of the label space's is void.
+        an id that is none of the label space's is void. right None: of the left image only, as
+        System.add_segments takes them.
     left_instances, right_instances: (H, W), 0 none, else a number that an object keeps over time,
         below 2^30 less the number of classes.
     moving: numbers of the instances that move: flagged (mode `mask` drops them), motion 100; all
         others stand still. None: whether anything moves is not known.
     """
     dynamic = moving or ()
-    cameras = [_one_camera(space, left, left_instances, dynamic, 0),
-               _one_camera(space, right, right_instances, dynamic, RIGHT_INSTANCES)]
+    cameras = [_one_camera(space, left, left_instances, dynamic, 0)]
+    if right is not None:
+        cameras.append(_one_camera(space, right, right_instances, dynamic, RIGHT_INSTANCES))
     return PriorFrame(space.name, cameras, has_motion=moving is not None)

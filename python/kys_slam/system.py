@@ -7,7 +7,8 @@ import numpy as np
 
 from . import _core
 from .files import PathLike
-from .priors import PriorFrame, encode_prior
+from .kysp import DYNAMIC, NOT_JUDGED, SEGMENT
+from .priors import PriorFrame, decode_prior, encode_prior
 
 
 class Trajectory(NamedTuple):
@@ -136,6 +137,7 @@ class System(_core.System):
             settings = _core.Settings(settings or {})
         super().__init__(camera, settings, schedule, priors, strict_priors)
         self.camera, self.priors = camera, priors
+        self._settings, self._space = settings, None
         if observer is not None:
             self.set_observer(observer)
 
@@ -167,6 +169,42 @@ class System(_core.System):
         """The same with a frame of a Sequence, which has a number of its own: its position in the whole
         sequence."""
         return self._feed_frame(frame, _as_bytes(segments), _as_pair(masks))
+
+    def add_segments(self, frame: int, segments: Union[PriorFrame, bytes, None]) -> None:
+        """The segmentation of the left image of a frame, which may come late and for some frames only.
+        From any thread.
+
+        frame: index of the frame as fed: 0, 1, ...
+        segments: as for feed(); a right camera in it is not used. None: this frame has none.
+
+        It takes effect when frame `frame` + control.segment_lag is fed, or the next one where that is
+        past; with the schedule "realtime" with the next one fed. From then on frames get its priors,
+        moved with the scene and its things, until the next segmentation. Numbers of instances need not
+        persist over time. With control.segment_every = n frames 0, n, 2n, ... have one, and feed() waits
+        for it where it takes effect (not "realtime"); so it has to come before, or from another thread.
+        After control.segment_timeout the run goes on without any.
+        """
+        if segments is None:
+            self._add_segments(frame, None, [])
+            return
+        if isinstance(segments, bytes):
+            segments = decode_prior(segments, "segments")
+        expected = self._label_space()
+        if segments.label_space != expected:
+            raise _core.InputError(f"segments of frame {frame}: their label space is "
+                                   f"{segments.label_space}, configured is {expected}")
+        camera = segments.cameras[0]
+        rows = np.asarray(camera.segments, SEGMENT)
+        moves = (rows["flags"] & DYNAMIC) != 0
+        unjudged = ((rows["flags"] & NOT_JUDGED) != 0) | (~moves & (not segments.has_motion))
+        self._add_segments(frame, np.ascontiguousarray(camera.segment_map, np.uint16),
+                           list(zip(rows["label"].tolist(), rows["instance"].tolist(), moves.tolist(),
+                                    unjudged.tolist())))
+
+    def _label_space(self) -> str:
+        if self._space is None:
+            self._space = _core.LabelSpace(self._settings.get("control.label_space")).name
+        return self._space
 
     def set_observer(self, observer: Optional[Callable[[Observation], None]]) -> None:
         """Calls `observer` after every frame that is fed from now on; None: no observer."""

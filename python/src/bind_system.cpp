@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <kys/prior.h>
 #include <kys_slam/prior_folder.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/run_main.h>
@@ -15,6 +16,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <atomic>
 #include <limits>
 #include <map>
@@ -106,6 +108,7 @@ void warn(const std::string& message) {
 }
 
 using MaybeArray = std::optional<AnyArray>;
+using SegmentMap = nb::ndarray<const std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 GrayImage mask_of(const MaybeArray& array, const char* what) {
   if (!array) return {};
@@ -182,6 +185,30 @@ class Slam {
     const nb::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
     return feed_locked(frame, std::move(given), bytes, masks);
+  }
+
+  /// \param segments (label, instance, flagged as moving, motion not judged) per segment
+  void add_segments(
+      std::int64_t frame, const std::optional<SegmentMap>& map,
+      const std::vector<std::tuple<std::uint16_t, std::int32_t, bool, bool>>& segments) {
+    std::shared_ptr<SegmentImage> image;
+    if (map) {
+      image = std::make_shared<SegmentImage>();
+      image->map = ImageOf<std::uint16_t>::for_overwrite(static_cast<int>(map->shape(1)),
+                                                         static_cast<int>(map->shape(0)));
+      std::copy_n(map->data(), image->map.size(), image->map.data());
+      for (const auto& [label, instance, moves, unjudged] : segments) {
+        kys::Prior& prior = image->segments.emplace_back();
+        prior = kys::make_prior(label, instance, 0, moves ? 100 : 0, moves);
+        prior.unjudged = unjudged ? 1 : 0;
+      }
+    }
+    const nb::gil_scoped_release released;
+    system_->add_segments(frame, std::move(image));
+  }
+  void end_segments() {
+    const nb::gil_scoped_release released;
+    system_->end_segments();
   }
 
   void set_observer(nb::object callback) {
@@ -530,6 +557,9 @@ void bind_report(nb::module_& m) {
       .def_ro("matches", &FrameReport::matches, "landmarks matched")
       .def_ro("inliers", &FrameReport::inliers, "matches that fit the pose")
       .def_ro("keyframe", &FrameReport::keyframe, "whether it became a keyframe")
+      .def_ro(
+          "segments_of", &FrameReport::segments_of,
+          "index of the frame whose segments (add_segments) took effect with this one; -1: none")
       .def_ro("masked", &FrameReport::masked, "keypoints dropped by mode `mask` or by masks")
       .def_ro("prior_coverage", &FrameReport::prior_coverage,
               "0..1, share of keypoints with a valid label")
@@ -598,6 +628,7 @@ void bind_guard(nb::module_& m) {
 }
 
 void bind_system(nb::module_& m) {
+  m.def("_label_space_of_priors", &label_space_of_priors, "folder"_a);
   bind_settings(m);
   bind_report(m);
   bind_pipe(m);
@@ -610,6 +641,8 @@ void bind_system(nb::module_& m) {
            "camera"_a, "settings"_a, "schedule"_a, "priors"_a.none(), "strict_priors"_a)
       .def("_feed", &Slam::feed)
       .def("_feed_frame", &Slam::feed_frame)
+      .def("_add_segments", &Slam::add_segments, "frame"_a, "map"_a.none(), "segments"_a)
+      .def("end_segments", &Slam::end_segments, "No more segments come: nothing is waited for.")
       .def("_set_observer", &Slam::set_observer, "callback"_a.none())
       .def("_add_pipe", &Slam::add_pipe)
       .def("_remove_pipe", &Slam::remove_pipe)

@@ -29,6 +29,12 @@ struct VisibilityCount {
   std::uint32_t found = 0;
 };
 
+/// Priors of an earlier keyframe that became known later.
+struct KeyFramePriors {
+  KeyFrameId keyframe;
+  std::vector<kys::Prior> priors;  ///< one per feature that it was made with
+};
+
 /// Message from the tracker to the back end: a keyframe, its observations and its new landmarks.
 struct KeyFrameMessage {
   KeyFrameId id;
@@ -36,10 +42,11 @@ struct KeyFrameMessage {
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
   std::shared_ptr<const FrameFeatures> features;
-  std::vector<LandmarkId> tracked;         ///< per feature; landmarks matched
-  std::vector<NewLandmark> new_landmarks;  ///< by feature
-  std::vector<VisibilityCount> counts;     ///< by landmark
-  std::vector<InstanceBelief> beliefs;     ///< those that changed since the last message
+  std::vector<LandmarkId> tracked;          ///< per feature; landmarks matched
+  std::vector<NewLandmark> new_landmarks;   ///< by feature
+  std::vector<VisibilityCount> counts;      ///< by landmark
+  std::vector<InstanceBelief> beliefs;      ///< those that changed since the last message
+  std::vector<KeyFramePriors> late_priors;  ///< since the last message
   KeyFrameId reference;  ///< reference keyframe of tracking; parent if none is covisible
   Rigid3 T_c_reference;  ///< measured relative pose: the map may have changed since
   double scale = 1;      ///< Map::scale at which it was measured

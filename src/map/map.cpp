@@ -451,6 +451,22 @@ int Map::set_beliefs(std::span<const InstanceBelief> beliefs, double patience) {
   return static_cast<int>(gone.size());
 }
 
+bool Map::set_priors(KeyFrameId id, const std::vector<kys::Prior>& priors) {
+  KeyFrame* keyframe = keyframes_.find(id);
+  if (keyframe == nullptr || keyframe->features->size() != priors.size()) return false;
+  std::vector<LandmarkId> changed;
+  for (std::size_t i = 0; i < priors.size(); ++i) {
+    const kys::Prior& before = keyframe->features->prior(i);
+    const bool same = before.label == priors[i].label && before.instance == priors[i].instance;
+    if (!same && keyframe->landmarks[i].valid()) changed.push_back(keyframe->landmarks[i]);
+  }
+  keyframe->features =
+      std::make_shared<const FrameFeatures>(keyframe->features->with_priors(priors));
+  touch(id);
+  for (const LandmarkId landmark : changed) refresh_landmark(landmark);
+  return true;
+}
+
 std::int32_t Map::instance_end(std::span<const std::uint8_t> is_thing) const {
   std::int32_t end = 0;
   const auto see = [&](const kys::Prior& prior) {

@@ -134,6 +134,9 @@ class Map {
   /// landmarks on instances that have moved for longer than `patience` (s). Returns the number
   /// erased.
   int set_beliefs(std::span<const InstanceBelief> beliefs, double patience);
+  /// Priors of a keyframe's features that became known later; its landmarks get theirs anew. False:
+  /// it is culled or has other features by now.
+  bool set_priors(KeyFrameId id, const std::vector<kys::Prior>& priors);
   /// Factor on the information of a landmark's observations, 0..1.
   [[nodiscard]] float weight(const Landmark& landmark) const {
     return keeps_beliefs_ ? kys::p_static(landmark.prior) : 1.0f;

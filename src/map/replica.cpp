@@ -47,6 +47,16 @@ void Replica::apply(ChangeSet changes) {
   }
 }
 
+void Replica::set_priors(KeyFrameId id, const std::vector<kys::Prior>& priors) {
+  KeyFrameView* view = keyframes_.find(id);
+  if (view == nullptr || view->features->size() != priors.size()) return;
+  view->features = std::make_shared<const FrameFeatures>(view->features->with_priors(priors));
+  for (std::size_t i = 0; i < priors.size(); ++i) {
+    LandmarkView* landmark = landmarks_.find(view->landmarks[i]);
+    if (landmark != nullptr) landmark->prior = priors[i];
+  }
+}
+
 void Replica::follow(KeyFrameId pending, const Rigid3& T_c_parent) {
   KeyFrameView& view = keyframes_.at(pending);
   const Anchor parent = resolve(view.parent);

@@ -30,6 +30,10 @@ class Replica {
     if (LandmarkView* view = landmarks_.find(id)) view->observers.push_back(observer);
   }
 
+  /// Priors of the features of a keyframe and of the landmarks it observes. A keyframe that has
+  /// other features by now stays as it is.
+  void set_priors(KeyFrameId id, const std::vector<kys::Prior>& priors);
+
   /// The landmark itself when present, its successor when it was replaced, invalid when erased.
   [[nodiscard]] LandmarkId resolve(LandmarkId id) const { return landmarks_.resolve(id); }
 

@@ -37,6 +37,7 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   Stopwatch watch;
   const KeyFrameId id = message.id;
   insert_keyframe(map, message);
+  for (const KeyFramePriors& late : message.late_priors) map.set_priors(late.keyframe, late.priors);
   map.set_beliefs(message.beliefs, options_.mover_patience);
   for (const NewLandmark& landmark : message.new_landmarks) recent_.add(landmark.id);
   report.landmarks_culled = recent_.cull(map, id, options_.landmark_culling);

@@ -100,6 +100,20 @@ InstanceTracker::InstanceTracker(const StereoCamera& camera, const ScaleLevels& 
   check_options(options);
 }
 
+InstanceTracker::InstanceTracker(const InstanceTracker& other)
+    : camera_(other.camera_),
+      scales_(other.scales_),
+      options_(other.options_),
+      start_(other.start_),
+      model_(other.model_),
+      things_(other.things_),
+      changed_(other.changed_),
+      frames_(other.frames_),
+      last_file_(other.last_file_),
+      states_(other.states_) {
+  for (auto& [instance, thing] : things_) by_instance_[instance] = &thing;
+}
+
 const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) const {
   if (!follows(prior)) return nullptr;
   const auto at = by_instance_.find(prior.instance);

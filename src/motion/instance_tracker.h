@@ -69,9 +69,14 @@ class InstanceTracker {
                   const InstanceTrackerOptions& options, const kys::InitialBelief& start,
                   const kys::DistanceModel& model);
 
-  // Moved only: by_instance_ points into things_, whose nodes stay where they are.
+  // by_instance_ points into things_, whose nodes stay where they are when it is moved.
+  InstanceTracker(const InstanceTracker& other);
+  InstanceTracker& operator=(const InstanceTracker& other) {
+    return *this = InstanceTracker(other);
+  }
   InstanceTracker(InstanceTracker&&) = default;
   InstanceTracker& operator=(InstanceTracker&&) = default;
+  ~InstanceTracker() = default;
 
   /// Priors of the keypoints of a frame: those of its file, or without a file those of the nearest
   /// keypoints predicted from the last frame. Belief replaces motion.
@@ -114,6 +119,11 @@ class InstanceTracker {
   [[nodiscard]] float weight(const kys::Prior& prior) const;
   /// Whether the prior is of an instance with a belief.
   [[nodiscard]] bool follows(const kys::Prior& prior) const { return has_belief(prior, start_); }
+  /// m/s in the world; nothing for what is not known to move.
+  [[nodiscard]] std::optional<Eigen::Vector3d> velocity(const kys::Prior& prior) const {
+    const Thing* thing = find(prior);
+    return thing != nullptr ? thing->velocity : std::nullopt;
+  }
   /// Beliefs that changed since the last call, by instance.
   [[nodiscard]] std::vector<InstanceBelief> take_changed_beliefs();
 

@@ -57,6 +57,10 @@ class BackEnd {
   /// Begins with a correction and what it is worth; call it before the first keyframe.
   void start_rig(const RigEstimate& rig) { mapper_.start_rig(rig); }
   BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
+  /// Priors of keyframes that became known after the last message.
+  void set_priors(const std::vector<KeyFramePriors>& late) {
+    for (const KeyFramePriors& priors : late) map_.set_priors(priors.keyframe, priors.priors);
+  }
   /// Waits for full bundle adjustment, applies its result, and corrects the disparities a last
   /// time.
   ChangeSet finish(const std::atomic<bool>* stop);
@@ -108,6 +112,8 @@ class BackEndRunner {
   /// Waits until every submitted message is processed. Their steps remain to be collected. The map
   /// does not change until the next `submit`.
   void wait_idle();
+  /// Call it after `drain`: priors of keyframes that became known after the last message.
+  void set_priors(const std::vector<KeyFramePriors>& late) { back_end_.set_priors(late); }
   /// Call it after `drain`: the last corrections of the map.
   ChangeSet finish();
   /// After `drain`.

@@ -36,6 +36,8 @@ class ObjectLog {
   /// \param taken  s, when its picture was taken; that of the frame before for a repeated picture
   /// \param instances of the frame; empty when it has no pose
   void add(double taken, std::span<const InstanceState> instances);
+  /// Takes back the last `count` frames, which had no instances.
+  void take_back(std::size_t count) { frames_.resize(frames_.size() - count); }
   /// Objects over all frames. \param trajectory  one estimate per frame added
   [[nodiscard]] std::vector<ObjectEstimate> objects(
       std::span<const FrameEstimate> trajectory) const;

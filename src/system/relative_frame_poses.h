@@ -17,6 +17,8 @@ class RelativeFramePoses {
  public:
   /// Adds the next frame; an invalid reference: no pose.
   void add(const FramePose& before) { frames_.push_back({before, {}, 0}); }
+  /// Takes back the last `count` frames, which had no pose.
+  void take_back(std::size_t count) { frames_.resize(frames_.size() - count); }
   /// The last frame added became keyframe `id`: stores the poses of the frames since the last
   /// keyframe relative to it.
   void close(KeyFrameId id, const Tracker& tracker);

@@ -244,6 +244,25 @@ std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports)
   return lines;
 }
 
+/// Of segments that came late: how many took effect, and how many frames after their own. Nothing
+/// without any.
+std::optional<nlohmann::ordered_json> segments_json(const std::vector<FrameReport>& reports) {
+  std::int64_t count = 0, sum = 0, most = 0;
+  for (std::size_t i = 0; i < reports.size(); ++i) {
+    if (reports[i].segments_of < 0) continue;
+    const std::int64_t late = static_cast<std::int64_t>(i) - reports[i].segments_of;
+    ++count;
+    sum += late;
+    most = std::max(most, late);
+  }
+  if (count == 0) return std::nullopt;
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  json["frames"] = count;
+  json["late_mean"] = static_cast<double>(sum) / static_cast<double>(count);
+  json["late_max"] = most;
+  return json;
+}
+
 /// Frames with a pose that are not sound, by reason.
 std::map<std::string, std::int64_t> unsound_frames(const std::vector<FrameReport>& reports) {
   std::map<std::string, std::int64_t> found;
@@ -299,6 +318,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   const std::vector<FrameReport> reports = system.reports();
   for (const FrameReport& report : reports) statistics += report.statistics;
   json["descriptor_pairs"] = statistics.total();
+  if (const auto segments = segments_json(reports)) json["segments"] = *segments;
   json["timing_ms"] = nlohmann::ordered_json::object();
   for (const Stage& stage : kStages) {
     const Spread s = spread(reports, stage);

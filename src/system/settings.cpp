@@ -13,6 +13,17 @@
 
 namespace kys_slam {
 
+void describe(kys::OptionList& list, SegmentOptions& o) {
+  list.add("control.segment_lag", o.lag, {0, 90}, "frames",
+           "after its own at which a segmentation given late takes effect (not realtime)");
+  list.add("control.segment_every", o.every, {0, 1000}, "frames",
+           "between segmentations that are waited for (not realtime); 0: none is waited for");
+  list.add("control.segment_timeout", o.timeout, {0, 1e6}, "s",
+           "after which a wait for a segmentation ends and the run goes on without any");
+  list.add("control.segment_memory", o.memory, {0, 60}, "s",
+           "for which a segmentation is carried to later frames");
+}
+
 void describe(kys::OptionList& list, ControlOptions& o) {
   list.add("control.pipeline_delay", o.pipeline_delay, {0, 1000}, "frames",
            "after which the tracker receives the changes of the back end (pipelined)");
@@ -21,6 +32,7 @@ void describe(kys::OptionList& list, ControlOptions& o) {
   list.add("control.stall_ms", o.stall_ms, {0, 60000}, "ms",
            "slept in every frame, for studies of time budgets");
   list.add("control.label_space", o.label_space, "label space of the prior files");
+  describe(list, o.segments);
 }
 
 void describe(kys::OptionList& list, SettingsData& o) {

@@ -14,6 +14,7 @@
 #include "mapping/local_mapper.h"
 #include "matching/stereo_matcher.h"
 #include "system/object_log.h"
+#include "system/segment_options.h"
 #include "tracking/front_end.h"
 #include "tracking/tracker_options.h"
 
@@ -24,6 +25,7 @@ struct ControlOptions {
   bool blend_poses = true;  ///< frames between two keyframes move with both
   int stall_ms = 0;         ///< ms slept in every frame, to study time budgets of the back end
   std::string label_space = "coco_panoptic_133";
+  SegmentOptions segments;
 };
 /// For check_options().
 void describe(kys::OptionList& list, ControlOptions& options);

@@ -121,7 +121,8 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
   }
   if (s.priors) {
     const std::vector<std::uint8_t> is_thing = things_of(s.options.control.label_space);
-    s.front_end.raise_instances(map.instance_end(is_thing), is_thing);
+    s.instance_end = map.instance_end(is_thing);
+    s.front_end.raise_instances(s.instance_end, is_thing);
   }
   s.map_loaded = true;
   s.first_keyframe = {map.keyframe_id_end()};
@@ -374,57 +375,83 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   }
   FrontEndResult seen = s.front_end.process(frame, masks);
   const bool same = s.drop_same_picture(frame, seen);
+  const std::vector<SegmentQueue::Delivery> arrived = s.take_segments(seen);
   Stopwatch track_watch;
-  s.apply(s.runner.collect(s.count));
-  s.front_end.renew(seen);
-  TrackResult tracked = s.tracker.track(s.input(frame, seen), s.runner.waiting());
-  if (tracked.status == TrackingStatus::kLost && s.tracker.has_map()) {
-    tracked = s.recover(frame, seen, std::move(tracked));
-  }
-  if (tracked.status != TrackingStatus::kLost) s.unrecognised = 0;
-  if (s.tracker.has_map()) s.front_end.hold_rig();
-
   FrameReport report;
   report.index = frame.index;
   report.name = frame.name;
   report.timestamp = frame.timestamp;
-  report.keyframe = tracked.keyframe.has_value();
-  s.note(tracked, seen, report);
-  s.note_uncertainty(tracked, report);
-  if (tracked.keyframe) s.keyframe_frames.push_back(frame.index);
+  const bool hold = s.must_hold(arrived, seen);
+  if (!hold && !s.held.empty()) s.track_held(arrived);
+  if (hold) {
+    s.hold(frame, seen, report);
+  } else {
+    s.track(frame, seen, arrived, report);
+  }
   s.note_masks(masks, report);
   if (same) {
     report.reason = kSamePicture;
     add_phrase(report.warning, kSamePicture);
   }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
+  add_phrase(report.warning, s.segments.take_warning());
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
-  s.reports.push_back(report);
-  if (s.observer) {
-    s.seen_features = seen.features;
-    s.observe(report, *seen.features, tracked.instances);
-  }
-  s.frame_poses.add(tracked.pose);
-  s.objects.add(tracked.taken, tracked.instances);
-  if (tracked.keyframe && s.options.control.blend_poses) {
-    s.frame_poses.close(tracked.keyframe->id, s.tracker);
-  }
-  ++s.count;
-  if (tracked.keyframe) s.runner.submit(std::move(*tracked.keyframe));
+  s.reports.back() = report;
+  s.seen_report = report;
   return report;
+}
+
+/// Pose, keyframe and reports of frame number `count`.
+void System::Impl::track(const StereoFrame& frame, FrontEndResult& seen,
+                         const std::vector<SegmentQueue::Delivery>& arrived, FrameReport& report) {
+  apply(runner.collect(count));
+  front_end.renew(seen);
+  report.segments_of = attach_segments(frame, seen, arrived);
+  TrackResult tracked = tracker.track(input(frame, seen), runner.waiting());
+  if (tracked.status == TrackingStatus::kLost && tracker.has_map()) {
+    tracked = recover(frame, seen, std::move(tracked));
+  }
+  if (tracked.status != TrackingStatus::kLost) unrecognised = 0;
+  if (tracker.has_map()) front_end.hold_rig();
+  report.keyframe = tracked.keyframe.has_value();
+  note(tracked, seen, report);
+  note_uncertainty(tracked, report);
+  if (tracked.keyframe) keyframe_frames.push_back(frame.index);
+  record(std::move(tracked), seen, report);
+}
+
+/// The frame's place in all lists, and its keyframe to the back end.
+void System::Impl::record(TrackResult tracked, const FrontEndResult& seen,
+                          const FrameReport& report) {
+  reports.push_back(report);
+  if (observer) {
+    seen_features = seen.features;
+    observe(report, *seen.features, tracked.instances);
+  }
+  frame_poses.add(tracked.pose);
+  objects.add(tracked.taken, tracked.instances);
+  if (tracked.keyframe && options.control.blend_poses) {
+    frame_poses.close(tracked.keyframe->id, tracker);
+  }
+  if (late_segments) late_segments->add(count, tracked, seen.features, tracker);
+  ++count;
+  if (tracked.keyframe) runner.submit(std::move(*tracked.keyframe));
 }
 
 void System::finish() {
   const std::lock_guard lock(impl_->mutex);
   if (impl_->finished) return;
   impl_->finished = true;
+  if (!impl_->held.empty()) impl_->track_held({});
   impl_->drain();
+  impl_->runner.set_priors(impl_->tracker.take_late_priors());
   impl_->tracker.apply(impl_->runner.finish());
 }
 
 void System::interrupt() {
   impl_->stall.interrupt();
+  impl_->segments.end();
   impl_->runner.interrupt();
 }
 

@@ -14,9 +14,11 @@
 #include <vector>
 
 #include "system/back_end.h"
+#include "system/late_segments.h"
 #include "system/object_log.h"
 #include "system/private_access.h"
 #include "system/relative_frame_poses.h"
+#include "system/segment_queue.h"
 #include "system/settings_data.h"
 #include "system/system_options.h"
 #include "tracking/front_end.h"
@@ -37,6 +39,7 @@ struct System::Impl {
         tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay),
+        segments(options.control.segments, schedule),
         objects(options.objects) {}
 
   void check_input(const StereoFrame& frame, const StereoMasks& masks) const;
@@ -57,6 +60,16 @@ struct System::Impl {
   [[nodiscard]] std::optional<Place> place(std::size_t frame) const;
   [[nodiscard]] KeyFrameId main_submap() const;
   void drain();
+  std::size_t labels();
+  std::vector<SegmentQueue::Delivery> take_segments(const FrontEndResult& seen);
+  std::int64_t attach_segments(const StereoFrame& frame, FrontEndResult& seen,
+                               const std::vector<SegmentQueue::Delivery>& arrived);
+  void track(const StereoFrame& frame, FrontEndResult& seen,
+             const std::vector<SegmentQueue::Delivery>& arrived, FrameReport& report);
+  void record(TrackResult tracked, const FrontEndResult& seen, const FrameReport& report);
+  bool must_hold(const std::vector<SegmentQueue::Delivery>& arrived, const FrontEndResult& seen);
+  void hold(const StereoFrame& frame, const FrontEndResult& seen, FrameReport& report);
+  void track_held(const std::vector<SegmentQueue::Delivery>& arrived);
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
   void note_uncertainty(const TrackResult& tracked, FrameReport& report) const;
   void note_masks(const StereoMasks& masks, FrameReport& report) const;
@@ -85,6 +98,18 @@ struct System::Impl {
   FrontEnd front_end;
   Tracker tracker;
   BackEndRunner runner;
+  SegmentQueue segments;
+  std::once_flag labels_known;
+  std::vector<std::uint8_t> is_thing;         // by label
+  std::int32_t instance_end = 0;              // of a loaded map
+  std::optional<LateSegments> late_segments;  // once there are some
+  /// A frame before there is a map: with beliefs a map starts with segments, if some are expected.
+  struct HeldFrame {
+    StereoFrame frame;  // without images
+    FrontEndResult seen;
+    ImagePyramid left;
+  };
+  std::vector<HeldFrame> held;  // the last frames
   ObjectLog objects;
   std::vector<FrameReport> reports;
   RelativeFramePoses frame_poses;  // of every frame fed

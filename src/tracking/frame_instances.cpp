@@ -16,6 +16,13 @@ FrameInstances::FrameInstances(const StereoCamera& camera, const ScaleLevels& sc
   if (model.uses_belief()) tracker_.emplace(camera, scales, options.instances, start, model);
 }
 
+void FrameInstances::replace(const InstanceTracker& tracker, std::deque<FramePose> judged) {
+  if (!tracker_) return;
+  tracker_ = tracker;
+  judged_ = std::move(judged);
+  labelled_ = latest_;
+}
+
 std::shared_ptr<const FrameFeatures> FrameInstances::assign_priors(double taken,
                                                                    const FrameFeatures& features,
                                                                    const Rigid3& T_c_w_expected,

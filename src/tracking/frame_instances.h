@@ -28,6 +28,12 @@ class FrameInstances {
   [[nodiscard]] Beliefs beliefs() const {
     return {tracker_ ? &*tracker_ : nullptr, start_, *model_, max_vote_};
   }
+  /// Beliefs after the last frame; null: the mode has none.
+  [[nodiscard]] const InstanceTracker* tracker() const { return tracker_ ? &*tracker_ : nullptr; }
+  /// Poses of the frames that it keeps, latest first.
+  [[nodiscard]] const std::deque<FramePose>& judged() const { return judged_; }
+  /// Takes other beliefs after the last frame, which has priors by now.
+  void replace(const InstanceTracker& tracker, std::deque<FramePose> judged);
   /// Priors of a frame: see InstanceTracker::assign_priors.
   [[nodiscard]] std::shared_ptr<const FrameFeatures> assign_priors(double taken,
                                                                    const FrameFeatures& features,

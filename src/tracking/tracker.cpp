@@ -255,6 +255,7 @@ KeyFrameMessage Tracker::make_keyframe(TrackedFrame& frame) {
   std::vector<InstanceBelief> beliefs = instances_.take_changed();
   KeyFrameMessage message = keyframes_.make(context(), frame, replica_, patches_);
   message.beliefs = std::move(beliefs);
+  message.late_priors = take_late_priors();
   reference_ = message.id;
   return message;
 }

@@ -6,9 +6,11 @@
 #include <kys_slam/stereo_camera.h>
 
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "map/replica.h"
@@ -34,6 +36,13 @@ struct TrackerInput {
   const ImagePyramid* left = nullptr;         ///< of the left image; null: features without images
   bool repeated = false;                      ///< the left image is that of the frame before
   std::span<const kys::Prior> segments = {};  ///< of the left image, with or without keypoints
+};
+
+/// Priors of the features of an earlier frame, from segments that came after it was tracked.
+struct LatePriors {
+  std::int64_t frame = 0;
+  std::optional<KeyFrameId> keyframe;  ///< that it became
+  std::vector<kys::Prior> priors;      ///< one per feature
 };
 
 /// Place and pose of a frame recognised in the map.
@@ -76,6 +85,14 @@ class Tracker {
   }
   /// Applies a change set to the replica; call it between two frames.
   void apply(ChangeSet changes);
+  /// Priors that became known late; call it between two frames.
+  /// \param instances beliefs after the last frame, as if they had been known in time
+  /// \param judged poses of the frames it keeps, latest first
+  void apply(std::vector<LatePriors> late, const InstanceTracker& instances,
+             std::deque<FramePose> judged);
+  /// Late priors of keyframes that no message has had yet.
+  [[nodiscard]] std::vector<KeyFramePriors> take_late_priors() { return std::exchange(late_, {}); }
+  [[nodiscard]] const FrameInstances& instances() const { return instances_; }
 
   [[nodiscard]] const Replica& replica() const { return replica_; }
   /// The features, with what is believed of instances now in place of what their file says; as they
@@ -130,6 +147,7 @@ class Tracker {
   KeyFrameMaker keyframes_;
   std::optional<TrackedFrame> last_;  // last frame with a pose
   KeyFrameId reference_;              // keyframe that shares most with it
+  std::vector<KeyFramePriors> late_;  // for the next message
 };
 
 }  // namespace kys_slam

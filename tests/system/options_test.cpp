@@ -84,7 +84,8 @@ TEST(EveryOption, OfMotion) {
 }
 
 TEST(EveryOption, OfTheSystem) {
-  expect_every_number_checked<ControlOptions>();
+  expect_every_number_checked<SegmentOptions>();
+  expect_every_number_checked<ControlOptions, SegmentOptions>();
   expect_every_number_checked<BackEndOptions, LocalMapperOptions, LoopOptions, FullBundleOptions,
                               RelocalizationOptions>();
   expect_every_number_checked<kys::BeliefOptions>();

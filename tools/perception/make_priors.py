@@ -157,6 +157,16 @@ def make_fields(networks, images, pairs, options):
     return times
 
 
+def copy_label_space(network, output):
+    """The two files of a label space that is not built in, beside the prior files: programs find them
+    there."""
+    space = Path(network.label_space)
+    for ending in (".classes.csv", ".table.csv"):
+        file = space.with_name(space.name + ending)
+        if file.exists():
+            shutil.copyfile(file, output / file.name)
+
+
 def write_page(options, priors):
     """DIR/decisions.html: what was judged and why. There is none where nothing was judged."""
     page = options.output / "decisions.html"
@@ -206,6 +216,7 @@ def main():
     times["build"] = time_of_build(build, times_file)
     times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
                                   "--label-space", network.label_space, *which])
+    copy_label_space(network, options.output)
     write_page(options, priors)
     print_times(times)
     common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))

@@ -121,9 +121,11 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
 }
 
-/// The default mode depends on the priors; a mode that is named anywhere takes its place.
+/// The default mode depends on the priors, and the default label space is theirs; what is named
+/// anywhere takes their place.
 Settings effective_settings(Settings settings, const Arguments& a, bool with_priors) {
   if (with_priors) settings.set("kys.mode", "verified");
+  if (!a.priors.empty()) settings.set("control.label_space", label_space_of_priors(a.priors));
   if (!a.config.empty()) settings.load(a.config);
   for (const std::string& assignment : a.settings) settings.assign(assignment);
   if (!a.mode.empty()) settings.set("kys.mode", a.mode);

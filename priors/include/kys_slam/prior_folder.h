@@ -17,15 +17,21 @@ namespace kys_slam {
 /// \throws InputError when there is no such label space
 ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space);
 
+/// The label space of the prior files in a folder as control.label_space takes it: its name, or the
+/// path of its two files in the folder or beside it. \param folder as for PriorFolder
+/// \throws InputError when there are none or the first one is damaged
+std::string label_space_of_priors(const std::filesystem::path& folder);
+
 /// The prior files of one sequence, one per frame, found by the frame's name. For one thread.
 class PriorFolder : public PriorProvider {
  public:
   /// Reported once, when the first file is missing.
   using Warning = std::function<void(const std::string& message)>;
 
+  /// \param folder of the files, or one that has them in a folder `priors`
   /// \param strict true: a missing file is an error
   /// \throws InputError when `folder` is not a folder with at least one prior file in it.
-  PriorFolder(std::filesystem::path folder, ExpectedPriors expected, bool strict = false,
+  PriorFolder(const std::filesystem::path& folder, ExpectedPriors expected, bool strict = false,
               Warning warn = {});
 
   /// The priors of a frame (`name` is the stem of the left image: "000123"), or nothing when it has

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion/segment_carrier.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "motion/segment_carrying.h"
+
+namespace kys_slam {
+
+namespace {
+
+constexpr double kSlant = 0.35;        // px of disparity per px: a road, steep surfaces
+constexpr double kMoved = 0.02;        // m; less is no motion
+constexpr std::size_t kSamples = 200;  // pixels of a segment, at most
+
+}  // namespace
+
+SegmentCarrier::SegmentCarrier(const StereoCamera& camera,
+                               std::shared_ptr<const SegmentImage> image,
+                               std::vector<kys::Prior> segments,
+                               std::shared_ptr<const FrameFeatures> features,
+                               std::vector<std::uint8_t> is_thing, bool carried)
+    : camera_(camera),
+      image_(std::move(image)),
+      segments_(std::move(segments)),
+      features_(std::move(features)),
+      is_thing_(std::move(is_thing)),
+      members_(segments_.size()) {
+  segment_of_feature_.resize(features_->size());
+  for (std::size_t i = 0; i < features_->size(); ++i) {
+    // Segments are in the image as measured, as features were found.
+    const RigCorrection::Measured m = features_->measured(i);
+    const std::uint16_t segment = segment_of_feature_[i] = at(m.u, m.v);
+    if (segment > 0 && features_->has_stereo(i)) {
+      members_[segment - 1U].push_back(static_cast<std::uint32_t>(i));
+    }
+  }
+  if (carried) sample_depths();
+}
+
+std::uint16_t SegmentCarrier::at(double u, double v) const {
+  const double x = std::floor(u + 0.5), y = std::floor(v + 0.5);
+  // Comparisons with NaN are false.
+  if (!(x >= 0 && y >= 0 && x < image_->map.width() && y < image_->map.height())) return 0;
+  return image_->map.at(static_cast<int>(x), static_cast<int>(y));
+}
+
+/// What features of the segment around a pixel (u, v, u_right) say of how far away it is. Surfaces
+/// are slanted: the further a feature, the more its disparity may differ.
+SegmentCarrier::Surface SegmentCarrier::surface_at(std::uint16_t segment,
+                                                   const Eigen::Vector3d& pixel) const {
+  const auto radius = static_cast<float>(carrying::kSurfaceRadius * camera_.width);
+  const double disparity = pixel.x() - pixel.z();
+  Surface surface;
+  features_->for_each_near(static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), radius, 0,
+                           carrying::kOctaves, [&](std::size_t i) {
+                             if (segment_of_feature_[i] != segment || !features_->has_stereo(i))
+                               return;
+                             const double there = carrying::disparity_of(*features_, i);
+                             const double distance =
+                                 std::hypot(features_->keypoint(i).x - pixel.x(),
+                                            features_->keypoint(i).y - pixel.y());
+                             const double margin = carrying::tolerance(there) + kSlant * distance;
+                             surface.near = true;
+                             if (std::abs(disparity - there) <= margin) surface.agrees = true;
+                             if (disparity <= there + margin) surface.in_front = false;
+                           });
+  return surface;
+}
+
+/// Whether a point seen at a pixel of the segment lies on its surface. Of stuff, which may be a
+/// whole street, only what is in front of it does not.
+bool SegmentCarrier::agrees(std::uint16_t segment, const Eigen::Vector3d& p_s) const {
+  const Eigen::Vector3d pixel = camera_.project_stereo(p_s);
+  const Surface surface = surface_at(segment, pixel);
+  if (surface.near) return surface.agrees || (!is_thing(segment) && !surface.in_front);
+  if (!is_thing(segment)) return true;
+  const std::vector<std::uint32_t>& members = members_[segment - 1U];
+  if (members.empty()) return true;
+  const double disparity = pixel.x() - pixel.z();
+  double least = 1e300;
+  double most = 0;
+  for (const std::uint32_t i : members) {
+    const double d = carrying::disparity_of(*features_, i);
+    least = std::min(least, d - carrying::tolerance(d));
+    most = std::max(most, d + carrying::tolerance(d));
+  }
+  return disparity >= least && disparity <= most;
+}
+
+/// The segment of a point (m) in the camera of the picture. \param only this one; 0: any
+std::uint16_t SegmentCarrier::seen_at(const Eigen::Vector3d& p_s, std::uint16_t only) const {
+  if (p_s.z() < carrying::kNearest) return 0;
+  const Eigen::Vector2d pixel = camera_.project(p_s);
+  const std::uint16_t segment = at(pixel.x(), pixel.y());
+  if (segment == 0 || (only != 0 && segment != only)) return 0;
+  return agrees(segment, p_s) ? segment : std::uint16_t{0};
+}
+
+std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rigid3& T_s_now,
+                                         const SegmentShifts& shifts) const {
+  const Eigen::Vector3d p_s = T_s_now * p_now;
+  for (std::size_t k = 0; k < shifts.size(); ++k) {
+    if (shifts[k].norm() < kMoved) continue;
+    const auto segment = static_cast<std::uint16_t>(k + 1);
+    if (seen_at(p_s - shifts[k], segment) != 0) return segment;
+  }
+  const std::uint16_t segment = seen_at(p_s, 0);
+  // Where a segment was that has moved on, something else is seen now.
+  return segment > 0 && shifts[segment - 1U].norm() >= kMoved ? std::uint16_t{0} : segment;
+}
+
+std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const Rigid3& T_s_now,
+                                                 const SegmentShifts& shifts) const {
+  std::vector<std::uint16_t> numbers(now.size(), 0);
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    if (!now.has_stereo(i)) continue;
+    const Keypoint& k = now.keypoint(i);
+    numbers[i] = segment_of(camera_.back_project(k.x, k.y, now.depth(i)), T_s_now, shifts);
+  }
+  const std::vector<Cell> moved = warp(T_s_now.inverse(), shifts);
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    if (numbers[i] != 0) continue;
+    const Keypoint& k = now.keypoint(i);
+    const int column = static_cast<int>(std::floor((k.x + 0.5F) / carrying::kCell));
+    const int row = static_cast<int>(std::floor((k.y + 0.5F) / carrying::kCell));
+    if (column < 0 || row < 0 || column >= columns_ || row >= rows_) continue;
+    const Cell& cell = moved[static_cast<std::size_t>(row * columns_ + column)];
+    if (cell.segment == 0) continue;
+    if (now.has_stereo(i)) {
+      const double there = camera_.bf() / cell.depth;
+      if (std::abs(carrying::disparity_of(now, i) - there) > 2 * carrying::tolerance(there))
+        continue;
+      numbers[i] = cell.segment;
+      continue;
+    }
+    // At this depth the pixel in the picture says it more exactly than the cell.
+    const std::uint16_t exact =
+        segment_of(camera_.back_project(k.x, k.y, cell.depth), T_s_now, shifts);
+    numbers[i] = exact > 0 ? exact : cell.segment;
+  }
+  fill(now, numbers);
+  return numbers;
+}
+
+/// What was hidden in the picture, or outside it, has the segment of the nearest feature that is as
+/// far away, unless this is a thing: these have borders.
+void SegmentCarrier::fill(const FrameFeatures& now, std::vector<std::uint16_t>& numbers) const {
+  const auto radius = static_cast<float>(carrying::kSurfaceRadius * camera_.width);
+  const std::vector<std::uint16_t> known = numbers;
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    if (known[i] != 0 || !now.has_stereo(i)) continue;
+    const Keypoint& k = now.keypoint(i);
+    const double disparity = carrying::disparity_of(now, i);
+    float nearest = radius * radius;
+    now.for_each_near(k.x, k.y, radius, 0, carrying::kOctaves, [&](std::size_t n) {
+      if (known[n] == 0 || !now.has_stereo(n)) return;
+      if (std::abs(carrying::disparity_of(now, n) - disparity) > carrying::tolerance(disparity))
+        return;
+      const float du = now.keypoint(n).x - k.x, dv = now.keypoint(n).y - k.y;
+      if (du * du + dv * dv >= nearest) return;
+      nearest = du * du + dv * dv;
+      numbers[i] = is_thing(known[n]) ? std::uint16_t{0} : known[n];
+    });
+  }
+}
+
+std::vector<kys::Prior> SegmentCarrier::priors_of(std::span<const std::uint16_t> numbers) const {
+  std::vector<kys::Prior> priors(numbers.size());
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    if (numbers[i] > 0) priors[i] = segments_[numbers[i] - 1U];
+  }
+  return priors;
+}
+
+std::vector<Eigen::Vector3d> SegmentCarrier::sample(std::uint16_t segment) const {
+  const std::vector<std::uint32_t>& members = members_[segment - 1U];
+  if (members.empty()) return {};
+  int top = image_->map.height(), bottom = -1;
+  std::size_t area = 0;
+  for (int y = 0; y < image_->map.height(); ++y) {
+    const std::uint16_t* row = image_->map.row(y);
+    const auto count = std::count(row, row + image_->map.width(), segment);
+    if (count == 0) continue;
+    area += static_cast<std::size_t>(count);
+    top = std::min(top, y);
+    bottom = y;
+  }
+  const int step = std::max(
+      1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(area) / double{kSamples}))));
+  std::vector<Eigen::Vector3d> points;
+  for (int y = top; y <= bottom; y += step) {
+    const std::uint16_t* row = image_->map.row(y);
+    for (int x = 0; x < image_->map.width(); x += step) {
+      if (row[x] != segment) continue;
+      double nearest = 1e300;
+      double depth = carrying::kFar;
+      for (const std::uint32_t i : members) {
+        const double du = features_->keypoint(i).x - x, dv = features_->keypoint(i).y - y;
+        if (du * du + dv * dv >= nearest) continue;
+        nearest = du * du + dv * dv;
+        depth = features_->depth(i);
+      }
+      points.push_back(camera_.back_project(x, y, depth));
+    }
+  }
+  return points;
+}
+
+}  // namespace kys_slam
