@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <optional>
 #include <vector>
 
 namespace kys_slam {
@@ -40,17 +41,29 @@ bool can_load(const std::string& label_space) {
   }
 }
 
+/// Nothing for a damaged file: it may be of no frame that is fed, else it is refused then.
+std::optional<std::string> label_space_of(const fs::path& file) {
+  try {
+    return PriorFile::open(file).label_space();
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
 }  // namespace
 
 std::string label_space_of_priors(const fs::path& folder) {
-  const fs::path file = list_prior_files(folder).front();
-  const std::string name = PriorFile::open(file).label_space();
-  if (can_load(name)) return name;
-  const fs::path place = file.parent_path();
-  for (const fs::path& beside : {place / name, place.parent_path() / name}) {
-    if (can_load(beside.string())) return beside.string();
+  for (const fs::path& file : list_prior_files(folder)) {
+    const std::optional<std::string> name = label_space_of(file);
+    if (!name) continue;
+    if (can_load(*name)) return *name;
+    const fs::path place = file.parent_path();
+    for (const fs::path& beside : {place / *name, place.parent_path() / *name}) {
+      if (can_load(beside.string())) return beside.string();
+    }
+    return *name;
   }
-  return name;
+  return "";
 }
 
 ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space) {

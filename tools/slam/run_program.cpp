@@ -125,7 +125,10 @@ void declare(CLI::App& app, Arguments& a) {
 /// anywhere takes their place.
 Settings effective_settings(Settings settings, const Arguments& a, bool with_priors) {
   if (with_priors) settings.set("kys.mode", "verified");
-  if (!a.priors.empty()) settings.set("control.label_space", label_space_of_priors(a.priors));
+  if (!a.priors.empty()) {
+    const std::string label_space = label_space_of_priors(a.priors);
+    if (!label_space.empty()) settings.set("control.label_space", label_space);
+  }
   if (!a.config.empty()) settings.load(a.config);
   for (const std::string& assignment : a.settings) settings.assign(assignment);
   if (!a.mode.empty()) settings.set("kys.mode", a.mode);

@@ -18,8 +18,9 @@ namespace kys_slam {
 ExpectedPriors expected_priors(const StereoCamera& camera, const std::string& label_space);
 
 /// The label space of the prior files in a folder as control.label_space takes it: its name, or the
-/// path of its two files in the folder or beside it. \param folder as for PriorFolder
-/// \throws InputError when there are none or the first one is damaged
+/// path of its two files in the folder or beside it; "" when no file can be read.
+/// \param folder as for PriorFolder
+/// \throws InputError when it has no prior files
 std::string label_space_of_priors(const std::filesystem::path& folder);
 
 /// The prior files of one sequence, one per frame, found by the frame's name. For one thread.

@@ -29,6 +29,7 @@ void describe(kys::OptionList& list, WriteOptions& o) {
   list.add("--jobs", o.jobs, {0, 1024}, "threads");
   list.add("--drop-camera", o.drop_camera, {-1, 1});
   list.add("--drop-share", o.drop_share, {0, 0.9});
+  list.add("--surface-points", o.surface_points, {0, 2e7});
 }
 namespace {
 
