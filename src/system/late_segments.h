@@ -113,7 +113,6 @@ class LateSegments {
 
   StereoCamera camera_;
   ScaleLevels scales_;
-  const kys::DistanceModel* model_;
   kys::InitialBelief start_;
   std::vector<std::uint8_t> is_thing_;
   double memory_;  // s

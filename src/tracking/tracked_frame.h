@@ -17,7 +17,7 @@
 
 namespace kys_slam {
 
-class ImagePyramid;
+struct ImagePyramid;
 
 /// Pose of a frame relative to a keyframe, so that it moves with the map.
 struct FramePose {
