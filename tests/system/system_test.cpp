@@ -77,15 +77,15 @@ TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
   settings.set("calibration.keyframes", "8");
   settings.set("keyframes.reference_ratio", "0.9");
   System system(world.camera(), settings, Schedule::kSequential);
-  constexpr int kFrames = 120;
+  constexpr int kLength = 120;
   constexpr double kStep = 0.8;
-  for (int i = 0; i < kFrames; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
+  for (int i = 0; i < kLength; ++i) system.feed(world.look(i, weaving_pose(kStep * i)));
   system.finish();
   map_of(system).check_consistency();
   EXPECT_NEAR(map_of(system).rig().offset(), -0.4, 0.1);
   const auto estimates = system.trajectory();
   // Frame to frame: the correction has to move landmarks and last frame together.
-  for (std::size_t i = 1; i < kFrames; ++i) {
+  for (std::size_t i = 1; i < kLength; ++i) {
     const Rigid3 truth = weaving_pose(kStep * static_cast<double>(i - 1)).inverse() *
                          weaving_pose(kStep * static_cast<double>(i));
     const Rigid3 step = estimates[i - 1].T_w_c.inverse() * estimates[i].T_w_c;
