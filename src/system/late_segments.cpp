@@ -147,7 +147,7 @@ void LateSegments::keep_older() {
   if (older_.size() > kOlder) older_.pop_back();
 }
 
-/// What the frame says of its things, as Tracker::judge_instances.
+/// What the frame says of its things, as FrameInstances::judge.
 void LateSegments::judge(Judged& judged, const Frame& frame, const std::vector<kys::Prior>& priors,
                          std::span<const kys::Prior> segments, const Tracker& tracker) const {
   if (!frame.pose) {

@@ -112,8 +112,8 @@ IntegrityResult IntegrityCheck::check(const TrackingContext& c, const TrackedFra
   }
   result.keeps_place = has_still();
   if (c.beliefs.in_use()) {
-    const SceneSupport support = scene_support(c, *frame.features, frame.landmarks);
-    if (support.on_objects > support.inliers && !support.is_in_view(c.options.judge.support)) {
+    const SceneSupport seen = scene_in_view(c, *frame.features, frame.landmarks);
+    if (seen.on_objects > 0 && !seen.is_in_view(c.options.judge.support)) {
       flag(Integrity::kDegraded, IntegrityReason::kOnlyObjects);
     }
   }

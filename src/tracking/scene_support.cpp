@@ -21,11 +21,14 @@ bool SceneSupport::is_enough(const SceneSupportOptions& options) const {
   return inliers >= needed;
 }
 
-SceneSupport scene_support(const TrackingContext& c, const FrameFeatures& features,
-                           const std::vector<LandmarkId>& landmarks) {
+namespace {
+
+/// Counts what is in view, and finds what stands on objects and inliers that do not.
+SceneSupport look_at(const TrackingContext& c, const FrameFeatures& features,
+                     const std::vector<LandmarkId>& landmarks, std::vector<std::uint8_t>& on_object,
+                     std::vector<std::size_t>& fixed) {
   SceneSupport support;
-  std::vector<std::uint8_t> on_object(features.size(), 0);
-  std::vector<std::size_t> fixed;  // inliers
+  on_object.assign(features.size(), 0);
   for (std::size_t i = 0; i < features.size(); ++i) {
     const kys::Prior& prior = features.prior(i);
     const LandmarkView* landmark = c.replica.landmarks().find(landmarks[i]);
@@ -39,6 +42,23 @@ SceneSupport scene_support(const TrackingContext& c, const FrameFeatures& featur
       if (landmark != nullptr) fixed.push_back(i);
     }
   }
+  return support;
+}
+
+}  // namespace
+
+SceneSupport scene_in_view(const TrackingContext& c, const FrameFeatures& features,
+                           const std::vector<LandmarkId>& landmarks) {
+  std::vector<std::uint8_t> on_object;
+  std::vector<std::size_t> fixed;
+  return look_at(c, features, landmarks, on_object, fixed);
+}
+
+SceneSupport scene_support(const TrackingContext& c, const FrameFeatures& features,
+                           const std::vector<LandmarkId>& landmarks) {
+  std::vector<std::uint8_t> on_object;
+  std::vector<std::size_t> fixed;  // inliers
+  SceneSupport support = look_at(c, features, landmarks, on_object, fixed);
   if (!support.is_in_view(c.options.judge.support)) return support;
   const auto is_edge = [&](const Keypoint& k) {
     const float reach = c.options.judge.support.edge * c.scales.scale[k.octave];

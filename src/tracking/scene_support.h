@@ -19,8 +19,12 @@ struct SceneSupport {
   [[nodiscard]] bool is_enough(const SceneSupportOptions& options) const;
 };
 
+/// How much of the fixed scene and of objects is in view: all but `inliers`, which stays 0.
 /// \param features of the frame
 /// \param landmarks inliers, per feature; invalid: none
+SceneSupport scene_in_view(const TrackingContext& context, const FrameFeatures& features,
+                           const std::vector<LandmarkId>& landmarks);
+/// The same with `inliers`, as far as the fixed scene is in view.
 SceneSupport scene_support(const TrackingContext& context, const FrameFeatures& features,
                            const std::vector<LandmarkId>& landmarks);
 
