@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
-#include <kys_slam/feature_file.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/saved_map.h>
 
@@ -8,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "io/temporary_folder.h"
-#include "simulator/features/feature_world.h"
+#include "map_tools/arc_features.h"
 #include "support/run_command.h"
 
 // map_info, refine_map, merge_maps and evaluate_map on maps of simulated features.
@@ -38,22 +37,9 @@ class MapPrograms : public ::testing::Test {
   static std::string at(const std::string& name) { return (*folder_ / name).string(); }
 
   static void simulate(const std::string& name, std::uint32_t seed) {
-    simulator::FeaturePath path;
-    path.camera = kTownCamera;
-    path.ground = 1.65;
-    for (int i = 0; i < kTownFrames; ++i) {
-      const double a = 0.01 * i;
-      const Rigid3 T(Eigen::Quaterniond(Eigen::AngleAxisd(a, Eigen::Vector3d::UnitY())),
-                     Eigen::Vector3d(60 * (1 - std::cos(a)), 0, 60 * std::sin(a)));
-      path.poses.push_back({100 + 0.1 * i, T});
-    }
     simulator::FeatureOptions options;
-    options.features = 800;
     options.seed = seed;
-    const simulator::FeatureWorld world(path, options);
-    FeatureSequenceWriter writer(at(name + ".features"), world.info());
-    for (std::size_t i = 0; i < kTownFrames; ++i) writer.write(world.frame(i));
-    writer.finish();
+    testing::write_arc(at(name + ".features"), kTownCamera, kTownFrames, options);
   }
   static void run(const std::string& world, const std::string& map,
                   std::vector<std::string> options) {

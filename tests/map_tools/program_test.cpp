@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
-#include <kys_slam/feature_file.h>
 #include <kys_slam/rig_file.h>
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "io/temporary_folder.h"
-#include "simulator/features/feature_world.h"
+#include "map_tools/arc_features.h"
 #include "support/run_command.h"
 
 // calibrate_rig on maps of simulated features, and runs that begin with its output.
@@ -24,24 +22,11 @@ const StereoCamera kGiven{1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.537
 
 void simulate_run(const fs::path& folder, const std::string& name, const StereoCamera& camera,
                   std::uint32_t seed) {
-  simulator::FeaturePath path;
-  path.camera = camera;
-  path.ground = 1.65;
-  for (int i = 0; i < kFrames; ++i) {
-    const double a = 0.01 * i;
-    const Rigid3 T(Eigen::Quaterniond(Eigen::AngleAxisd(a, Eigen::Vector3d::UnitY())),
-                   Eigen::Vector3d(60 * (1 - std::cos(a)), 0, 60 * std::sin(a)));
-    path.poses.push_back({100 + 0.1 * i, T});
-  }
   simulator::FeatureOptions options;
-  options.features = 800;
   options.seed = seed;
   options.rig_error = simulator::make_rig_error("kitti", camera);
-  const simulator::FeatureWorld world(path, options);
   const fs::path file = folder / (name + ".features");
-  FeatureSequenceWriter writer(file, world.info());
-  for (std::size_t i = 0; i < kFrames; ++i) writer.write(world.frame(i));
-  writer.finish();
+  testing::write_arc(file, camera, kFrames, options);
   Command run("run_stereo_kitti",
               {file.string(), "--output", (folder / name).string(), "--quiet", "--schedule",
                "sequential", "--save-map", (folder / (name + ".map")).string()});
