@@ -178,6 +178,7 @@ LocalBundleReport adjust_locally(Map& map, KeyFrameId current, const LocalBundle
   report.landmarks = static_cast<int>(window.landmarks.size() + window.single.size());
   report.observations = static_cast<int>(observations.size());
   report.iterations = summary.iterations;
+  report.window = std::move(poses);
   return report;
 }
 

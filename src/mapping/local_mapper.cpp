@@ -12,7 +12,11 @@ void describe(kys::OptionList& list, LocalMapperOptions& o) {
   describe(list, o.fusion);
   describe(list, o.bundle);
   describe(list, o.keyframe_culling);
+  describe(list, o.sparsification);
   describe(list, o.thinning);
+  list.add("mapping.adjust_frames", o.adjust_frames, {1, 100}, "frames",
+           "least number of frames between two keyframes that are mapped in full: triangulation, "
+           "fusion, local bundle adjustment; those between add observations and stereo landmarks");
   describe(list, o.calibration);
   list.add("belief.patience", o.mover_patience, {0, 1e6}, "s",
            "after which landmarks on a moving instance are erased");
@@ -22,6 +26,7 @@ LocalMapper::LocalMapper(const LocalMapperOptions& options, const kys::DistanceM
     : options_(checked(options)),
       model_(&model),
       calibration_(options.calibration),
+      sparsification_(options.sparsification),
       thinning_(options.thinning) {}
 
 void LocalMapper::continue_map(const Map& map) {
@@ -32,7 +37,7 @@ void LocalMapper::continue_map(const Map& map) {
 }
 
 LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
-                                       const std::atomic<bool>* stop) {
+                                       const std::atomic<bool>* stop, bool behind) {
   LocalMapperReport report;
   Stopwatch watch;
   const KeyFrameId id = message.id;
@@ -41,8 +46,27 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   map.set_beliefs(message.beliefs, options_.mover_patience);
   for (const NewLandmark& landmark : message.new_landmarks) recent_.add(landmark.id);
   report.landmarks_culled = recent_.cull(map, id, options_.landmark_culling);
+  sparsification_.add(id);
+  report.keyframes_thinned = thinning_.update(map, id);
   report.insert = watch.lap_ms();
+  if (is_mapped_in_full(map, message, behind)) {
+    mapped_ = message.frame_index;
+    map_in_full(map, id, report, stop);
+  }
+  return report;
+}
 
+/// The first keyframes of a sub-map are: all depends on them.
+bool LocalMapper::is_mapped_in_full(const Map& map, const KeyFrameMessage& message,
+                                    bool behind) const {
+  constexpr std::uint32_t kFirst = 5;
+  if (message.id.value < map.keyframe(message.id).submap.value + kFirst) return true;
+  return !behind && message.frame_index >= mapped_ + options_.adjust_frames;
+}
+
+void LocalMapper::map_in_full(Map& map, KeyFrameId id, LocalMapperReport& report,
+                              const std::atomic<bool>* stop) {
+  Stopwatch watch;
   const std::vector<LandmarkId> made = triangulate_landmarks(
       map, id, landmark_ids_, options_.triangulation, *model_, report.statistics);
   for (const LandmarkId landmark : made) recent_.add(landmark);
@@ -58,11 +82,17 @@ LocalMapperReport LocalMapper::process(Map& map, const KeyFrameMessage& message,
   report.bundle = watch.lap_ms();
 
   report.keyframes_culled = cull_keyframes(map, id, options_.keyframe_culling);
-  report.keyframes_thinned = thinning_.update(map, id);
+  if (!report.bundle_report.window.empty()) {
+    report.keyframes_culled += sparsification_.update(map, report.bundle_report.window);
+  }
   report.cull = watch.lap_ms();
   calibration_.update(map, stop);
   report.calibrate = watch.lap_ms();
-  return report;
+}
+
+void LocalMapper::finish(Map& map, const std::atomic<bool>* stop) {
+  calibration_.finish(map, stop);
+  sparsification_.update(map, {});
 }
 
 void insert_keyframe(Map& map, const KeyFrameMessage& message) {

@@ -13,6 +13,7 @@
 #include "mapping/fusion.h"
 #include "mapping/local_bundle.h"
 #include "mapping/rig_calibration.h"
+#include "mapping/sparsification.h"
 #include "mapping/thinning.h"
 #include "mapping/triangulation.h"
 
@@ -25,7 +26,9 @@ struct LocalMapperOptions {
   LocalBundleOptions bundle;
   KeyFrameCullingOptions keyframe_culling;
   RigCalibrationOptions calibration;
+  SparsificationOptions sparsification;
   ThinningOptions thinning;
+  int adjust_frames = 2;      ///< frames between two keyframes that are mapped in full, at least
   double mover_patience = 1;  ///< s, after which landmarks on moving instances are erased
 };
 /// For check_options().
@@ -53,6 +56,10 @@ struct LocalMapperReport {
 
 /// Local mapping (ORB-SLAM, Sec. VI): inserts a keyframe, creates and fuses landmarks, adjusts the
 /// local map, culls redundant keyframes. Depends on the map and the message only; owns no thread.
+///
+/// Keyframes are many and light: each observation makes landmarks and poses more certain, so nearly
+/// every frame that sees something new is one. Not each is mapped in full, and most are culled when
+/// they have left the window of local bundle adjustment (sparsification.h).
 class LocalMapper {
  public:
   /// \param model must outlive the mapper
@@ -62,21 +69,30 @@ class LocalMapper {
   /// of the map, and its disparity offset does not change.
   void continue_map(const Map& map);
 
+  /// \param behind others wait: the keyframe's observations are added, and no more
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
-                            const std::atomic<bool>* stop = nullptr);
-  /// At the end of a run: the last estimate of the disparity offset.
+                            const std::atomic<bool>* stop = nullptr, bool behind = false);
+  /// At the end of a run: the last estimate of the disparity offset; the newest keyframes are
+  /// culled like those before them.
+  void finish(Map& map, const std::atomic<bool>* stop = nullptr);
   void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const {
     return calibration_.offset();
   }
-  void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
 
  private:
+  [[nodiscard]] bool is_mapped_in_full(const Map& map, const KeyFrameMessage& message,
+                                       bool behind) const;
+  void map_in_full(Map& map, KeyFrameId id, LocalMapperReport& report,
+                   const std::atomic<bool>* stop);
+
   LocalMapperOptions options_;
   const kys::DistanceModel* model_;
   RecentLandmarks recent_;
   RigCalibration calibration_;
+  Sparsification sparsification_;
   Thinning thinning_;
+  std::int64_t mapped_ = -1;  // frame of the last keyframe that was mapped in full
   LandmarkIdAllocator landmark_ids_{LandmarkIdAllocator::Maker::kBackEnd};
 };
 

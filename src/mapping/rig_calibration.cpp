@@ -56,7 +56,7 @@ constexpr double kRefinement = 2;
 constexpr int kIterations = 10;    // of both rounds, after the disparities have changed
 constexpr int kFewIterations = 4;  // the same, from the poses of the estimate
 constexpr std::size_t kMostKeyframes = 80;
-constexpr std::size_t kMostObservations = 20000;
+constexpr std::size_t kMostObservations = 12000;
 constexpr int kLeastObservations = 300;
 // Standard deviations of the prior that a parameter may be from its mean: beyond, the estimate is a
 // failure, or no calibration error.
@@ -148,7 +148,7 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
 bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
   const std::span<const double> looks = looks_of(map);
   if (!options_.enabled || looks_ >= looks.size()) return false;
-  const auto keyframes = static_cast<double>(map.keyframes().size());
+  const auto keyframes = static_cast<double>(map.keyframe_id_end());
   if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
   ++looks_;
   return look(map, looks_ == looks.size(), stop);
@@ -157,7 +157,7 @@ bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
 bool RigCalibration::finish(Map& map, const std::atomic<bool>* stop) {
   const std::size_t all = looks_of(map).size();
   if (looks_ == 0 || looks_ >= all) return false;
-  const auto keyframes = static_cast<double>(map.keyframes().size());
+  const auto keyframes = static_cast<double>(map.keyframe_id_end());
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
   looks_ = all;
   return look(map, false, stop);
@@ -185,7 +185,7 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) {
 }
 
 bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
-  seen_ = map.keyframes().size();
+  seen_ = map.keyframe_id_end();
   RigView view = view_of(map, options_);
   std::optional<RigEstimate> found = solve(view, prior_, stop);
   if (!found) return false;
@@ -194,7 +194,7 @@ bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
   if (offset_) offset_->applied = map.rig().offset() == offset_->value;
   const double before = path_length(map);
   // The poses of the estimate are those of its correction, which an offset may have lost.
-  const bool begun = seen_ <= kMostKeyframes && map.rig() == view.problem.rig;
+  const bool begun = map.keyframes().size() <= kMostKeyframes && map.rig() == view.problem.rig;
   if (begun) view.write_to(map);
   adjust_whole(map, before, begun ? kFewIterations : kIterations, stop);
   return true;

@@ -32,11 +32,12 @@ ChangeSet BackEnd::continue_map(Map map) {
   return publish();
 }
 
-BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<bool>* stop) {
+BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<bool>* stop,
+                             bool behind) {
   BackEndStep step;
   step.frame_index = message.frame_index;
   full_bundle_.take_over_if_due(map_, message.id);
-  step.report = mapper_.process(map_, message, stop);
+  step.report = mapper_.process(map_, message, stop, behind);
   step.loop = closer_.process(map_, message.id, places_, stop);
   if (step.loop.closed) {
     full_bundle_.start(map_, map_.keyframe(message.id).submap, message.id);
@@ -92,7 +93,7 @@ void BackEndRunner::submit(KeyFrameMessage message) {
   submitted_.push_back(message.frame_index);
   try {
     if (schedule_ == Schedule::kSequential) {
-      done_.push_back(back_end_.process(message, &stop_));
+      done_.push_back(back_end_.process(message, &stop_, false));
       return;
     }
     const std::lock_guard lock(mutex_);
@@ -170,9 +171,10 @@ void BackEndRunner::run() {
     if (quit_) return;
     const KeyFrameMessage message = std::move(inbox_.front());
     inbox_.pop_front();
+    const bool behind = schedule_ == Schedule::kRealtime && !inbox_.empty();
     lock.unlock();
     try {
-      BackEndStep step = back_end_.process(message, &stop_);
+      BackEndStep step = back_end_.process(message, &stop_, behind);
       lock.lock();
       done_.push_back(std::move(step));
     } catch (...) {

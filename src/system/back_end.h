@@ -56,7 +56,8 @@ class BackEnd {
   ChangeSet continue_map(Map map);
   /// Begins with a correction and what it is worth; call it before the first keyframe.
   void start_rig(const RigEstimate& rig) { mapper_.start_rig(rig); }
-  BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop);
+  /// \param behind other messages wait, at the camera's pace
+  BackEndStep process(const KeyFrameMessage& message, const std::atomic<bool>* stop, bool behind);
   /// Priors of keyframes that became known after the last message.
   void set_priors(const std::vector<KeyFramePriors>& late) {
     for (const KeyFramePriors& priors : late) map_.set_priors(priors.keyframe, priors.priors);

@@ -3,6 +3,7 @@
 #include <kys_slam/error.h>
 #include <kys_slam/system.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "map/map.h"
@@ -65,6 +66,40 @@ TEST(System, DriftsLittleInANoisyWorld) {
   EXPECT_LT(worst_error(run), 0.0025 * 0.8 * 100);
 }
 
+FeatureWorld noisy_world() {
+  FeatureWorld::Options options;
+  options.pixel_noise = 0.5;
+  options.flipped_bits = 15;
+  options.length = 140;
+  options.points = 12000;
+  return {kitti_camera(), options};
+}
+
+TEST(System, OfKeyframesOneInSoManyFramesIsMappedInFull) {
+  const FeatureWorld world = noisy_world();
+  Settings settings;
+  settings.set("keyframes.every_frame", "true");
+  settings.set("mapping.adjust_frames", "3");
+  System system(world.camera(), settings, Schedule::kSequential);
+  for (int i = 0; i < 20; ++i) system.feed(world.look(i, weaving_pose(0.8 * i)));
+  system.finish();
+  for (const FrameReport& report : system.reports()) {
+    ASSERT_TRUE(report.keyframe) << report.index;
+    // The first five in any case; then 7, 10, 13, ...
+    const bool in_full = report.index < 5 || (report.index - 4) % 3 == 0;
+    EXPECT_EQ(report.times.local_bundle > 0, in_full) << report.index;
+  }
+}
+
+TEST(System, KeyframesThatAreKeptDependOnWhatIsSeenNotOnTheSchedule) {
+  const FeatureWorld world = noisy_world();
+  const Drive sequential = drive(world, Schedule::kSequential, 100);
+  const Drive pipelined = drive(world, Schedule::kPipelined, 100);
+  const auto kept = static_cast<double>(sequential.keyframes);
+  EXPECT_NEAR(static_cast<double>(pipelined.keyframes), kept, 1 + 0.1 * kept);
+  EXPECT_LT(kept, 30) << "of 100 frames, most of which become keyframes";
+}
+
 TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
   FeatureWorld::Options options;
   options.pixel_noise = 0.3;
@@ -117,7 +152,8 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
       (Changes{"tracking.min_motion_matches=20", "tracking.align=false",
                "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
                "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
-               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "place.min_area=0",
+               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
+               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "place.min_area=0",
                "control.pipeline_delay=3", "kys.normalize=false"}));
   EXPECT_EQ(changes_of("accurate.yaml"),
             (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
@@ -126,9 +162,9 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",
                "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
-               "keyframes.max_frames=10", "keyframes.reference_ratio=0.75",
-               "keyframes.untracked_ratio=0", "keyframes.scarce=0", "mapping.bundle_keyframes=20",
-               "calibration.enabled=false", "place.min_area=0", "control.pipeline_delay=3",
+               "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
+               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
+               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.enabled=false", "place.min_area=0", "control.pipeline_delay=3",
                "control.blend_poses=false"}));
 }
 

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <kys/option_list.h>
+#include <kys_slam/check_options.h>
+
+#include <vector>
+
+#include "map/map.h"
+
+namespace kys_slam {
+
+struct SparsificationOptions {
+  /// Landmarks that the keyframes before and after one share, per landmark of it: with more it is
+  /// culled. 1: never.
+  double overlap = 0.3;
+};
+/// For check_options().
+void describe(kys::OptionList& list, SparsificationOptions& options);
+
+/// The newest keyframes are dense: every observation makes landmarks and poses more certain. Once a
+/// keyframe has left the window of local bundle adjustment, and those that it holds, they have done
+/// so; to find a place again and to close loops fewer keyframes are enough. So a keyframe that
+/// leaves is culled where its neighbours in time share enough landmarks: the spacing of what is kept
+/// follows the scene, whatever the rate of frames.
+class Sparsification {
+ public:
+  explicit Sparsification(const SparsificationOptions& options) : options_(checked(options)) {}
+  /// Call it for every keyframe.
+  void add(KeyFrameId id) { dense_.push_back(id); }
+  /// Call it after local bundle adjustment.
+  /// \param window the keyframes that were adjusted or held, by id
+  /// \return keyframes culled
+  int update(Map& map, const std::vector<KeyFrameId>& window);
+
+ private:
+  SparsificationOptions options_;
+  std::vector<KeyFrameId> dense_;  // not judged yet, by id
+};
+
+}  // namespace kys_slam
