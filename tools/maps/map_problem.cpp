@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <unordered_set>
 #include <utility>
 
 namespace kys_slam {
@@ -130,10 +131,10 @@ void MapProblem::add_to(ceres::Problem& problem) {
     ids_.push_back(problem.AddResidualBlock(cost, &loss_, poses_[o.keyframe].data(),
                                             map_->landmarks[k].data(), shape_, own_.data()));
   });
+  // All of them: what is measured otherwise may be of a keyframe without observations.
   for (std::size_t k = 0; k < poses_.size(); ++k) {
     double* pose = poses_[k].data();
-    if (!problem.HasParameterBlock(pose)) continue;
-    problem.SetManifold(pose, &manifold_);
+    problem.AddParameterBlock(pose, kPoseSize, &manifold_);
     if (map_->held[k] != 0) problem.SetParameterBlockConstant(pose);
   }
 }
@@ -142,9 +143,7 @@ void MapProblem::order(const ceres::Problem& problem, ceres::ParameterBlockOrder
   for (Eigen::Vector3d& p : map_->landmarks) {
     if (problem.HasParameterBlock(p.data())) ordering.AddElementToGroup(p.data(), 0);
   }
-  for (PoseBlock& pose : poses_) {
-    if (problem.HasParameterBlock(pose.data())) ordering.AddElementToGroup(pose.data(), 1);
-  }
+  for (PoseBlock& pose : poses_) ordering.AddElementToGroup(pose.data(), 1);
   ordering.AddElementToGroup(own_.data(), 1);
 }
 
@@ -184,6 +183,39 @@ std::vector<MapProblem::Row> MapProblem::rows() const {
     for (int c = 0; c < count; ++c) rows.push_back({4 * part + c, inv_sigma[c]});
   }
   return rows;
+}
+
+std::vector<std::uint8_t> MapProblem::measured_poses(const ceres::Problem& problem) const {
+  std::unordered_set<const double*> blocks;
+  std::vector<ceres::ResidualBlockId> residuals;
+  problem.GetResidualBlocks(&residuals);
+  std::vector<double*> of_one;
+  for (const ceres::ResidualBlockId id : residuals) {
+    problem.GetParameterBlocksForResidualBlock(id, &of_one);
+    blocks.insert(of_one.begin(), of_one.end());
+  }
+  std::vector<std::uint8_t> measured;
+  for (const PoseBlock& pose : poses_) measured.push_back(blocks.contains(pose.data()) ? 1 : 0);
+  return measured;
+}
+
+void MapProblem::carry_along(const ceres::Problem& problem) {
+  const std::vector<std::uint8_t> measured = measured_poses(problem);
+  const auto neighbour = [&](std::size_t k) {
+    for (std::size_t off = 1; off < poses_.size(); ++off) {
+      for (const std::size_t j : {k - off, k + off}) {
+        if (j >= poses_.size()) continue;  // k - off below zero as well
+        if (map_->submaps[j] == map_->submaps[k] && measured[j] != 0) return j;
+      }
+    }
+    return k;
+  };
+  for (std::size_t k = 0; k < poses_.size(); ++k) {
+    if (measured[k] != 0 || map_->held[k] != 0) continue;
+    const std::size_t j = neighbour(k);
+    const Rigid3 T_k_j = map_->T_c_w[k] * map_->T_c_w[j].inverse();
+    if (j != k) poses_[k] = to_block(T_k_j * to_pose(poses_[j].data()));
+  }
 }
 
 void MapProblem::write_poses() {

@@ -53,7 +53,7 @@ class MapProblem {
   /// Leaves out what is far off at the present place, behind the camera, or of a landmark that few
   /// views remain of, until the next call.
   void choose(double far_off);
-  /// Adds the blocks and the observations that were chosen.
+  /// Adds the blocks, poses of all keyframes among them, and the observations that were chosen.
   void add_to(ceres::Problem& problem);
   /// Landmarks are eliminated first.
   void order(const ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering);
@@ -83,6 +83,10 @@ class MapProblem {
   /// Landmarks that were not added last, or are behind a camera that observes them, become NaN:
   /// SavedMap::update leaves these where their reference keyframe has them.
   void drop_unused();
+  /// Per keyframe: 1 where a residual is on its pose.
+  [[nodiscard]] std::vector<std::uint8_t> measured_poses(const ceres::Problem& problem) const;
+  /// Keyframes without a residual move with the nearest one that has some, of their sub-map.
+  void carry_along(const ceres::Problem& problem);
   /// Poses into the map.
   void write_poses();
 

@@ -15,7 +15,6 @@ namespace {
 using Sparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 constexpr double kPointDamping = 1e-6;
 constexpr double kPoseDamping = 1e-6;
-constexpr double kLeastInformation = 1e-9;  // of a keyframe that sees nothing
 
 /// L^-1 of every landmark, L L^T = J_point^T J_point.
 Sparse inverse_factors(const Sparse& J_points) {
@@ -131,10 +130,10 @@ Eigen::SparseMatrix<double> information(ceres::Problem& problem,
 
 Marginals::Marginals(const NormalEquations& measured, const Eigen::SparseMatrix<double>& others)
     : measured_(measured), others_(others) {
-  Eigen::SparseMatrix<double> H = measured.H + others;
-  Eigen::SparseMatrix<double> least(H.rows(), H.cols());
+  Eigen::SparseMatrix<double> least(others.rows(), others.cols());
   least.setIdentity();
-  H += kLeastInformation * least;
+  others_ += kLeastInformation * least;
+  const Eigen::SparseMatrix<double> H = measured.H + others_;
   solver_.compute(H);
   if (solver_.info() != Eigen::Success) throw InputError("the map does not determine its poses");
   const auto landmarks = static_cast<double>(measured.gradients.rows());
@@ -153,11 +152,12 @@ Eigen::MatrixXd Marginals::covariance(const std::vector<Eigen::Index>& unknowns)
   return few_ * each.transpose() * each + shared.transpose() * shared + x.transpose() * of_others;
 }
 
-std::vector<double*> free_poses(const ceres::Problem& problem, std::vector<PoseBlock>& poses) {
+std::vector<double*> free_poses(const ceres::Problem& problem, MapProblem& map) {
+  const std::vector<std::uint8_t> measured = map.measured_poses(problem);
   std::vector<double*> blocks;
-  for (PoseBlock& pose : poses) {
-    if (!problem.HasParameterBlock(pose.data())) continue;
-    if (!problem.IsParameterBlockConstant(pose.data())) blocks.push_back(pose.data());
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    const bool free = measured[k] != 0 && !problem.IsParameterBlockConstant(map.pose(k));
+    if (free) blocks.push_back(map.pose(k));
   }
   return blocks;
 }
@@ -167,7 +167,7 @@ RigInformation rig_information(ceres::Problem& problem, MapProblem& map, double*
   const bool own_held = problem.IsParameterBlockConstant(map.own());
   if (shape_held) problem.SetParameterBlockVariable(shape);
   if (own_held) problem.SetParameterBlockVariable(map.own());
-  std::vector<double*> blocks = free_poses(problem, map.poses());
+  std::vector<double*> blocks = free_poses(problem, map);
   const auto pose_unknowns = static_cast<Eigen::Index>((kPoseSize - 1) * blocks.size());
   blocks.push_back(shape);
   blocks.push_back(map.own());

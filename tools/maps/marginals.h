@@ -43,6 +43,8 @@ class Marginals {
   /// px, standard deviation of an error that all observations in a part of the images share:
   /// matching of corners that a perspective changes, lenses beyond the model.
   static constexpr double kShared = 0.03;
+  /// Of every unknown: what nothing determines has a variance of 1e9, not of zero.
+  static constexpr double kLeastInformation = 1e-9;
 
   /// \param others information of priors and other measurements, taken as it is
   /// \throws InputError when the unknowns are not determined
@@ -57,8 +59,8 @@ class Marginals {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver_;
 };
 
-/// Blocks of the poses that are not held.
-std::vector<double*> free_poses(const ceres::Problem& problem, std::vector<PoseBlock>& poses);
+/// Blocks of the poses that are not held and have a residual.
+std::vector<double*> free_poses(const ceres::Problem& problem, MapProblem& map);
 
 /// What one recording says about the rig, with its poses and landmarks eliminated.
 struct RigInformation {

@@ -101,6 +101,7 @@ class Refinement {
     result.observations = map_.ids().size();
     // An interrupt keeps what there is: a covariance of a place that is not the minimum as well.
     finish(result);
+    map_.carry_along(*problem_);
     map_.write_poses();
     map_.drop_unused();
     map_.map().rig = result.after;
@@ -150,7 +151,7 @@ class Refinement {
 
   /// Blocks whose covariance is wanted, poses first: all variable ones but landmarks.
   [[nodiscard]] std::vector<double*> variable_blocks() {
-    std::vector<double*> blocks = free_poses(*problem_, map_.poses());
+    std::vector<double*> blocks = free_poses(*problem_, map_);
     ceres::ParameterBlockOrdering of_map;
     map_.order(*problem_, of_map);  // and poses, and the map's own
     std::vector<double*> all;
@@ -226,7 +227,10 @@ class Refinement {
   void pose_covariances(const Marginals& marginals, const Starts& starts,
                         RefinementResult& result) {
     const std::size_t poses = map_.poses().size();
-    result.covariances.assign(poses, Eigen::Matrix<double, 6, 6>::Zero());
+    for (std::size_t k = 0; k < poses; ++k) {
+      const double unknown = map_.map().held[k] != 0 ? 0 : 1 / Marginals::kLeastInformation;
+      result.covariances.emplace_back(unknown * Eigen::Matrix<double, 6, 6>::Identity());
+    }
     std::size_t next = 0;  // the blocks begin with the free poses, in their order
     for (std::size_t k = 0; k < poses && next < starts.size(); ++k) {
       const auto& [block, start] = starts[next];
