@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <unordered_set>
 #include <utility>
@@ -47,9 +48,18 @@ void for_each_observation(const MapObservations& map, F&& f) {
 
 }  // namespace
 
-MapProblem::MapProblem(MapObservations& map, double* shape)
-    : map_(&map), shape_(shape), held_out_(map.observations.size(), 0), loss_(kHuber) {
-  for (const Rigid3& T : map.T_c_w) poses_.push_back(to_block(T));
+MapProblem::MapProblem(MapObservations& map, BlockMemory& memory)
+    : map_(&map),
+      shape_(memory.shape()),
+      points_(memory.take_points(map)),
+      poses_(memory.take_others(map)),
+      held_out_(map.observations.size(), 0),
+      loss_(kHuber) {
+  std::copy(map.landmarks.begin(), map.landmarks.end(), points_.begin());
+  for (std::size_t k = 0; k < map.T_c_w.size(); ++k) {
+    const PoseBlock block = to_block(map.T_c_w[k]);
+    std::copy(block.begin(), block.end(), pose(k));
+  }
 }
 
 ceres::Problem::Options MapProblem::problem_options() {
@@ -74,7 +84,7 @@ void MapProblem::hold_out(double share, std::mt19937_64& random) {
 }
 
 RigCorrection MapProblem::rig() const {
-  return {map_->camera, join(shape_, own_.data())};
+  return {map_->camera, join(shape_, own())};
 }
 
 void MapProblem::set_rig(const RigCorrection::Parameters& parameters) {
@@ -82,7 +92,7 @@ void MapProblem::set_rig(const RigCorrection::Parameters& parameters) {
     shape_[k] = parameters[shape_places().at(static_cast<std::size_t>(k))];
   }
   for (int k = 0; k < kOwnSize; ++k) {
-    own_[k] = parameters[own_places().at(static_cast<std::size_t>(k))];
+    own()[k] = parameters[own_places().at(static_cast<std::size_t>(k))];
   }
 }
 
@@ -90,7 +100,7 @@ void MapProblem::set_rig(const RigCorrection::Parameters& parameters) {
 Eigen::Vector4d MapProblem::residual(const RigCorrection& rig, std::size_t landmark,
                                      std::size_t i) const {
   const MapObservations::Observation& o = map_->observations[i];
-  const Eigen::Vector3d p_c = to_pose(poses_[o.keyframe].data()) * map_->landmarks[landmark];
+  const Eigen::Vector3d p_c = to_pose(pose(o.keyframe)) * points_[landmark];
   if (p_c.z() < kNearest) return Eigen::Vector4d::Constant(std::nan(""));
   return predict(map_->camera, rig, p_c, false).value - measured_values(o.measured);
 }
@@ -114,7 +124,7 @@ void MapProblem::choose(double far_off) {
 }
 
 void MapProblem::add_to(ceres::Problem& problem) {
-  problem.AddParameterBlock(own_.data(), kOwnSize);
+  problem.AddParameterBlock(own(), kOwnSize);
   ids_.clear();
   for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
     if (active_[i] == 0) return;
@@ -128,23 +138,22 @@ void MapProblem::add_to(ceres::Problem& problem) {
     } else {
       cost = new MeasuredCost<4>(&map_->camera, o.measured, inv_sigma);
     }
-    ids_.push_back(problem.AddResidualBlock(cost, &loss_, poses_[o.keyframe].data(),
-                                            map_->landmarks[k].data(), shape_, own_.data()));
+    ids_.push_back(
+        problem.AddResidualBlock(cost, &loss_, pose(o.keyframe), points_[k].data(), shape_, own()));
   });
   // All of them: what is measured otherwise may be of a keyframe without observations.
-  for (std::size_t k = 0; k < poses_.size(); ++k) {
-    double* pose = poses_[k].data();
-    problem.AddParameterBlock(pose, kPoseSize, &manifold_);
-    if (map_->held[k] != 0) problem.SetParameterBlockConstant(pose);
+  for (std::size_t k = 0; k < map_->T_c_w.size(); ++k) {
+    problem.AddParameterBlock(pose(k), kPoseSize, &manifold_);
+    if (map_->held[k] != 0) problem.SetParameterBlockConstant(pose(k));
   }
 }
 
 void MapProblem::order(const ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering) {
-  for (Eigen::Vector3d& p : map_->landmarks) {
+  for (Eigen::Vector3d& p : points_) {
     if (problem.HasParameterBlock(p.data())) ordering.AddElementToGroup(p.data(), 0);
   }
-  for (PoseBlock& pose : poses_) ordering.AddElementToGroup(pose.data(), 1);
-  ordering.AddElementToGroup(own_.data(), 1);
+  for (std::size_t k = 0; k < map_->T_c_w.size(); ++k) ordering.AddElementToGroup(pose(k), 1);
+  ordering.AddElementToGroup(own(), 1);
 }
 
 Residuals MapProblem::residuals(bool held_out) const {
@@ -195,45 +204,54 @@ std::vector<std::uint8_t> MapProblem::measured_poses(const ceres::Problem& probl
     blocks.insert(of_one.begin(), of_one.end());
   }
   std::vector<std::uint8_t> measured;
-  for (const PoseBlock& pose : poses_) measured.push_back(blocks.contains(pose.data()) ? 1 : 0);
+  for (std::size_t k = 0; k < map_->T_c_w.size(); ++k) {
+    measured.push_back(blocks.contains(pose(k)) ? 1 : 0);
+  }
   return measured;
 }
 
 void MapProblem::carry_along(const ceres::Problem& problem) {
   const std::vector<std::uint8_t> measured = measured_poses(problem);
   const auto neighbour = [&](std::size_t k) {
-    for (std::size_t off = 1; off < poses_.size(); ++off) {
+    for (std::size_t off = 1; off < measured.size(); ++off) {
       for (const std::size_t j : {k - off, k + off}) {
-        if (j >= poses_.size()) continue;  // k - off below zero as well
+        if (j >= measured.size()) continue;  // k - off below zero as well
         if (map_->submaps[j] == map_->submaps[k] && measured[j] != 0) return j;
       }
     }
     return k;
   };
-  for (std::size_t k = 0; k < poses_.size(); ++k) {
+  for (std::size_t k = 0; k < measured.size(); ++k) {
     if (measured[k] != 0 || map_->held[k] != 0) continue;
     const std::size_t j = neighbour(k);
     const Rigid3 T_k_j = map_->T_c_w[k] * map_->T_c_w[j].inverse();
-    if (j != k) poses_[k] = to_block(T_k_j * to_pose(poses_[j].data()));
+    if (j == k) continue;
+    const PoseBlock carried = to_block(T_k_j * to_pose(pose(j)));
+    std::copy(carried.begin(), carried.end(), pose(k));
   }
 }
 
-void MapProblem::write_poses() {
-  for (std::size_t k = 0; k < poses_.size(); ++k) map_->T_c_w[k] = to_pose(poses_[k].data());
-}
-
-void MapProblem::drop_unused() {
-  for (std::size_t k = 0; k < map_->landmarks.size(); ++k) {
-    const auto begin = active_.begin() + map_->first[k];
-    const auto end = active_.begin() + map_->first[k + 1];
-    bool sound = std::find(begin, end, 1) != end;
-    for (auto i = static_cast<std::size_t>(map_->first[k]);
-         i < static_cast<std::size_t>(map_->first[k + 1]); ++i) {
-      const Rigid3 T_c_w = to_pose(poses_[map_->observations[i].keyframe].data());
-      sound = sound && (active_[i] == 0 || (T_c_w * map_->landmarks[k]).z() > kNearest);
+void MapProblem::write() {
+  for (std::size_t k = 0; k < map_->T_c_w.size(); ++k) map_->T_c_w[k] = to_pose(pose(k));
+  for (std::size_t k = 0; k < points_.size(); ++k) {
+    if (is_sound(k)) {
+      map_->landmarks[k] = points_[k];
+    } else {
+      map_->landmarks[k].setConstant(std::nan(""));
     }
-    if (!sound) map_->landmarks[k].setConstant(std::nan(""));
   }
+}
+
+bool MapProblem::is_sound(std::size_t k) const {
+  const auto begin = active_.begin() + map_->first[k];
+  const auto end = active_.begin() + map_->first[k + 1];
+  bool sound = std::find(begin, end, 1) != end;
+  for (auto i = static_cast<std::size_t>(map_->first[k]);
+       i < static_cast<std::size_t>(map_->first[k + 1]); ++i) {
+    const Rigid3 T_c_w = to_pose(pose(map_->observations[i].keyframe));
+    sound = sound && (active_[i] == 0 || (T_c_w * points_[k]).z() > kNearest);
+  }
+  return sound;
 }
 
 template <int kBlock>

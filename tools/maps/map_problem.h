@@ -12,9 +12,11 @@
 #include <cstdint>
 #include <functional>
 #include <random>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "block_memory.h"
 #include "rig_costs.h"
 
 namespace kys_slam {
@@ -36,9 +38,8 @@ class MapProblem {
   static constexpr double kFarOff = 25;      ///< chi2 of an observation that is left out
   static constexpr int kLeastObservers = 2;  ///< of a landmark, without those held out
 
-  /// \param map  its landmarks are moved in place; must outlive the problem
-  /// \param shape  block of kShapeSize; the same
-  MapProblem(MapObservations& map, double* shape);
+  /// \param map  must outlive the problem, as must \p memory, which has been made for it
+  MapProblem(MapObservations& map, BlockMemory& memory);
   MapProblem(const MapProblem&) = delete;
   MapProblem& operator=(const MapProblem&) = delete;
 
@@ -60,9 +61,11 @@ class MapProblem {
 
   /// Block of a keyframe, T_c_w as to_block() has it. A cost gives its derivatives by the increment
   /// x_c -> exp(w) x_c + v in the first six of seven columns.
-  [[nodiscard]] double* pose(std::size_t keyframe) { return poses_[keyframe].data(); }
-  [[nodiscard]] double* own() { return own_.data(); }
-  [[nodiscard]] std::vector<PoseBlock>& poses() { return poses_; }
+  [[nodiscard]] double* pose(std::size_t keyframe) const { return poses_ + kPoseSize * keyframe; }
+  /// Blocks of the landmarks, p_w.
+  [[nodiscard]] std::span<Eigen::Vector3d> points() const { return points_; }
+  [[nodiscard]] double* own() const { return pose(map_->T_c_w.size()); }
+  /// The map as it was read, until write().
   [[nodiscard]] MapObservations& map() { return *map_; }
   /// Of the observations that were added last.
   [[nodiscard]] const std::vector<ceres::ResidualBlockId>& ids() const { return ids_; }
@@ -80,24 +83,24 @@ class MapProblem {
 
   /// At the present place, of observations that are held out, or of the others.
   [[nodiscard]] Residuals residuals(bool held_out) const;
-  /// Landmarks that were not added last, or are behind a camera that observes them, become NaN:
-  /// SavedMap::update leaves these where their reference keyframe has them.
-  void drop_unused();
   /// Per keyframe: 1 where a residual is on its pose.
   [[nodiscard]] std::vector<std::uint8_t> measured_poses(const ceres::Problem& problem) const;
   /// Keyframes without a residual move with the nearest one that has some, of their sub-map.
   void carry_along(const ceres::Problem& problem);
-  /// Poses into the map.
-  void write_poses();
+  /// Poses and landmarks into the map. Landmarks that were not added last, or are behind a camera
+  /// that observes them, become NaN: SavedMap::update leaves these where their reference keyframe
+  /// has them.
+  void write();
 
  private:
   [[nodiscard]] Eigen::Vector4d residual(const RigCorrection& rig, std::size_t landmark,
                                          std::size_t observation) const;
+  [[nodiscard]] bool is_sound(std::size_t landmark) const;
 
   MapObservations* map_;
   double* shape_;
-  std::vector<PoseBlock> poses_;
-  Own own_ = Own::Zero();
+  std::span<Eigen::Vector3d> points_;
+  double* poses_;
   std::vector<std::uint8_t> held_out_;  // per observation
   std::vector<std::uint8_t> active_;    // per observation: chosen
   std::vector<ceres::ResidualBlockId> ids_;

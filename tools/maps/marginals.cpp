@@ -97,7 +97,7 @@ Evaluated evaluate_blocks(ceres::Problem& problem,
 NormalEquations reduce(ceres::Problem& problem, MapProblem& map,
                        const std::vector<double*>& blocks) {
   std::vector<double*> all;
-  for (Eigen::Vector3d& p : map.map().landmarks) {
+  for (Eigen::Vector3d& p : map.points()) {
     if (problem.HasParameterBlock(p.data())) all.push_back(p.data());
   }
   const auto points = static_cast<Eigen::Index>(3 * all.size());

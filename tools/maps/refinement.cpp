@@ -68,7 +68,7 @@ void hold(ceres::Problem& problem, double* block, int size, const std::vector<in
 class Refinement {
  public:
   Refinement(MapObservations& map, const RefinementOptions& options)
-      : options_(options), map_(map, shape_.data()) {
+      : options_(options), memory_(map), map_(map, memory_) {
     std::mt19937_64 random(options.seed);
     map_.hold_out(options.hold_out, random);
     map_.set_rig(map.rig.correction.parameters());
@@ -102,8 +102,7 @@ class Refinement {
     // An interrupt keeps what there is: a covariance of a place that is not the minimum as well.
     finish(result);
     map_.carry_along(*problem_);
-    map_.write_poses();
-    map_.drop_unused();
+    map_.write();
     map_.map().rig = result.after;
     return result;
   }
@@ -115,16 +114,16 @@ class Refinement {
 
   void build(bool rig_free, double far_off) {
     problem_ = std::make_unique<ceres::Problem>(MapProblem::problem_options());
-    problem_->AddParameterBlock(shape_.data(), kShapeSize);
+    problem_->AddParameterBlock(memory_.shape(), kShapeSize);
     map_.choose(far_off);
     map_.add_to(*problem_);
     const FreeParameters free = rig_free ? options_.free : FreeParameters{};
-    hold(*problem_, shape_.data(), kShapeSize, held_in(shape_places(), free), shape_manifold_);
+    hold(*problem_, memory_.shape(), kShapeSize, held_in(shape_places(), free), shape_manifold_);
     hold(*problem_, map_.own(), kOwnSize, held_in(own_places(), free), own_manifold_);
     const RigCorrection::Parameters mean = options_.prior.correction.parameters();
     const RigCorrection::Covariance& around = options_.prior.covariance;
     problem_->AddResidualBlock(prior_cost<kShapeSize>(around, mean, shape_places()), nullptr,
-                               shape_.data());
+                               memory_.shape());
     problem_->AddResidualBlock(prior_cost<kOwnSize>(around, mean, own_places()), nullptr,
                                map_.own());
     if (options_.more) options_.more(*problem_, map_);
@@ -134,7 +133,7 @@ class Refinement {
     build(rig_free, r.far_off);
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     map_.order(*problem_, *ordering);
-    ordering->AddElementToGroup(shape_.data(), 1);
+    ordering->AddElementToGroup(memory_.shape(), 1);
     add_others(*ordering);
     const SolveRound round{what, r.iterations, most_, 1e-7};
     result.stopped = !solve_round(*problem_, ordering, round, options_.watch, result.iterations);
@@ -202,7 +201,7 @@ class Refinement {
           if (options_.free.at(static_cast<std::size_t>(place))) columns.emplace_back(place, at++);
         }
       };
-      if (block == shape_.data()) add(shape_places());
+      if (block == memory_.shape()) add(shape_places());
       if (block == map_.own()) add(own_places());
     }
     RigCorrection::Covariance& covariance = result.after.covariance;
@@ -226,7 +225,7 @@ class Refinement {
 
   void pose_covariances(const Marginals& marginals, const Starts& starts,
                         RefinementResult& result) {
-    const std::size_t poses = map_.poses().size();
+    const std::size_t poses = map_.map().T_c_w.size();
     for (std::size_t k = 0; k < poses; ++k) {
       const double unknown = map_.map().held[k] != 0 ? 0 : 1 / Marginals::kLeastInformation;
       result.covariances.emplace_back(unknown * Eigen::Matrix<double, 6, 6>::Identity());
@@ -245,7 +244,7 @@ class Refinement {
   const RefinementOptions& options_;
   bool any_free_ = false;
   int most_ = 0;  // iterations
-  Shape shape_ = Shape::Zero();
+  BlockMemory memory_;
   MapProblem map_;
   std::unique_ptr<ceres::SubsetManifold> shape_manifold_, own_manifold_;
   std::unique_ptr<ceres::Problem> problem_;  // uses all of these
