@@ -53,6 +53,7 @@ MapProblem::MapProblem(MapObservations& map, BlockMemory& memory)
       shape_(memory.shape()),
       points_(memory.take_points(map)),
       poses_(memory.take_others(map)),
+      of_rows_(map.observations.size(), 0),
       held_out_(map.observations.size(), 0),
       loss_(kHuber) {
   std::copy(map.landmarks.begin(), map.landmarks.end(), points_.begin());
@@ -67,6 +68,20 @@ ceres::Problem::Options MapProblem::problem_options() {
   ours.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ours.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   return ours;
+}
+
+void MapProblem::set_row_errors(const RigEstimate& known) {
+  for (std::size_t i = 0; i < of_rows_.size(); ++i) {
+    const RigCorrection::Measured& m = map_->observations[i].measured;
+    if (std::isnan(m.u_right) || !std::isnan(m.v_right)) continue;
+    of_rows_[i] = static_cast<float>(kSlope * known.sigma({m.u, m.v, m.u_right, m.v})[3]);
+  }
+}
+
+Eigen::Vector4d MapProblem::weights(std::size_t i) const {
+  Eigen::Vector4d weights = inverse_deviations(*map_, map_->observations[i]);
+  weights[2] /= std::hypot(1, weights[2] * of_rows_[i]);
+  return weights;
 }
 
 void MapProblem::hold_out(double share, std::mt19937_64& random) {
@@ -111,7 +126,7 @@ void MapProblem::choose(double far_off) {
   for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
     if (held_out_[i] != 0) return;
     Eigen::Vector4d e = residual(rig, k, i);
-    e = e.cwiseProduct(inverse_deviations(*map_, map_->observations[i]));
+    e = e.cwiseProduct(weights(i));
     if (!std::isfinite(e[0])) return;
     const double disparity = std::isfinite(e[2]) ? e[2] * e[2] : 0;
     active_[i] = e.head<2>().squaredNorm() + disparity < far_off ? 1 : 0;
@@ -129,7 +144,7 @@ void MapProblem::add_to(ceres::Problem& problem) {
   for_each_observation(*map_, [&](std::size_t k, std::size_t i) {
     if (active_[i] == 0) return;
     const MapObservations::Observation& o = map_->observations[i];
-    const Eigen::Vector4d inv_sigma = inverse_deviations(*map_, o);
+    const Eigen::Vector4d inv_sigma = weights(i);
     ceres::CostFunction* cost = nullptr;
     if (std::isnan(o.measured.u_right)) {
       cost = new MeasuredCost<2>(&map_->camera, o.measured, inv_sigma);
@@ -187,9 +202,12 @@ std::vector<MapProblem::Row> MapProblem::rows() const {
     const RigCorrection::Measured& m = map_->observations[i].measured;
     const int part = part_of(m.v, map_->camera.height, kRowsOfParts) * kColumns +
                      part_of(m.u, map_->camera.width, kColumns);
-    const Eigen::Vector4d inv_sigma = inverse_deviations(*map_, map_->observations[i]);
+    const Eigen::Vector4d inv_sigma = weights(i);
     const int count = std::isnan(m.u_right) ? 2 : std::isnan(m.v_right) ? 3 : 4;
-    for (int c = 0; c < count; ++c) rows.push_back({4 * part + c, inv_sigma[c]});
+    for (int c = 0; c < count; ++c) {
+      const double px = c == 2 ? std::hypot(kShared, of_rows_[i]) : kShared;
+      rows.push_back({4 * part + c, px * inv_sigma[c]});
+    }
   }
   return rows;
 }

@@ -46,6 +46,13 @@ class MapProblem {
   /// Options with which Ceres problems for these blocks are made.
   static ceres::Problem::Options problem_options();
 
+  /// px of disparity per px of row between places that were compared as one row: the slope of
+  /// surfaces and of edges, of roads 0.3 (baseline over height).
+  static constexpr double kSlope = 0.3;
+  /// Disparities whose rows have not been measured get an error of first order from these: the
+  /// images were compared in rows that do not correspond.
+  /// \param known of the correction with which the map was made
+  void set_row_errors(const RigEstimate& known);
   /// Leaves out a share of the observations, which are predicted only. The same generator and map
   /// give the same choice.
   void hold_out(double share, std::mt19937_64& random);
@@ -69,11 +76,14 @@ class MapProblem {
   [[nodiscard]] MapObservations& map() { return *map_; }
   /// Of the observations that were added last.
   [[nodiscard]] const std::vector<ceres::ResidualBlockId>& ids() const { return ids_; }
+  /// px, standard deviation of an error that all observations in a part of the images share:
+  /// matching of corners that a perspective changes, lenses beyond the model.
+  static constexpr double kShared = 0.03;
   /// Of every residual (row) of these: the part of the images that it is of, with what is measured
-  /// there, and 1/px.
+  /// there, and its change by an error of one standard deviation that all in this part share.
   struct Row {
     int part = 0;
-    double inv_sigma = 1;
+    double shared = 0;
   };
   static constexpr int kColumns = 6, kRowsOfParts = 3;  ///< parts of the images
   static constexpr int kParts = 4 * kColumns * kRowsOfParts;
@@ -95,12 +105,15 @@ class MapProblem {
  private:
   [[nodiscard]] Eigen::Vector4d residual(const RigCorrection& rig, std::size_t landmark,
                                          std::size_t observation) const;
+  /// 1/px of (u, v, disparity, row).
+  [[nodiscard]] Eigen::Vector4d weights(std::size_t observation) const;
   [[nodiscard]] bool is_sound(std::size_t landmark) const;
 
   MapObservations* map_;
   double* shape_;
   std::span<Eigen::Vector3d> points_;
   double* poses_;
+  std::vector<float> of_rows_;          // per observation: px, error of the disparity by its row
   std::vector<std::uint8_t> held_out_;  // per observation
   std::vector<std::uint8_t> active_;    // per observation: chosen
   std::vector<ceres::ResidualBlockId> ids_;

@@ -60,11 +60,11 @@ Sparse residuals_of_landmarks(const Sparse& J_points, const std::vector<double>&
   return sums;
 }
 
-/// Parts x rows: residuals of one px.
-Sparse pixels_of_parts(const std::vector<MapProblem::Row>& rows) {
+/// Parts x rows: what the errors that parts share make of residuals.
+Sparse errors_of_parts(const std::vector<MapProblem::Row>& rows) {
   std::vector<Eigen::Triplet<double>> entries;
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    entries.emplace_back(rows[row].part, static_cast<int>(row), rows[row].inv_sigma);
+    entries.emplace_back(rows[row].part, static_cast<int>(row), rows[row].shared);
   }
   Sparse sums(MapProblem::kParts, static_cast<Eigen::Index>(rows.size()));
   sums.setFromTriplets(entries.begin(), entries.end());
@@ -114,7 +114,7 @@ NormalEquations reduce(ceres::Problem& problem, MapProblem& map,
   result.H -= Eigen::SparseMatrix<double>(Sparse(Z.transpose()) * Z);
   result.gradients =
       reduced_sums(residuals_of_landmarks(J_points, at.residuals), J_points, J_others, factors, Z);
-  result.shared = reduced_sums(pixels_of_parts(map.rows()), J_points, J_others, factors, Z);
+  result.shared = reduced_sums(errors_of_parts(map.rows()), J_points, J_others, factors, Z);
   result.chi2 = 2 * at.cost;
   result.residuals = at.J.rows();
   result.unknowns = at.J.cols();
@@ -147,7 +147,7 @@ Eigen::MatrixXd Marginals::covariance(const std::vector<Eigen::Index>& unknowns)
   for (Eigen::Index k = 0; k < count; ++k) unit(unknowns[static_cast<std::size_t>(k)], k) = 1;
   const Eigen::MatrixXd x = solver_.solve(unit);
   const Eigen::MatrixXd each = measured_.gradients * x;
-  const Eigen::MatrixXd shared = kShared * (measured_.shared * x);
+  const Eigen::MatrixXd shared = measured_.shared * x;
   const Eigen::MatrixXd of_others = others_ * x;
   return few_ * each.transpose() * each + shared.transpose() * shared + x.transpose() * of_others;
 }

@@ -72,6 +72,7 @@ class Refinement {
     std::mt19937_64 random(options.seed);
     map_.hold_out(options.hold_out, random);
     map_.set_rig(map.rig.correction.parameters());
+    map_.set_row_errors(before());
     any_free_ = std::any_of(options.free.begin(), options.free.end(), [](bool f) { return f; });
   }
 
@@ -108,6 +109,20 @@ class Refinement {
   }
 
  private:
+  /// The correction in the map with what is not known about its free parameters: as the run knew
+  /// them, or the prior.
+  [[nodiscard]] RigEstimate before() {
+    RigEstimate known = map_.map().rig;
+    for (int k = 0; k < RigCorrection::kSize; ++k) {
+      const bool free = options_.free.at(static_cast<std::size_t>(k));
+      if (free && known.covariance(k, k) > 0) continue;
+      known.covariance.row(k).setZero();
+      known.covariance.col(k).setZero();
+      if (free) known.covariance(k, k) = options_.prior.covariance(k, k);
+    }
+    return known;
+  }
+
   [[nodiscard]] RefinementResult::Stage stage() const {
     return {map_.residuals(false), map_.residuals(true)};
   }
