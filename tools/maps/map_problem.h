@@ -4,20 +4,17 @@
 #include <ceres/loss_function.h>
 #include <ceres/ordered_groups.h>
 #include <ceres/problem.h>
-#include <ceres/solver.h>
 #include <kys_slam/map_observations.h>
 
 #include <array>
-#include <atomic>
 #include <cstdint>
-#include <functional>
 #include <random>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "block_memory.h"
 #include "rig_costs.h"
+#include "solve_round.h"
 
 namespace kys_slam {
 
@@ -126,25 +123,5 @@ template <int kBlock>
 ceres::CostFunction* prior_cost(const RigCorrection::Covariance& covariance,
                                 const RigCorrection::Parameters& mean,
                                 const std::array<int, kBlock>& places);
-
-/// How far an adjustment is, and whether it is to end.
-struct Watch {
-  const std::atomic<bool>* stop = nullptr;  ///< ends it early, with the best so far
-  /// Called after every iteration: how many are done of at most how many, and what is done.
-  std::function<void(int, int, const std::string&)> progress;
-};
-
-struct SolveRound {
-  std::string what;
-  int iterations = 10;
-  int most = 0;  ///< of all rounds together
-  double function_tolerance = 1e-6;
-};
-
-/// SPARSE_SCHUR with SuiteSparse, one thread: the same bytes every time. \param done iterations of
-/// all rounds, increased \return false when it was stopped
-bool solve_round(ceres::Problem& problem,
-                 const std::shared_ptr<ceres::ParameterBlockOrdering>& ordering,
-                 const SolveRound& round, const Watch& watch, int& done);
 
 }  // namespace kys_slam
