@@ -56,7 +56,7 @@ constexpr double kRefinement = 2;
 constexpr int kIterations = 10;    // of both rounds, after the disparities have changed
 constexpr int kFewIterations = 4;  // the same, from the poses of the estimate
 constexpr std::size_t kMostKeyframes = 80;
-constexpr std::size_t kMostObservations = 12000;
+constexpr std::size_t kMostObservations = 20000;
 constexpr int kLeastObservations = 300;
 // Standard deviations of the prior that a parameter may be from its mean: beyond, the estimate is a
 // failure, or no calibration error.

@@ -18,7 +18,7 @@ namespace {
 constexpr int kAll = RigCorrection::kSize;
 constexpr int kRounds = 3;
 constexpr int kIterations = 10;  // of each round
-constexpr double kTolerance = 1e-4;
+constexpr double kTolerance = 1e-5;
 constexpr double kInitialDamping = 1e-4;
 // Square of Huber's delta: errors are about half of what the assumed deviations allow, and this
 // bends for the few per cent at depth edges, whose disparities lean towards the nearer surface.
