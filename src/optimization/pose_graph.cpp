@@ -2,12 +2,14 @@
 #include "optimization/pose_graph.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 
+#include "geometry/levenberg.h"
 #include "geometry/so3.h"
 #include "optimization/block_cholesky.h"
-#include "optimization/damping.h"
 
 namespace kys_slam {
 
@@ -95,42 +97,46 @@ class PoseGraph {
       free_pose_.push_back(static_cast<std::int32_t>(i));
     }
     find_blocks();
+    cholesky_.emplace(pattern_);
   }
 
   void solve(const PoseGraphOptions& options) {
     if (edges_.empty()) return;
-    BlockCholesky cholesky(pattern_);
-    double cost = evaluate();
-    Damping damping(kInitialDamping);
-    for (int k = 0; k < options.iterations && !damping.exhausted(); ++k) {
-      if (options.stop != nullptr && options.stop->load(std::memory_order_relaxed)) return;
-      build(damping.value());
-      const auto result = cholesky.factorise(blocks_, options.stop);
-      if (result == BlockCholesky::Result::kStopped) return;
-      double candidate = cost;
-      double predicted = -1;
-      if (result == BlockCholesky::Result::kDone) {
-        step_ = -gradient_;
-        cholesky.solve(step_);
-        predicted = 0.5 * (step_.dot(damping_.cwiseProduct(step_)) - step_.dot(gradient_));
-      }
-      if (std::isfinite(predicted) && predicted >= 0) {
-        if (predicted <= 1e-3 * kTolerance * cost) return;
-        apply();
-        candidate = evaluate();
-      }
-      const double gain = (cost - candidate) / predicted;
-      if (predicted > 0 && gain > Damping::kMinGain) {
-        const bool converged = cost - candidate <= kTolerance * cost;
-        cost = candidate;
-        if (converged) return;
-        damping.accept(gain);
-        before_.clear();
-      } else {
-        restore();
-        damping.refuse();
-      }
+    stop_ = options.stop;
+    const LevenbergOptions levenberg_options{options.iterations, kTolerance, false, options.stop};
+    levenberg(*this, Damping(kInitialDamping), levenberg_options);
+  }
+
+  // What levenberg() calls.
+
+  /// 1/2 sum of the squared residuals.
+  [[nodiscard]] double cost() const {
+    double sum = 0;
+    for (const PoseGraphEdge& edge : edges_) {
+      sum += edge_residual(edge, T_w_c_[edge.a], T_w_c_[edge.b]).squaredNorm();
     }
+    return 0.5 * sum;
+  }
+  [[nodiscard]] double cost_of_step() const { return cost(); }
+
+  LevenbergStep step(double damping) {
+    using Outcome = LevenbergStep::Outcome;
+    build(damping);
+    const auto result = cholesky_->factorise(blocks_, stop_);
+    if (result == BlockCholesky::Result::kStopped) return {Outcome::kStopped};
+    if (result != BlockCholesky::Result::kDone) return {Outcome::kNone};
+    step_ = -gradient_;
+    cholesky_->solve(step_);
+    const double predicted = 0.5 * (step_.dot(damping_.cwiseProduct(step_)) - step_.dot(gradient_));
+    if (!std::isfinite(predicted) || predicted < 0) return {Outcome::kNone};
+    move();
+    return {Outcome::kTaken, predicted};
+  }
+
+  void accept() {}
+
+  void restore() {
+    for (std::size_t r = 0; r < before_.size(); ++r) T_w_c_[free_pose_[r]] = before_[r];
   }
 
  private:
@@ -165,15 +171,6 @@ class PoseGraph {
     step_.resize(size);
   }
 
-  /// 1/2 sum of the squared residuals.
-  [[nodiscard]] double evaluate() const {
-    double cost = 0;
-    for (const PoseGraphEdge& edge : edges_) {
-      cost += edge_residual(edge, T_w_c_[edge.a], T_w_c_[edge.b]).squaredNorm();
-    }
-    return 0.5 * cost;
-  }
-
   /// The normal equations at the present poses.
   void build(double damping) {
     for (Matrix6d& m : blocks_) m.setZero();
@@ -205,17 +202,13 @@ class PoseGraph {
     gradient_.segment<6>(6 * free).noalias() += J.transpose() * residual;
   }
 
-  void apply() {
+  void move() {
+    before_.clear();
     for (std::size_t r = 0; r < free_pose_.size(); ++r) {
       Rigid3& T = T_w_c_[free_pose_[r]];
       before_.push_back(T);
       T = plus(T, step_.segment<6>(static_cast<Eigen::Index>(6 * r)));
     }
-  }
-
-  void restore() {
-    for (std::size_t r = 0; r < before_.size(); ++r) T_w_c_[free_pose_[r]] = before_[r];
-    before_.clear();
   }
 
   std::vector<Rigid3>& T_w_c_;
@@ -224,6 +217,8 @@ class PoseGraph {
   std::vector<PoseGraphEdge> edges_;      // usable ones
   std::vector<std::int32_t> edge_block_;  // -1: one end is fixed
   BlockPattern pattern_;
+  std::optional<BlockCholesky> cholesky_;
+  const std::atomic<bool>* stop_ = nullptr;
   BlockCholesky::Blocks blocks_;
   Eigen::VectorXd gradient_;
   Eigen::VectorXd damping_;  // what was added to the diagonal

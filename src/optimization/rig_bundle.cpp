@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
+#include "geometry/levenberg.h"
 #include "geometry/reprojection.h"
 #include "geometry/so3.h"
-#include "optimization/damping.h"
 
 namespace kys_slam {
 
@@ -18,6 +19,7 @@ constexpr int kAll = RigCorrection::kSize;
 constexpr int kRounds = 3;
 constexpr int kIterations = 10;  // of each round
 constexpr double kTolerance = 1e-5;
+constexpr double kInitialDamping = 1e-4;
 // Square of Huber's delta: errors are about half of what the assumed deviations allow, and this
 // bends for the few per cent at depth edges, whose disparities lean towards the nearer surface.
 constexpr double kHuber = 0.5;
@@ -95,9 +97,52 @@ class RigBundle {
     return summary;
   }
 
+  // What levenberg() calls.
+
+  [[nodiscard]] double cost() const {
+    double sum = x_.dot(prior_information_ * x_);
+    for_each([&](std::size_t k, std::size_t i) {
+      if (active_[i] == 0) return;
+      const Residual r = residual(i, p_.points[k]);
+      sum += huber(r.chi2()) + huber(r.row_chi2());
+    });
+    return 0.5 * sum;
+  }
+
+  LevenbergStep step(double damping) {
+    if (!solve(damping)) return {LevenbergStep::Outcome::kNone};
+    before_ = {p_.T_c_w, p_.points, corrected_, x_, p_.rig};
+    move();
+    return {LevenbergStep::Outcome::kTaken};
+  }
+
+  double cost_of_step() {
+    move_points();
+    return cost();
+  }
+
+  void accept() {}
+
+  void restore() {
+    std::swap(p_.T_c_w, before_.T_c_w);
+    std::swap(p_.points, before_.points);
+    std::swap(corrected_, before_.corrected);
+    x_ = before_.x;
+    p_.rig = before_.rig;
+  }
+
  private:
   using RigMatrix = Eigen::Matrix<double, kRig, kRig>;
   using RigVector = Eigen::Matrix<double, kRig, 1>;
+
+  /// What a step changes.
+  struct State {
+    std::vector<Rigid3> T_c_w;
+    std::vector<Eigen::Vector3d> points;
+    std::vector<Corrected> corrected;
+    RigVector x;
+    RigCorrection rig;
+  };
 
   [[nodiscard]] Residual residual(std::size_t i, const Eigen::Vector3d& p_w) const {
     const RigProblem::Observation& o = p_.observations[i];
@@ -160,16 +205,6 @@ class RigBundle {
       const Residual r = residual(i, p_.points[k]);
       active_[i] = r.p_c.z() > kMinDepth && r.chi2() < kFarOff ? 1 : 0;
     });
-  }
-
-  [[nodiscard]] double cost() const {
-    double sum = x_.dot(prior_information_ * x_);
-    for_each([&](std::size_t k, std::size_t i) {
-      if (active_[i] == 0) return;
-      const Residual r = residual(i, p_.points[k]);
-      sum += huber(r.chi2()) + huber(r.row_chi2());
-    });
-    return 0.5 * sum;
   }
 
   struct Linear {
@@ -266,8 +301,8 @@ class RigBundle {
     b_.template segment<kRig>(rig) += prior_information_ * x_;
   }
 
-  /// A step of all unknowns; false when the equations have no solution.
-  bool step(double damping) {
+  /// Solves for a step of all unknowns; false when the equations have no solution.
+  bool solve(double damping) {
     linearise(damping);
     H_.diagonal() += damping * H_.diagonal().cwiseMax(Damping::kMinDiagonal);
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(H_);
@@ -276,7 +311,7 @@ class RigBundle {
     return step_.allFinite();
   }
 
-  void apply() {
+  void move() {
     for (std::size_t k = 0; k < place_.size(); ++k) {
       if (place_[k] < 0) continue;
       p_.T_c_w[k] = plus_left(p_.T_c_w[k], step_.segment<6>(place_[k]));
@@ -336,42 +371,12 @@ class RigBundle {
   }
 
   void minimise(RigSummary& summary) {
-    double before = cost();
-    if (summary.iterations == 0) summary.initial_cost = before;
-    Damping damping(1e-4);
-    for (int i = 0; i < kIterations && !damping.exhausted(); ++i) {
-      if (stop_ != nullptr && stop_->load(std::memory_order_relaxed)) {
-        summary.stopped = true;
-        break;
-      }
-      ++summary.iterations;
-      if (!step(damping.value())) {
-        damping.refuse();
-        continue;
-      }
-      const auto poses = p_.T_c_w;
-      const auto points = p_.points;
-      const RigVector x = x_;
-      const RigCorrection rig = p_.rig;
-      const auto corrected = corrected_;
-      apply();
-      move_points();
-      const double after = cost();
-      if (!(after < before)) {
-        p_.T_c_w = poses;
-        p_.points = points;
-        x_ = x;
-        p_.rig = rig;
-        corrected_ = corrected;
-        damping.refuse();
-        continue;
-      }
-      const double decrease = before - after;
-      before = after;
-      damping.accept(1);
-      if (decrease < kTolerance * before) break;
-    }
-    summary.final_cost = before;
+    const LevenbergOptions options{kIterations, kTolerance, false, stop_};
+    const LevenbergSummary s = levenberg(*this, Damping(kInitialDamping), options);
+    if (summary.iterations == 0) summary.initial_cost = s.initial_cost;
+    summary.final_cost = s.final_cost;
+    summary.iterations += s.iterations;
+    summary.stopped = s.stopped;
   }
 
   void finish(RigSummary& summary) {
@@ -415,6 +420,7 @@ class RigBundle {
   RigMatrix prior_information_;
   RigVector x_;                       // free parameters less those of the prior
   std::vector<Corrected> corrected_;  // per observation, by the present correction
+  State before_;                      // the step
   std::vector<std::uint8_t> active_;
   std::vector<Linear> linear_;  // of the point worked on
   std::vector<Eigen::Matrix<double, 3, 6>> Z_;

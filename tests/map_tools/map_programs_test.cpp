@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/saved_map.h>
 
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "io/temporary_folder.h"
@@ -117,6 +119,53 @@ TEST_F(MapPrograms, ARefinedMapIsContinued) {
                "--schedule", "sequential", "--load-map", at("refined.map"), "--localize-only"});
   ASSERT_EQ(run.wait(), 0) << run.err();
   EXPECT_GT(count_lines(read_text(at("continued/trajectory.tum"))), 5) << "its frames are found";
+}
+
+/// The example of other measurements: a map that a drift has bent comes to where positions are, in
+/// their frame.
+TEST_F(MapPrograms, PositionsPlaceAMap) {
+  const Rigid3 T_gps_world(Eigen::Quaterniond(Eigen::AngleAxisd(2, Eigen::Vector3d(1, 2, 2) / 3)),
+                           {400, -300, 50});
+  std::map<double, Eigen::Vector3d> truth;
+  std::string lines, on_a_line;
+  for (int i = 0; i < 40; ++i) {
+    const double a = 0.01 * i, time = 100 + 0.1 * i;
+    const Eigen::Vector3d p =
+        T_gps_world * Eigen::Vector3d(60 * (1 - std::cos(a)), 0, 60 * std::sin(a));
+    truth[time] = p;
+    lines += fmt::format("{:.6f} {:.9f} {:.9f} {:.9f} 1e-4 0 0 1e-4 0 1e-4\n", time, p.x(), p.y(),
+                         p.z());
+    on_a_line += fmt::format("{:.6f} {} 0 0 1 0 0 1 0 1\n", time, i);
+  }
+  write_text(at("positions.txt"), lines);
+  SavedMap saved(at("first.map"));
+  MapObservations bent = saved.observations(MapSelection::all());
+  for (std::size_t k = 0; k < bent.T_c_w.size(); ++k) {  // 1 % longer
+    bent.T_c_w[k].translation *= 1.01;
+  }
+  for (Eigen::Vector3d& p : bent.landmarks) p *= 1.01;
+  saved.update(bent);
+  saved.write(at("bent.map"));
+  Command refine("refine_with_gps", {at("bent.map"), at("positions.txt"), at("placed.map")});
+  ASSERT_EQ(refine.wait(), 0) << refine.err();
+  const MapSnapshot placed = SavedMap(at("placed.map")).snapshot();
+  ASSERT_GT(placed.keyframes.size(), 5U);
+  for (const auto& keyframe : placed.keyframes) {
+    const auto at_time = truth.lower_bound(keyframe.timestamp - 0.01);
+    ASSERT_NE(at_time, truth.end());
+    EXPECT_LT((keyframe.T_w_c.translation - at_time->second).norm(), 0.03) << keyframe.id;
+  }
+  write_text(at("bad.txt"), lines + "104.0 1 2\n");
+  write_text(at("few.txt"), "100 0 0 0 1 0 0 1 0 1\n");
+  write_text(at("line.txt"), on_a_line);
+  write_text(at("negative.txt"), "100 0 0 0 -1 0 0 1 0 1\n");
+  for (const auto& [file, message] : {std::pair("bad.txt", "bad line"),
+                                      {"few.txt", "too few"},
+                                      {"missing.txt", "no numbers"},
+                                      {"line.txt", "on a line"},
+                                      {"negative.txt", "bad line"}}) {
+    expect_refused("refine_with_gps", {at("first.map"), at(file), at("x.map")}, message);
+  }
 }
 
 TEST_F(MapPrograms, TwoPartsOfATownBecomeOneMap) {

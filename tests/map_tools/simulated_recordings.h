@@ -21,6 +21,9 @@ struct SimulatedDrive {
   int landmarks = 700;
   double noise = 1;  ///< times what residuals in maps of images are
   bool rows = true;
+  /// px of disparity per px between the rows of a pair, mean of landmarks: images are compared in
+  /// rows that do not correspond
+  double slope = 0;
   unsigned seed = 1;
 };
 
@@ -58,6 +61,7 @@ inline Recording simulate(const simulator::RigError& error, const SimulatedDrive
     const Eigen::Vector3d p_w =
         map.T_c_w[from].inverse() *
         kKitti.back_project(uniform(random) * kKitti.width, uniform(random) * kKitti.height, depth);
+    const double slope = drive.slope > 0 ? 2 * drive.slope * uniform(random) : 0;
     std::vector<MapObservations::Observation> seen;
     for (std::size_t k = 0; k < map.T_c_w.size(); ++k) {
       const Eigen::Vector3d p_c = map.T_c_w[k] * p_w;
@@ -66,7 +70,8 @@ inline Recording simulate(const simulator::RigError& error, const SimulatedDrive
       if (!kKitti.in_image(at[0], at[1]) || !kKitti.in_image(at[2], at[3])) continue;
       const double u = at[0] + drive.noise * kU * normal(random);
       const double v = at[1] + drive.noise * kV * normal(random);
-      const double disparity = at[0] - at[2] + drive.noise * kDisparity * normal(random);
+      const double disparity =
+          at[0] - at[2] + slope * (at[3] - at[1]) + drive.noise * kDisparity * normal(random);
       const double row = at[3] - at[1] + drive.noise * kRow * normal(random);
       RigCorrection::Measured measured{static_cast<float>(u), static_cast<float>(v),
                                        static_cast<float>(u - disparity)};

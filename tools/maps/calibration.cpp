@@ -23,10 +23,10 @@ constexpr int kMostIterations = kIterationsGiven + 60 + 20 + 20;
 class Calibration {
  public:
   Calibration(std::vector<Recording>& recordings, const CalibrationOptions& options)
-      : options_(options) {
+      : options_(options), memory_(maps_of(recordings)) {
     std::mt19937_64 random(options.seed);
     for (Recording& recording : recordings) {
-      works_.push_back(std::make_unique<MapProblem>(recording.map, shape_.data()));
+      works_.push_back(std::make_unique<MapProblem>(recording.map, memory_));
       works_.back()->hold_out(options.hold_out, random);
     }
   }
@@ -49,10 +49,16 @@ class Calibration {
   }
 
  private:
+  static std::vector<const MapObservations*> maps_of(const std::vector<Recording>& recordings) {
+    std::vector<const MapObservations*> maps;
+    for (const Recording& recording : recordings) maps.push_back(&recording.map);
+    return maps;
+  }
+
   /// Builds the problem of this round.
   void build(bool rig_free, double far_off) {
     problem_ = std::make_unique<ceres::Problem>(MapProblem::problem_options());
-    problem_->AddParameterBlock(shape_.data(), kShapeSize);
+    problem_->AddParameterBlock(memory_.shape(), kShapeSize);
     for (const auto& work : works_) {
       work->choose(far_off);
       work->add_to(*problem_);
@@ -60,10 +66,10 @@ class Calibration {
       problem_->AddResidualBlock(prior_cost<kOwnSize>(options_.prior, options_.start, own_places()),
                                  nullptr, work->own());
     }
-    if (!rig_free || options_.keep_shape) problem_->SetParameterBlockConstant(shape_.data());
+    if (!rig_free || options_.keep_shape) problem_->SetParameterBlockConstant(memory_.shape());
     problem_->AddResidualBlock(
         prior_cost<kShapeSize>(options_.prior, options_.start, shape_places()), nullptr,
-        shape_.data());
+        memory_.shape());
   }
 
   void solve(const std::string& what, bool rig_free, double far_off, int iterations,
@@ -71,7 +77,7 @@ class Calibration {
     build(rig_free, far_off);
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     for (const auto& work : works_) work->order(*problem_, *ordering);
-    ordering->AddElementToGroup(shape_.data(), 1);
+    ordering->AddElementToGroup(memory_.shape(), 1);
     const SolveRound round{what, iterations, kMostIterations, rig_free ? 1e-6 : 1e-4};
     result.stopped = !solve_round(*problem_, ordering, round, options_.watch, result.iterations);
   }
@@ -83,16 +89,16 @@ class Calibration {
     std::int64_t freedom = 0;
     for (std::size_t m = 0; m < works_.size(); ++m) {
       MapProblem& work = *works_[m];
-      information.push_back(rig_information(*problem_, work, shape_.data()));
+      information.push_back(rig_information(*problem_, work, memory_.shape()));
       chi2 += information.back().chi2;
       freedom += information.back().freedom;
       RecordingResult& r = result.recordings[m];
       r.rig.correction = work.rig();
       r.after = work.residuals(true);
-      r.keyframes = work.poses().size();
+      r.keyframes = work.map().T_c_w.size();
       r.landmarks = work.map().landmarks.size();
       r.observations = work.ids().size();
-      work.write_poses();
+      work.write();
     }
     result.unit = std::sqrt(chi2 / static_cast<double>(std::max<std::int64_t>(1, freedom)));
     const auto size = static_cast<Eigen::Index>(kShapeSize + kOwnSize * works_.size());
@@ -153,8 +159,8 @@ class Calibration {
   }
 
   const CalibrationOptions& options_;
-  Shape shape_ = Shape::Zero();
-  std::vector<std::unique_ptr<MapProblem>> works_;  // use the shape
+  BlockMemory memory_;
+  std::vector<std::unique_ptr<MapProblem>> works_;  // use it
   std::unique_ptr<ceres::Problem> problem_;         // uses both
 };
 

@@ -15,7 +15,6 @@ namespace {
 using Sparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 constexpr double kPointDamping = 1e-6;
 constexpr double kPoseDamping = 1e-6;
-constexpr double kLeastInformation = 1e-9;  // of a keyframe that sees nothing
 
 /// L^-1 of every landmark, L L^T = J_point^T J_point.
 Sparse inverse_factors(const Sparse& J_points) {
@@ -61,11 +60,11 @@ Sparse residuals_of_landmarks(const Sparse& J_points, const std::vector<double>&
   return sums;
 }
 
-/// Parts x rows: residuals of one px.
-Sparse pixels_of_parts(const std::vector<MapProblem::Row>& rows) {
+/// Parts x rows: what the errors that parts share make of residuals.
+Sparse errors_of_parts(const std::vector<MapProblem::Row>& rows) {
   std::vector<Eigen::Triplet<double>> entries;
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    entries.emplace_back(rows[row].part, static_cast<int>(row), rows[row].inv_sigma);
+    entries.emplace_back(rows[row].part, static_cast<int>(row), rows[row].shared);
   }
   Sparse sums(MapProblem::kParts, static_cast<Eigen::Index>(rows.size()));
   sums.setFromTriplets(entries.begin(), entries.end());
@@ -98,7 +97,7 @@ Evaluated evaluate_blocks(ceres::Problem& problem,
 NormalEquations reduce(ceres::Problem& problem, MapProblem& map,
                        const std::vector<double*>& blocks) {
   std::vector<double*> all;
-  for (Eigen::Vector3d& p : map.map().landmarks) {
+  for (Eigen::Vector3d& p : map.points()) {
     if (problem.HasParameterBlock(p.data())) all.push_back(p.data());
   }
   const auto points = static_cast<Eigen::Index>(3 * all.size());
@@ -115,7 +114,7 @@ NormalEquations reduce(ceres::Problem& problem, MapProblem& map,
   result.H -= Eigen::SparseMatrix<double>(Sparse(Z.transpose()) * Z);
   result.gradients =
       reduced_sums(residuals_of_landmarks(J_points, at.residuals), J_points, J_others, factors, Z);
-  result.shared = reduced_sums(pixels_of_parts(map.rows()), J_points, J_others, factors, Z);
+  result.shared = reduced_sums(errors_of_parts(map.rows()), J_points, J_others, factors, Z);
   result.chi2 = 2 * at.cost;
   result.residuals = at.J.rows();
   result.unknowns = at.J.cols();
@@ -131,10 +130,10 @@ Eigen::SparseMatrix<double> information(ceres::Problem& problem,
 
 Marginals::Marginals(const NormalEquations& measured, const Eigen::SparseMatrix<double>& others)
     : measured_(measured), others_(others) {
-  Eigen::SparseMatrix<double> H = measured.H + others;
-  Eigen::SparseMatrix<double> least(H.rows(), H.cols());
+  Eigen::SparseMatrix<double> least(others.rows(), others.cols());
   least.setIdentity();
-  H += kLeastInformation * least;
+  others_ += kLeastInformation * least;
+  const Eigen::SparseMatrix<double> H = measured.H + others_;
   solver_.compute(H);
   if (solver_.info() != Eigen::Success) throw InputError("the map does not determine its poses");
   const auto landmarks = static_cast<double>(measured.gradients.rows());
@@ -148,16 +147,17 @@ Eigen::MatrixXd Marginals::covariance(const std::vector<Eigen::Index>& unknowns)
   for (Eigen::Index k = 0; k < count; ++k) unit(unknowns[static_cast<std::size_t>(k)], k) = 1;
   const Eigen::MatrixXd x = solver_.solve(unit);
   const Eigen::MatrixXd each = measured_.gradients * x;
-  const Eigen::MatrixXd shared = kShared * (measured_.shared * x);
+  const Eigen::MatrixXd shared = measured_.shared * x;
   const Eigen::MatrixXd of_others = others_ * x;
   return few_ * each.transpose() * each + shared.transpose() * shared + x.transpose() * of_others;
 }
 
-std::vector<double*> free_poses(const ceres::Problem& problem, std::vector<PoseBlock>& poses) {
+std::vector<double*> free_poses(const ceres::Problem& problem, MapProblem& map) {
+  const std::vector<std::uint8_t> measured = map.measured_poses(problem);
   std::vector<double*> blocks;
-  for (PoseBlock& pose : poses) {
-    if (!problem.HasParameterBlock(pose.data())) continue;
-    if (!problem.IsParameterBlockConstant(pose.data())) blocks.push_back(pose.data());
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    const bool free = measured[k] != 0 && !problem.IsParameterBlockConstant(map.pose(k));
+    if (free) blocks.push_back(map.pose(k));
   }
   return blocks;
 }
@@ -167,7 +167,7 @@ RigInformation rig_information(ceres::Problem& problem, MapProblem& map, double*
   const bool own_held = problem.IsParameterBlockConstant(map.own());
   if (shape_held) problem.SetParameterBlockVariable(shape);
   if (own_held) problem.SetParameterBlockVariable(map.own());
-  std::vector<double*> blocks = free_poses(problem, map.poses());
+  std::vector<double*> blocks = free_poses(problem, map);
   const auto pose_unknowns = static_cast<Eigen::Index>((kPoseSize - 1) * blocks.size());
   blocks.push_back(shape);
   blocks.push_back(map.own());

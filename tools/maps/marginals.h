@@ -18,8 +18,7 @@ struct NormalEquations {
   Eigen::SparseMatrix<double> H;  ///< information of the increments of the blocks, in their order
   /// Per landmark, of its residuals by the blocks: what independent landmarks contribute.
   Eigen::SparseMatrix<double, Eigen::RowMajor> gradients;
-  /// Per part of the images (MapProblem::Row), by the blocks: of residuals that are 1 px larger in
-  /// all of it.
+  /// Per part of the images (MapProblem::Row), by the blocks: of the error that it shares.
   Eigen::SparseMatrix<double, Eigen::RowMajor> shared;
   double chi2 = 0;  ///< of the residuals, with the loss
   std::int64_t residuals = 0;
@@ -37,12 +36,12 @@ Eigen::SparseMatrix<double> information(ceres::Problem& problem,
 /// scatter of the gradients of single landmarks, so that it does not count on the noise model,
 /// neither on its size nor on the independence of what is measured of one landmark (White,
 /// "Maximum likelihood estimation of misspecified models", Econometrica 1982, Sec. 3, in clusters).
-/// To it comes what many landmarks share, kShared in each part of the images.
+/// To it comes what many landmarks share in each part of the images.
 class Marginals {
  public:
-  /// px, standard deviation of an error that all observations in a part of the images share:
-  /// matching of corners that a perspective changes, lenses beyond the model.
-  static constexpr double kShared = 0.03;
+  /// Of every unknown: what nothing determines has a variance of 1e6, not of zero.
+  /// Above the rounding of information that observations give (1e8 at most).
+  static constexpr double kLeastInformation = 1e-6;
 
   /// \param others information of priors and other measurements, taken as it is
   /// \throws InputError when the unknowns are not determined
@@ -57,8 +56,8 @@ class Marginals {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver_;
 };
 
-/// Blocks of the poses that are not held.
-std::vector<double*> free_poses(const ceres::Problem& problem, std::vector<PoseBlock>& poses);
+/// Blocks of the poses that are not held and have a residual.
+std::vector<double*> free_poses(const ceres::Problem& problem, MapProblem& map);
 
 /// What one recording says about the rig, with its poses and landmarks eliminated.
 struct RigInformation {

@@ -68,10 +68,11 @@ void hold(ceres::Problem& problem, double* block, int size, const std::vector<in
 class Refinement {
  public:
   Refinement(MapObservations& map, const RefinementOptions& options)
-      : options_(options), map_(map, shape_.data()) {
+      : options_(options), memory_(map), map_(map, memory_) {
     std::mt19937_64 random(options.seed);
     map_.hold_out(options.hold_out, random);
     map_.set_rig(map.rig.correction.parameters());
+    map_.set_row_errors(before());
     any_free_ = std::any_of(options.free.begin(), options.free.end(), [](bool f) { return f; });
   }
 
@@ -101,29 +102,43 @@ class Refinement {
     result.observations = map_.ids().size();
     // An interrupt keeps what there is: a covariance of a place that is not the minimum as well.
     finish(result);
-    map_.write_poses();
-    map_.drop_unused();
+    map_.carry_along(*problem_);
+    map_.write();
     map_.map().rig = result.after;
     return result;
   }
 
  private:
+  /// The correction in the map with what is not known about its free parameters: as the run knew
+  /// them, or the prior.
+  [[nodiscard]] RigEstimate before() {
+    RigEstimate known = map_.map().rig;
+    for (int k = 0; k < RigCorrection::kSize; ++k) {
+      const bool free = options_.free.at(static_cast<std::size_t>(k));
+      if (free && known.covariance(k, k) > 0) continue;
+      known.covariance.row(k).setZero();
+      known.covariance.col(k).setZero();
+      if (free) known.covariance(k, k) = options_.prior.covariance(k, k);
+    }
+    return known;
+  }
+
   [[nodiscard]] RefinementResult::Stage stage() const {
     return {map_.residuals(false), map_.residuals(true)};
   }
 
   void build(bool rig_free, double far_off) {
     problem_ = std::make_unique<ceres::Problem>(MapProblem::problem_options());
-    problem_->AddParameterBlock(shape_.data(), kShapeSize);
+    problem_->AddParameterBlock(memory_.shape(), kShapeSize);
     map_.choose(far_off);
     map_.add_to(*problem_);
     const FreeParameters free = rig_free ? options_.free : FreeParameters{};
-    hold(*problem_, shape_.data(), kShapeSize, held_in(shape_places(), free), shape_manifold_);
+    hold(*problem_, memory_.shape(), kShapeSize, held_in(shape_places(), free), shape_manifold_);
     hold(*problem_, map_.own(), kOwnSize, held_in(own_places(), free), own_manifold_);
     const RigCorrection::Parameters mean = options_.prior.correction.parameters();
     const RigCorrection::Covariance& around = options_.prior.covariance;
     problem_->AddResidualBlock(prior_cost<kShapeSize>(around, mean, shape_places()), nullptr,
-                               shape_.data());
+                               memory_.shape());
     problem_->AddResidualBlock(prior_cost<kOwnSize>(around, mean, own_places()), nullptr,
                                map_.own());
     if (options_.more) options_.more(*problem_, map_);
@@ -133,7 +148,7 @@ class Refinement {
     build(rig_free, r.far_off);
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     map_.order(*problem_, *ordering);
-    ordering->AddElementToGroup(shape_.data(), 1);
+    ordering->AddElementToGroup(memory_.shape(), 1);
     add_others(*ordering);
     const SolveRound round{what, r.iterations, most_, 1e-7};
     result.stopped = !solve_round(*problem_, ordering, round, options_.watch, result.iterations);
@@ -150,7 +165,7 @@ class Refinement {
 
   /// Blocks whose covariance is wanted, poses first: all variable ones but landmarks.
   [[nodiscard]] std::vector<double*> variable_blocks() {
-    std::vector<double*> blocks = free_poses(*problem_, map_.poses());
+    std::vector<double*> blocks = free_poses(*problem_, map_);
     ceres::ParameterBlockOrdering of_map;
     map_.order(*problem_, of_map);  // and poses, and the map's own
     std::vector<double*> all;
@@ -201,7 +216,7 @@ class Refinement {
           if (options_.free.at(static_cast<std::size_t>(place))) columns.emplace_back(place, at++);
         }
       };
-      if (block == shape_.data()) add(shape_places());
+      if (block == memory_.shape()) add(shape_places());
       if (block == map_.own()) add(own_places());
     }
     RigCorrection::Covariance& covariance = result.after.covariance;
@@ -225,8 +240,11 @@ class Refinement {
 
   void pose_covariances(const Marginals& marginals, const Starts& starts,
                         RefinementResult& result) {
-    const std::size_t poses = map_.poses().size();
-    result.covariances.assign(poses, Eigen::Matrix<double, 6, 6>::Zero());
+    const std::size_t poses = map_.map().T_c_w.size();
+    for (std::size_t k = 0; k < poses; ++k) {
+      const double unknown = map_.map().held[k] != 0 ? 0 : 1 / Marginals::kLeastInformation;
+      result.covariances.emplace_back(unknown * Eigen::Matrix<double, 6, 6>::Identity());
+    }
     std::size_t next = 0;  // the blocks begin with the free poses, in their order
     for (std::size_t k = 0; k < poses && next < starts.size(); ++k) {
       const auto& [block, start] = starts[next];
@@ -241,7 +259,7 @@ class Refinement {
   const RefinementOptions& options_;
   bool any_free_ = false;
   int most_ = 0;  // iterations
-  Shape shape_ = Shape::Zero();
+  BlockMemory memory_;
   MapProblem map_;
   std::unique_ptr<ceres::SubsetManifold> shape_manifold_, own_manifold_;
   std::unique_ptr<ceres::Problem> problem_;  // uses all of these

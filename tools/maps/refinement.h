@@ -42,7 +42,8 @@ struct RefinementResult {
   };
   Stage read, adjusted, refined;
   /// Per keyframe, with `covariances`: of the increment (rad, m) exp(w) x_c + v of T_c_w, in the
-  /// keyframe's own frame, relative to the keyframe of its sub-map that is held; zero for that one.
+  /// keyframe's own frame, relative to the keyframe of its sub-map that is held; zero for that one,
+  /// and variances of 1e6 for what nothing determines.
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;
   double unit = 1;  ///< standard deviation of a residual over the assumed one
   int iterations = 0;
