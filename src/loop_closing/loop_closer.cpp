@@ -38,6 +38,7 @@ void describe(kys::OptionList& list, LoopOptions& o) {
            "shared landmarks of an edge of the essential graph");
   list.add("loop.graph_iterations", o.graph_iterations, {0, 1000}, "",
            "largest number of iterations of the pose graph");
+  describe(list, o.joint);
   const kys::OptionList::Fixed fixed(list);
   describe(list, o.verification);  // set as place.*
   describe(list, o.fusion, "loop.");
@@ -75,31 +76,88 @@ LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& i
                                const std::atomic<bool>* stop) {
   LoopReport report;
   if (!options_.enabled || !map.has(current)) return report;
-  if (last_closed_ &&
-      current.value < last_closed_->value + static_cast<unsigned>(options_.min_gap)) {
-    return report;
-  }
-  const std::optional<Confirmed> loop = detect(map, current, index, report);
-  if (!loop) return report;
+  const bool rests =
+      last_closed_ && current.value < last_closed_->value + static_cast<unsigned>(options_.min_gap);
+  std::optional<Confirmed> loop;
+  if (!rests) loop = detect(map, current, index, report);
+  if (!loop) loop = detect_joint(map, current, index, report);
+  if (loop) apply(map, current, *loop, report, stop);
+  return report;
+}
+
+LoopReport LoopCloser::join(Map& map, KeyFrameId current, const PlaceIndex& index,
+                            const std::atomic<bool>* stop) {
+  LoopReport report;
+  if (!options_.enabled || !map.has(current)) return report;
+  const std::optional<Confirmed> loop = detect_joint(map, current, index, report);
+  if (loop) apply(map, current, *loop, report, stop);
+  return report;
+}
+
+LoopReport LoopCloser::join_at(Map& map, const FrameFeatures& features, const VerifiedPlace& there,
+                               KeyFrameId current, const std::atomic<bool>* stop) {
+  LoopReport report;
+  if (!options_.enabled || !map.has(current) || !map.has(there.keyframe)) return report;
+  const PlaceVerificationOptions& v = options_.verification;
+  const std::optional<VerifiedPlace> here =
+      verify_place(map, features, current, v, *model_, report.statistics);
+  if (!here) return report;
+  const Rigid3 T_current_there = map.keyframe(current).T_c_w * here->T_c_w.inverse() * there.T_c_w;
+  Confirmed loop;
+  loop.place = match_place(map, *map.keyframe(current).features, T_current_there,
+                           landmarks_around(map, there.keyframe, v.window), v.narrow_radius,
+                           v.search_distance, *model_, report.statistics);
+  loop.place.T_c_w = T_current_there;  // it may see little of the place itself
+  loop.place.keyframe = there.keyframe;
+  apply(map, current, loop, report, stop);
+  return report;
+}
+
+void LoopCloser::apply(Map& map, KeyFrameId current, const Confirmed& loop, LoopReport& report,
+                       const std::atomic<bool>* stop) {
   Stopwatch watch;
-  const Rigid3 gap = gap_of(map, current, loop->place);
-  report.closed = loop->place.keyframe;
+  const Rigid3 gap = gap_of(map, current, loop.place);
+  report.closed = loop.place.keyframe;
   report.distance =
-      (map.keyframe(loop->place.keyframe).T_c_w * loop->place.T_c_w.inverse()).translation.norm();
-  report.closed_frame = map.keyframe(loop->place.keyframe).frame_index;
-  report.merged = map.keyframe(current).submap != map.keyframe(loop->place.keyframe).submap;
+      (map.keyframe(loop.place.keyframe).T_c_w * loop.place.T_c_w.inverse()).translation.norm();
+  report.closed_frame = map.keyframe(loop.place.keyframe).frame_index;
+  report.merged = map.keyframe(current).submap != map.keyframe(loop.place.keyframe).submap;
   if (report.merged) {
-    merge(map, current, *loop);
+    merge(map, current, loop);
   } else {
     report.gap = gap.translation.norm();
     report.gap_deg = degrees(gap);
-    close(map, current, *loop, stop);
+    close(map, current, loop, stop);
   }
-  report.fused = fuse(map, current, *loop, report);
+  report.fused = fuse(map, current, loop, report);
   adjust_locally(map, current, bundle_, stop);
   last_closed_ = current;
   report.correct = watch.lap_ms();
-  return report;
+}
+
+/// The best joint with another sub-map. Their places are asked for apart from those of the own
+/// one, which would take the first ranks.
+std::optional<LoopCloser::Confirmed> LoopCloser::detect_joint(const Map& map, KeyFrameId current,
+                                                              const PlaceIndex& index,
+                                                              LoopReport& report) const {
+  if (!options_.joint.enabled) return std::nullopt;
+  const std::vector<KeyFrameId> own = map.submap_keyframes(map.keyframe(current).submap);
+  if (own.size() == map.keyframes().size()) return std::nullopt;
+  Stopwatch watch;
+  const std::vector<PlaceCandidate> candidates = index.query(
+      *map.keyframe(current).features, *model_, report.statistics, own, options_.joint.candidates);
+  report.query += watch.lap_ms();
+  std::optional<Joint> best;
+  for (const PlaceCandidate& candidate : candidates) {
+    if (!map.has(candidate.keyframe)) continue;
+    ++report.candidates;
+    std::optional<Joint> joint = find_joint(map, current, candidate.keyframe, options_.joint,
+                                            options_.verification, *model_, report.statistics);
+    if (joint && (!best || joint->total > best->total)) best = std::move(joint);
+  }
+  report.verify += watch.lap_ms();
+  if (!best) return std::nullopt;
+  return Confirmed{std::move(best->place), std::move(best->neighbours)};
 }
 
 std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrameId current,
@@ -150,19 +208,12 @@ std::optional<LoopCloser::Confirmed> LoopCloser::confirm(const Map& map, KeyFram
   Confirmed confirmed{std::move(place), {}};
   const std::vector<LandmarkId> around =
       landmarks_around(map, confirmed.place.keyframe, 2 * v.window);
-  const Rigid3 T_w_current = map.keyframe(current).T_c_w.inverse();
   for (const KeyFrameId id : map.best_covisible(current, options_.neighbours)) {
-    const KeyFrame& neighbour = map.keyframe(id);
-    const Rigid3 T_n_current = neighbour.T_c_w * T_w_current;
-    const Rigid3 expected = T_n_current * confirmed.place.T_c_w;
-    const VerifiedPlace seen =
-        match_place(map, *neighbour.features, expected, around, 1.5f * v.narrow_radius,
-                    v.search_distance, *model_, statistics);
-    if (seen.inliers < options_.min_neighbour_inliers) continue;
-    if (seen.inliers < v.min_share * seen.in_view) continue;
-    const Rigid3 off = seen.T_c_w * expected.inverse();
-    const double allowed = options_.max_neighbour_shift * (1 + T_n_current.translation.norm());
-    if (off.translation.norm() > allowed || degrees(off) > options_.max_neighbour_turn) continue;
+    const std::optional<VerifiedPlace> seen = match_neighbour(
+        map, current, confirmed.place.T_c_w, id, around, v, options_.max_neighbour_shift,
+        options_.max_neighbour_turn, *model_, statistics);
+    if (!seen || seen->inliers < options_.min_neighbour_inliers) continue;
+    if (seen->inliers < v.min_share * seen->in_view) continue;
     confirmed.neighbours.push_back(id);
   }
   if (static_cast<int>(confirmed.neighbours.size()) < options_.min_confirming) return std::nullopt;

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "loop_closing/place_verification.h"
+#include "loop_closing/submap_joint.h"
 #include "map/map.h"
 #include "mapping/fusion.h"
 #include "mapping/local_bundle.h"
@@ -34,6 +35,7 @@ struct LoopOptions {
   int essential_weight = 100;      ///< shared landmarks of an edge of the essential graph
   int graph_iterations = 20;
   PlaceVerificationOptions verification;
+  JointOptions joint;  ///< of two sub-maps
   FusionOptions fusion{10, 0, 4, 50};
 };
 /// For check_options().
@@ -70,6 +72,17 @@ class LoopCloser {
   /// \param index of the landmarks of the map
   LoopReport process(Map& map, KeyFrameId current, const PlaceIndex& index,
                      const std::atomic<bool>* stop = nullptr);
+  /// Looks for the place of a keyframe in the other sub-maps alone; call it when all keyframes
+  /// around it are known.
+  LoopReport join(Map& map, KeyFrameId current, const PlaceIndex& index,
+                  const std::atomic<bool>* stop = nullptr);
+  /// Joins a sub-map with another one at a frame that is verified in that one: where the frame is
+  /// in the sub-map says where the sub-map is.
+  /// \param features of the frame
+  /// \param there the frame in the other sub-map
+  /// \param current the last keyframe of the sub-map to be joined
+  LoopReport join_at(Map& map, const FrameFeatures& features, const VerifiedPlace& there,
+                     KeyFrameId current, const std::atomic<bool>* stop = nullptr);
 
  private:
   struct Confirmed {
@@ -78,6 +91,11 @@ class LoopCloser {
   };
   [[nodiscard]] std::optional<Confirmed> detect(const Map& map, KeyFrameId current,
                                                 const PlaceIndex& index, LoopReport& report) const;
+  [[nodiscard]] std::optional<Confirmed> detect_joint(const Map& map, KeyFrameId current,
+                                                      const PlaceIndex& index,
+                                                      LoopReport& report) const;
+  void apply(Map& map, KeyFrameId current, const Confirmed& loop, LoopReport& report,
+             const std::atomic<bool>* stop);
   [[nodiscard]] std::optional<Confirmed> confirm(const Map& map, KeyFrameId current,
                                                  VerifiedPlace place,
                                                  kys::Statistics& statistics) const;

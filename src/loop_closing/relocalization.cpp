@@ -2,6 +2,7 @@
 #include "loop_closing/relocalization.h"
 
 #include <utility>
+#include <vector>
 
 namespace kys_slam {
 
@@ -10,20 +11,23 @@ void describe(kys::OptionList& list, RelocalizationOptions& o) {
            "look for lost frames in the whole map, start a new sub-map when that fails");
   list.add("relocalization.candidates", o.candidates, {0, 100}, "", "places verified per frame");
   list.add("relocalization.patience", o.patience, {1, 1e9}, "frames",
-           "that are not recognised until one of them starts a new sub-map");
+           "for which a new sub-map is provisional, and unrecognised ones after which a doubtful "
+           "one starts");
   const kys::OptionList::Fixed fixed(list);
   describe(list, o.verification);  // set as place.*
 }
 
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
-                                        const FrameFeatures& features,
+                                        const FrameFeatures& features, KeyFrameId except,
                                         const RelocalizationOptions& options,
                                         const kys::DistanceModel& model,
                                         kys::Statistics& statistics) {
   if (!options.enabled) return std::nullopt;
   std::optional<VerifiedPlace> best;
+  std::vector<KeyFrameId> excluded;
+  if (except.valid()) excluded = map.submap_keyframes(except);
   for (const PlaceCandidate& candidate :
-       index.query(features, model, statistics, {}, options.candidates)) {
+       index.query(features, model, statistics, excluded, options.candidates)) {
     if (!map.has(candidate.keyframe)) continue;
     std::optional<VerifiedPlace> place =
         verify_place(map, features, candidate.keyframe, options.verification, model, statistics);

@@ -14,7 +14,7 @@ namespace kys_slam {
 struct RelocalizationOptions {
   bool enabled = true;
   std::size_t candidates = 5;  ///< places verified
-  int patience = 10;  ///< unrecognised frames that could start a map, until one starts a sub-map
+  int patience = 10;           ///< frames; Restart says for what
   PlaceVerificationOptions verification;
 };
 /// For check_options().
@@ -22,8 +22,9 @@ void describe(kys::OptionList& list, RelocalizationOptions& options);
 
 /// Relocalises a frame in the map: the verified candidate of the index with most inliers (ORB-SLAM,
 /// Sec. V-C). Nothing when no candidate is verified.
+/// \param except sub-map in which it is not looked for; invalid: none
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
-                                        const FrameFeatures& features,
+                                        const FrameFeatures& features, KeyFrameId except,
                                         const RelocalizationOptions& options,
                                         const kys::DistanceModel& model,
                                         kys::Statistics& statistics);

@@ -124,6 +124,14 @@ std::vector<KeyFrameId> Map::submap_keyframes(KeyFrameId submap) const {
   return members;
 }
 
+KeyFrameId Map::largest_submap() const {
+  std::map<KeyFrameId, std::size_t> sizes;
+  keyframes_.for_each([&](KeyFrameId, const KeyFrame& k) { ++sizes[k.submap]; });
+  const auto largest = std::ranges::max_element(
+      sizes, {}, [](const auto& submap) { return submap.second; });  // of equals the first
+  return largest != sizes.end() ? largest->first : KeyFrameId{};
+}
+
 void Map::add_keyframe(KeyFrame keyframe) {
   if (!keyframe.features) throw std::logic_error("keyframe without features");
   const KeyFrameId id = keyframe.id;

@@ -69,6 +69,9 @@ class Map {
   /// Keyframes of a sub-map, by id, without culled ones.
   [[nodiscard]] std::vector<KeyFrameId> submap_keyframes(KeyFrameId submap) const;
 
+  /// The sub-map with most keyframes, of equals the oldest; invalid in an empty map.
+  [[nodiscard]] KeyFrameId largest_submap() const;
+
   /// Adds a keyframe without observations, covisibility, parent or children. Without a sub-map it
   /// starts a new one.
   void add_keyframe(KeyFrame keyframe);

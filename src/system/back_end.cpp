@@ -27,6 +27,7 @@ BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
 
 ChangeSet BackEnd::continue_map(Map map) {
   map_ = std::move(map);
+  first_own_ = {map_.keyframe_id_end()};
   if (model_->uses_belief()) map_.keep_beliefs();
   mapper_.continue_map(map_);
   return publish();
@@ -36,6 +37,7 @@ BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<b
                              bool behind) {
   BackEndStep step;
   step.frame_index = message.frame_index;
+  grown_ = true;
   full_bundle_.take_over_if_due(map_, message.id);
   step.report = mapper_.process(map_, message, stop, behind);
   step.loop = closer_.process(map_, message.id, places_, stop);
@@ -46,10 +48,33 @@ BackEndStep BackEnd::process(const KeyFrameMessage& message, const std::atomic<b
   return step;
 }
 
-ChangeSet BackEnd::finish(const std::atomic<bool>* stop) {
+BackEndEnd BackEnd::finish(const std::atomic<bool>* stop) {
   full_bundle_.finish(map_);
+  BackEndEnd end;
+  if (grown_) end.joined = join_submaps(stop);
   mapper_.finish(map_, stop);
-  return publish();
+  end.last = publish();
+  return end;
+}
+
+/// All keyframes are looked for again in the other sub-maps, now that those around them are known.
+/// The keyframes of the largest sub-map are looked for by those of the others.
+std::vector<BackEndStep> BackEnd::join_submaps(const std::atomic<bool>* stop) {
+  std::vector<BackEndStep> joined;
+  const KeyFrameId largest = map_.largest_submap();
+  for (const KeyFrameId id : map_.keyframes().ids()) {
+    if (stop != nullptr && *stop) break;
+    if (!map_.has(id) || map_.submap(id) == map_.submap(largest)) continue;
+    BackEndStep step;
+    step.frame_index = id < first_own_ ? -1 : map_.keyframe(id).frame_index;
+    step.loop = closer_.join(map_, id, places_, stop);
+    if (!step.loop.closed) continue;
+    full_bundle_.start(map_, map_.keyframe(id).submap, id);
+    full_bundle_.finish(map_);
+    step.changes = publish();
+    joined.push_back(std::move(step));
+  }
+  return joined;
 }
 
 /// What changed, for the index of places and for the tracker.
@@ -62,9 +87,21 @@ ChangeSet BackEnd::publish() {
   return changes;
 }
 
-std::optional<VerifiedPlace> BackEnd::relocalize(const FrameFeatures& features,
+std::optional<VerifiedPlace> BackEnd::relocalize(const FrameFeatures& features, KeyFrameId except,
                                                  kys::Statistics& statistics) const {
-  return kys_slam::relocalize(map_, places_, features, relocalization_, *model_, statistics);
+  return kys_slam::relocalize(map_, places_, features, except, relocalization_, *model_,
+                              statistics);
+}
+
+BackEndStep BackEnd::join_at(const FrameFeatures& features, const VerifiedPlace& there,
+                             KeyFrameId submap) {
+  BackEndStep step;
+  const std::vector<KeyFrameId> members = map_.submap_keyframes(submap);
+  if (members.empty() || submap == map_.submap(there.keyframe)) return step;
+  step.frame_index = map_.keyframe(members.back()).frame_index;
+  step.loop = closer_.join_at(map_, features, there, members.back());
+  step.changes = publish();
+  return step;
 }
 
 BackEndRunner::BackEndRunner(const StereoCamera& camera, const ScaleLevels& scales,
@@ -148,7 +185,7 @@ std::vector<BackEndStep> BackEndRunner::drain() {
   return steps;
 }
 
-ChangeSet BackEndRunner::finish() {
+BackEndEnd BackEndRunner::finish() {
   try {
     return back_end_.finish(&stop_);
   } catch (...) {

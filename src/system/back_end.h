@@ -33,6 +33,14 @@ struct BackEndStep {
   LoopReport loop;
 };
 
+/// What the back end does after the last keyframe.
+struct BackEndEnd {
+  /// Sub-maps joined. `frame_index` is that of the keyframe that sees the place of the other one;
+  /// -1: it is of a loaded map.
+  std::vector<BackEndStep> joined;
+  ChangeSet last;
+};
+
 struct BackEndOptions {
   LocalMapperOptions mapping;
   LoopOptions loop;
@@ -62,12 +70,17 @@ class BackEnd {
   void set_priors(const std::vector<KeyFramePriors>& late) {
     for (const KeyFramePriors& priors : late) map_.set_priors(priors.keyframe, priors.priors);
   }
-  /// Waits for full bundle adjustment, applies its result, and corrects the disparities a last
-  /// time.
-  ChangeSet finish(const std::atomic<bool>* stop);
+  /// Waits for full bundle adjustment, applies its result, joins the sub-maps that show the same
+  /// place, and corrects the disparities a last time.
+  BackEndEnd finish(const std::atomic<bool>* stop);
   /// Relocalises a frame; nothing when it is not at a known place.
+  /// \param except sub-map in which it is not looked for; invalid: none
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
+                                                        KeyFrameId except,
                                                         kys::Statistics& statistics) const;
+  /// Joins a sub-map with the one in which a frame has been found. No loop: the frame is not found
+  /// in this one as well.
+  BackEndStep join_at(const FrameFeatures& features, const VerifiedPlace& there, KeyFrameId submap);
   /// Stops full bundle adjustment. Thread-safe.
   void interrupt() { full_bundle_.interrupt(); }
   [[nodiscard]] const Map& map() const { return map_; }
@@ -75,6 +88,7 @@ class BackEnd {
 
  private:
   ChangeSet publish();
+  std::vector<BackEndStep> join_submaps(const std::atomic<bool>* stop);
 
   const kys::DistanceModel* model_;
   RelocalizationOptions relocalization_;
@@ -83,6 +97,8 @@ class BackEnd {
   PlaceIndex places_;
   LoopCloser closer_;
   FullBundle full_bundle_;
+  KeyFrameId first_own_{0};  // older ones come from a loaded map
+  bool grown_ = false;       // by keyframes of this run
 };
 
 /// Runs the back end by a schedule: takes messages, returns finished steps between two frames.
@@ -116,11 +132,17 @@ class BackEndRunner {
   /// Call it after `drain`: priors of keyframes that became known after the last message.
   void set_priors(const std::vector<KeyFramePriors>& late) { back_end_.set_priors(late); }
   /// Call it after `drain`: the last corrections of the map.
-  ChangeSet finish();
+  BackEndEnd finish();
   /// After `drain`.
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
+                                                        KeyFrameId except,
                                                         kys::Statistics& statistics) const {
-    return back_end_.relocalize(features, statistics);
+    return back_end_.relocalize(features, except, statistics);
+  }
+  /// After `drain`.
+  BackEndStep join_at(const FrameFeatures& features, const VerifiedPlace& there,
+                      KeyFrameId submap) {
+    return back_end_.join_at(features, there, submap);
   }
   /// Stops running and all later optimisation early. Thread-safe.
   void interrupt() {

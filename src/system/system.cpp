@@ -193,15 +193,26 @@ void System::Impl::apply(std::vector<BackEndStep> steps) {
     report.times.local_bundle = step.report.bundle;
     report.times.loop = step.loop.total();
     report.statistics += step.report.statistics;
-    report.statistics += step.loop.statistics;
-    if (step.loop.closed) {
-      report.loop = step.loop.merged ? LoopEvent::kMerged : LoopEvent::kClosed;
-      report.loop_gap_m = step.loop.gap;
-      report.loop_distance_m = step.loop.distance;
-      if (!(*step.loop.closed < first_keyframe)) {
-        report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
-      }
-    }
+    note_loop(step);
+  }
+}
+
+/// Two sub-maps have been joined.
+void System::Impl::take_joint(BackEndStep step) {
+  tracker.apply(std::move(step.changes));
+  if (step.frame_index >= 0) note_loop(step);
+}
+
+/// What loop closing found with the keyframe of a frame.
+void System::Impl::note_loop(const BackEndStep& step) {
+  FrameReport& report = reports.at(static_cast<std::size_t>(step.frame_index));
+  report.statistics += step.loop.statistics;
+  if (!step.loop.closed) return;
+  report.loop = step.loop.merged ? LoopEvent::kMerged : LoopEvent::kClosed;
+  report.loop_gap_m = step.loop.gap;
+  report.loop_distance_m = step.loop.distance;
+  if (!(*step.loop.closed < first_keyframe)) {
+    report.loop_frame = reports.at(static_cast<std::size_t>(step.loop.closed_frame)).index;
   }
 }
 
@@ -272,28 +283,58 @@ void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& rep
                    *u.covariance.motion};
 }
 
-/// A lost frame is looked for in the whole map; when that has failed for a while, a new sub-map
-/// starts, to be merged when a known place is seen again. The back end is waited for, so that the
-/// answer depends on the frames alone.
-TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
-                                  TrackResult lost) {
+/// Looks for a frame in the whole map, and resumes tracking where it is. The back end is waited
+/// for, so that the answer depends on the frames alone.
+/// \param elsewhere not in the sub-map of the last frame with a pose
+TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen, bool elsewhere) {
+  TrackResult lost;
   if (!options.relocalization.enabled || seen.features->size() == 0) return lost;
   drain();
   front_end.renew(seen);
-  if (const auto place = runner.relocalize(*tracker.with_beliefs(seen.features), lost.statistics)) {
-    TrackResult resumed =
-        tracker.resume(input(frame, seen), {place->keyframe, place->T_c_w, place->landmarks}, 0);
-    resumed.statistics += lost.statistics;
-    if (resumed.status != TrackingStatus::kLost) return resumed;
-    lost.reason += "; " + resumed.reason;
-    lost.statistics = resumed.statistics;
+  const KeyFrameId except = elsewhere ? tracker.present_submap() : KeyFrameId{};
+  const auto place =
+      runner.relocalize(*tracker.with_beliefs(seen.features), except, lost.statistics);
+  if (!place) return lost;
+  if (elsewhere) {
+    take_joint(runner.join_at(*tracker.with_beliefs(seen.features), *place, except));
   }
-  if (!tracker.can_start(*seen.features) || ++unrecognised < options.relocalization.patience) {
-    return lost;
-  }
+  TrackResult resumed =
+      tracker.resume(input(frame, seen), {place->keyframe, place->T_c_w, place->landmarks}, 0);
+  resumed.statistics += lost.statistics;
+  return resumed;
+}
+
+/// A lost frame is looked for in the whole map; when that fails, it may start a new sub-map, to be
+/// merged when a known place is seen again.
+TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
+                                  TrackResult lost) {
+  TrackResult resumed = resume(frame, seen, false);
+  resumed.statistics += lost.statistics;
+  if (resumed.status != TrackingStatus::kLost) return resumed;
+  lost.statistics = resumed.statistics;
+  lost.refused |= resumed.refused;
+  if (!resumed.reason.empty()) lost.reason += "; " + resumed.reason;
+  if (!options.relocalization.enabled || !tracker.can_start(*seen.features)) return lost;
+  if (!restart.is_due(lost.refused)) return lost;
   TrackResult started = tracker.start_submap(input(frame, seen));
   started.statistics += lost.statistics;
   return started;
+}
+
+/// The pose of a frame, in the map where the last one was or elsewhere.
+TrackResult System::Impl::find(const StereoFrame& frame, FrontEndResult& seen) {
+  kys::Statistics statistics;
+  if (restart.is_provisional()) {
+    TrackResult resumed = resume(frame, seen, true);
+    if (resumed.status != TrackingStatus::kLost) return resumed;
+    statistics = resumed.statistics;
+  }
+  TrackResult tracked = tracker.track(input(frame, seen), runner.waiting());
+  if (tracked.status == TrackingStatus::kLost && tracker.has_map()) {
+    tracked = recover(frame, seen, std::move(tracked));
+  }
+  tracked.statistics += statistics;
+  return tracked;
 }
 
 FrameReport System::feed(const StereoFrame& frame, const StereoMasks& masks) {
@@ -408,11 +449,10 @@ void System::Impl::track(const StereoFrame& frame, FrontEndResult& seen,
   apply(runner.collect(count));
   front_end.renew(seen);
   report.segments_of = attach_segments(frame, seen, arrived);
-  TrackResult tracked = tracker.track(input(frame, seen), runner.waiting());
-  if (tracked.status == TrackingStatus::kLost && tracker.has_map()) {
-    tracked = recover(frame, seen, std::move(tracked));
-  }
-  if (tracked.status != TrackingStatus::kLost) unrecognised = 0;
+  const bool had_map = tracker.has_map();
+  TrackResult tracked = find(frame, seen);
+  if (tracked.status == TrackingStatus::kStarted && had_map) restart.started();
+  if (tracked.status == TrackingStatus::kTracked) restart.tracked(tracked.relocalised);
   if (tracker.has_map()) front_end.hold_rig();
   report.keyframe = tracked.keyframe.has_value();
   note(tracked, seen, report);
@@ -446,7 +486,9 @@ void System::finish() {
   if (!impl_->held.empty()) impl_->track_held({});
   impl_->drain();
   impl_->runner.set_priors(impl_->tracker.take_late_priors());
-  impl_->tracker.apply(impl_->runner.finish());
+  BackEndEnd end = impl_->runner.finish();
+  for (BackEndStep& joined : end.joined) impl_->take_joint(std::move(joined));
+  impl_->tracker.apply(std::move(end.last));
 }
 
 void System::interrupt() {

@@ -18,6 +18,7 @@
 #include "system/object_log.h"
 #include "system/private_access.h"
 #include "system/relative_frame_poses.h"
+#include "system/restart.h"
 #include "system/segment_queue.h"
 #include "system/settings_data.h"
 #include "system/system_options.h"
@@ -49,10 +50,14 @@ struct System::Impl {
   /// The map while no frame is fed and the back end rests; `lock` holds it there.
   const Map& quiet_map(const std::unique_lock<std::mutex>& lock);
   void apply(std::vector<BackEndStep> steps);
+  void note_loop(const BackEndStep& step);
+  void take_joint(BackEndStep step);
   [[nodiscard]] TrackerInput input(const StereoFrame& frame, const FrontEndResult& seen) const {
     return {count, frame.timestamp, seen.features, seen.left, seen.repeated, seen.segments};
   }
+  TrackResult resume(const StereoFrame& frame, FrontEndResult& seen, bool elsewhere);
   TrackResult recover(const StereoFrame& frame, FrontEndResult& seen, TrackResult lost);
+  TrackResult find(const StereoFrame& frame, FrontEndResult& seen);
   struct Place {
     KeyFrameId submap;
     Rigid3 T_w_c;
@@ -121,7 +126,7 @@ struct System::Impl {
   int bits = 0;                    // of 16-bit views, 8 to 16; 0: no pair yet that shows it
   std::string first_note;          // a warning of the next frame's report
   InterruptibleWait stall;
-  int unrecognised = 0;  // lost frames since the last tracked one that were looked for in vain
+  Restart restart{options.relocalization.patience};
 };
 
 }  // namespace kys_slam

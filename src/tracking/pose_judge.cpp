@@ -175,18 +175,18 @@ bool PoseJudge::is_possible(const TrackingContext& c, const TrackedFrame& frame,
   return c.options.motion.acceleration <= 0 || !c.motion.is_impossible(T_c_w, frame.taken, 1);
 }
 
-std::string PoseJudge::objection(const TrackingContext& c, const TrackedFrame& frame,
-                                 const PoseCandidate& candidate) {
+Objection PoseJudge::objection(const TrackingContext& c, const TrackedFrame& frame,
+                               const PoseCandidate& candidate) {
   const Evidence& evidence = candidate.evidence;
   const bool sure =
       c.motion.is_near(candidate.T_c_w, frame.taken, c.options.consensus.max_acceleration) &&
       evidence.inliers >= c.options.judge.held_share * evidence.matches;
   const int wanted = sure ? c.options.min_held_inliers : c.options.min_local_inliers;
   if (evidence.inliers < wanted) {
-    return "local map: " + std::to_string(evidence.inliers) + " inliers";
+    return {"local map: " + std::to_string(evidence.inliers) + " inliers"};
   }
-  if (is_supported(c, frame, candidate)) return "";
-  return "local map: only objects that can move support the pose";
+  if (is_supported(c, frame, candidate)) return {};
+  return {"local map: only objects that can move support the pose", true};
 }
 
 /// With beliefs: whether what cannot move supports the pose, or did so a short time ago, or is not

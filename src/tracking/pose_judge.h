@@ -21,6 +21,12 @@ struct Prediction {
   kys::Statistics statistics;
 };
 
+/// Why a pose does not stand.
+struct Objection {
+  std::string why;       ///< "": it stands
+  bool refused = false;  ///< it has enough inliers, and what they are on is not believed
+};
+
 /// The rules by which the pose of a frame is found. Nothing else decides which source is tried
 /// next, which candidate is taken and whether the frame is lost.
 ///
@@ -34,9 +40,9 @@ class PoseJudge {
   /// A pose of a frame, given a last frame with a pose.
   Prediction predict(const TrackingContext& context, const TrackedFrame& frame);
 
-  /// Whether the pose stands that the local map gave. \return why not; "": it stands
-  std::string objection(const TrackingContext& context, const TrackedFrame& frame,
-                        const PoseCandidate& candidate);
+  /// Whether the pose stands that the local map gave.
+  Objection objection(const TrackingContext& context, const TrackedFrame& frame,
+                      const PoseCandidate& candidate);
   /// Whether a pose found without an expectation is possible after the last motion. When a moving
   /// object fills the image, all matches may be on it. Then the frame has no pose, for as long as
   /// the motion model is used.

@@ -36,6 +36,7 @@ struct TrackResult {
   int inliers = 0;
   bool held = false;       ///< the expected pose was used as a prior
   bool jumped = false;     ///< the pose found near the prediction needs an impossible acceleration
+  bool refused = false;    ///< a pose was found, and not believed
   bool overruled = false;  ///< image area gave another pose than the number of matches
   IntegrityResult integrity;
   std::vector<InstanceState> instances;  ///< of the frame, when the mode uses belief

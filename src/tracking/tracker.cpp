@@ -86,6 +86,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
       start_map(frame, result);
     } else {
       result.reason = "not yet found in the map";
+      result.refused = true;
     }
     return result;
   }
@@ -100,6 +101,7 @@ TrackResult Tracker::track(const TrackerInput& input, int waiting) {
     finish_tracked(std::move(frame), std::move(*prediction.candidate), waiting, result);
   } else {
     instances_.forget_frames();
+    result.refused |= result.jumped;
   }
   return result;
 }
@@ -114,9 +116,10 @@ bool Tracker::use_local_map(TrackedFrame& frame, PoseCandidate& candidate, Track
   result.statistics += refined.statistics;
   result.matches = candidate.evidence.matches;
   result.inliers = candidate.evidence.inliers;
-  const std::string objection = judge_.objection(context(), frame, candidate);
-  if (objection.empty()) return true;
-  result.reason += "; " + objection;
+  const Objection objection = judge_.objection(context(), frame, candidate);
+  if (objection.why.empty()) return true;
+  result.refused = objection.refused;
+  result.reason += "; " + objection.why;
   return false;
 }
 
@@ -137,6 +140,7 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
   }
   if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {
     result.reason += "; " + std::to_string(result.inliers) + " inliers stand still";
+    result.refused = true;
     result.instances.clear();
     instances_.forget_frames();
     return false;
@@ -184,6 +188,7 @@ TrackResult Tracker::resume(const TrackerInput& input, const KnownPlace& place, 
   if (submap(place.reference) == submap(reference_) &&
       !judge_.is_possible(context(), frame, place.T_c_w)) {
     result.jumped = true;
+    result.refused = true;
     result.reason += "; impossible motion";
     return result;
   }

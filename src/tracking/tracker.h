@@ -113,6 +113,10 @@ class Tracker {
   [[nodiscard]] Rigid3 current_pose(const FramePose& pose) const {
     return kys_slam::current_pose(replica_, pose);
   }
+  /// Sub-map of the last frame with a pose; invalid: there is none.
+  [[nodiscard]] KeyFrameId present_submap() const {
+    return reference_.valid() ? submap_of(replica_, reference_) : KeyFrameId{};
+  }
   /// Sub-map of a keyframe in the replica.
   [[nodiscard]] KeyFrameId submap(KeyFrameId keyframe) const {
     return submap_of(replica_, keyframe);

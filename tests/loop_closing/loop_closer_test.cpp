@@ -200,40 +200,100 @@ TEST_F(LoopCloserTest, IsTheSameEveryTime) {
   EXPECT_EQ(a.map.landmarks().ids(), b.map.landmarks().ids());
 }
 
-/// Two sub-maps, each in a frame of its own, that meet at the place where the first one began.
-TEST_F(LoopCloserTest, MergesTwoSubmapsInTheFrameOfTheOlder) {
-  const FeatureWorld world = ring();
-  DriftedMap made{Map(world.camera(), ScaleLevels(1.2, 8)), PlaceIndex(), {}};
-  for (int k = 0; k < kLap + 6; ++k) {
+/// Sub-maps, each in a frame of its own, that meet at the place where the first one began: that of
+/// keyframes 0 to 19, that of the end of the round, and one of the keyframes after these.
+/// \param seed_of_others of the world of the second; 1: that of the first. Else there is no third
+DriftedMap separate_submaps(int points, unsigned seed_of_others = 1) {
+  constexpr int kEnds[] = {20, kLap + 6, kLap + 14};
+  constexpr int kBegins[] = {0, kLap - 15, kLap + 6};
+  FeatureWorld::Options options;
+  options.points = points;
+  options.pixel_noise = 0.3;
+  options.flipped_bits = 10;
+  const FeatureWorld first = testing::ring_world(options);
+  options.seed = seed_of_others;
+  const FeatureWorld others = testing::ring_world(options);
+  const int parts = seed_of_others == 1 ? 3 : 2;
+  options.max_distance = 30;
+  DriftedMap made{Map(first.camera(), ScaleLevels(1.2, 8)), PlaceIndex(), {}};
+  for (int k = 0; k < kEnds[2]; ++k) {
     made.truth.push_back(ring_pose(k * testing::ring_length() / kLap));
   }
   std::uint32_t next = 0;
-  add_range(made, world, 0, 20, 0, next, true);
-  // The second one's world is anywhere.
-  const Rigid3 T_other_w(so3_exp({0.3, -1.2, 0.5}), Eigen::Vector3d(100, -20, 7));
-  std::vector<Rigid3> moved = made.truth;
-  for (Rigid3& T : moved) T = T_other_w * T;
-  std::swap(made.truth, moved);
-  FeatureWorld::Options options;
-  options.points = 0;
-  std::vector<FeatureWorld::Point> points = world.points();
-  for (auto& p : points) p.p_w = T_other_w * p.p_w;
-  options.max_distance = 30;
-  options.pixel_noise = 0.3;
-  options.flipped_bits = 10;
-  const FeatureWorld elsewhere(testing::kitti_camera(), options, points);
-  add_range(made, elsewhere, kLap - 15, kLap + 6, 0, next, false);
-  std::swap(made.truth, moved);
-  ASSERT_EQ(made.map.submap(KeyFrameId{kLap}), KeyFrameId{kLap - 15});
+  for (int part = 0; part < parts; ++part) {
+    // The world of every part but the first is anywhere.
+    const Rigid3 T_own_w =
+        part == 0 ? Rigid3{}
+                  : Rigid3(so3_exp({0.3 * part, -1.2, 0.5}), Eigen::Vector3d(100, -20 * part, 7));
+    const std::vector<Rigid3> truth = made.truth;
+    for (Rigid3& T : made.truth) T = T_own_w * T;
+    std::vector<FeatureWorld::Point> moved = (part == 0 ? first : others).points();
+    for (auto& p : moved) p.p_w = T_own_w * p.p_w;
+    add_range(made, FeatureWorld(testing::kitti_camera(), options, moved), kBegins[part],
+              kEnds[part], 0, next, false);
+    made.truth = truth;
+  }
+  return made;
+}
 
-  const LoopReport report = close(made, kLap + 5);
+std::set<KeyFrameId> submaps_of(const Map& map) {
+  std::set<KeyFrameId> submaps;
+  map.keyframes().for_each([&](KeyFrameId, const KeyFrame& k) { submaps.insert(k.submap); });
+  return submaps;
+}
+
+TEST_F(LoopCloserTest, MergesTwoSubmapsInTheFrameOfTheOlder) {
+  DriftedMap made = separate_submaps(9000);
+  ASSERT_EQ(made.map.submap(KeyFrameId{kLap}), KeyFrameId{kLap - 15});
+  LoopCloser closer(LoopOptions{}, LocalBundleOptions{}, model_);
+  const LoopReport report = closer.process(made.map, KeyFrameId{kLap + 5}, made.index);
   ASSERT_TRUE(report.closed);
   EXPECT_TRUE(report.merged);
-  std::set<KeyFrameId> submaps;
-  made.map.keyframes().for_each([&](KeyFrameId, const KeyFrame& k) { submaps.insert(k.submap); });
-  EXPECT_EQ(submaps, std::set<KeyFrameId>{KeyFrameId{0}});
-  EXPECT_LT(worst(made), 0.15) << "all keyframes in one frame";
+  made.index.apply(made.map.take_changes());
   EXPECT_FALSE(made.map.keyframe(KeyFrameId{0}).parent.valid()) << "the older root stays";
+  // The third is merged although this one has just been.
+  const LoopReport next = closer.process(made.map, KeyFrameId{kLap + 12}, made.index);
+  EXPECT_TRUE(next.merged);
+  made.map.check_consistency();
+  EXPECT_EQ(submaps_of(made.map), std::set<KeyFrameId>{KeyFrameId{0}});
+  EXPECT_LT(worst(made), 0.15) << "all keyframes in one frame";
+}
+
+/// A bare scene: a keyframe sees 20 to 40 landmarks of the place, two thirds of what one alone
+/// needs.
+TEST_F(LoopCloserTest, SeveralKeyframesTogetherMergeSubmapsOfABareScene) {
+  constexpr int kBare = 600;
+  const auto merge = [&](int keyframe, bool together, DriftedMap& made) {
+    made = separate_submaps(kBare);
+    LoopOptions options;
+    options.joint.enabled = together;
+    return close(made, static_cast<std::uint32_t>(keyframe), options).merged;
+  };
+  DriftedMap made = separate_submaps(kBare);
+  for (const int keyframe : {kLap, kLap + 3, kLap + 5}) {
+    EXPECT_FALSE(merge(keyframe, false, made)) << keyframe << ": one keyframe sees too few";
+    ASSERT_TRUE(merge(keyframe, true, made)) << keyframe;
+    EXPECT_EQ(made.map.submap(KeyFrameId{kLap}), KeyFrameId{0});
+    // The keyframes of both, in one frame.
+    const Rigid3 T_0_w = made.map.keyframe(KeyFrameId{0}).T_c_w;
+    const Rigid3 estimate = T_0_w * made.map.keyframe(KeyFrameId{kLap}).T_c_w.inverse();
+    EXPECT_LT((estimate.t() - (made.truth[0].inverse() * made.truth[kLap]).t()).norm(), 0.15);
+  }
+}
+
+/// The same path in another world, with landmarks that look otherwise.
+TEST_F(LoopCloserTest, SubmapsOfTwoWorldsAreNotMerged) {
+  int tried = 0;
+  for (unsigned seed = 2; seed < 22; ++seed) {
+    DriftedMap made = separate_submaps(seed % 2 == 0 ? 600 : 9000, seed);
+    LoopCloser closer(LoopOptions{}, LocalBundleOptions{}, model_);
+    for (const int keyframe : {kLap - 5, kLap, kLap + 5}) {
+      const KeyFrameId id{static_cast<std::uint32_t>(keyframe)};
+      EXPECT_FALSE(closer.join(made.map, id, made.index).merged) << seed << ", " << keyframe;
+      ++tried;
+    }
+  }
+  EXPECT_EQ(tried, 60);
 }
 
 }  // namespace

@@ -71,7 +71,8 @@ TEST(EveryOption, OfPlacesAndLoops) {
   expect_every_number_checked<PlaceVerificationOptions>();
   expect_every_number_checked<RelocalizationOptions, PlaceVerificationOptions>();
   expect_every_number_checked<FullBundleOptions, BundleOptions>();
-  expect_every_number_checked<LoopOptions, PlaceVerificationOptions, FusionOptions>();
+  expect_every_number_checked<JointOptions>();
+  expect_every_number_checked<LoopOptions, PlaceVerificationOptions, JointOptions, FusionOptions>();
 }
 
 TEST(EveryOption, OfMotion) {
