@@ -9,10 +9,10 @@
 
 namespace kys_slam {
 
-/// Turns float descriptors of any length into 256 bits: the signs of 256 random projections. The
-/// expected Hamming distance of two descriptors is 256 times the angle between them over pi
-/// (Charikar, 2002), so that `kys` scales it as that of ORB. The same seed gives the same bits on
-/// every machine: weights are whole numbers, and sums have a fixed order.
+/// Turns float descriptors of any length into 256 bits: the signs of 256 random projections, which
+/// are orthogonal in groups (Ji et al., 2012: less noise). The expected Hamming distance of two
+/// descriptors is 256 times the angle between them over pi (Charikar, 2002), so that `kys` scales
+/// it as that of ORB. The same seed gives the same bits on every machine: sums have a fixed order.
 class Binariser {
  public:
   static constexpr int kMostDimensions = 4096;

@@ -5,7 +5,7 @@ extractor's descriptors."""
 import argparse
 from itertools import islice
 from pathlib import Path
-from typing import Optional
+from typing import Any, Callable, Iterable, Iterator, Optional, Tuple
 
 import numpy as np
 
@@ -49,8 +49,8 @@ def open_features(args, recording) -> Optional[Features]:
 def features_command(args) -> int:
     """Measures and prints, or writes, the distances. Returns an exit status."""
     from kys_slam.cli_input import open_recording
-    from kys_slam.feature_pairs import DistanceCounts, flow_field, stereo_field
     need()
+    from kys_slam.feature_pairs import DistanceCounts, hamming
     check_options(args)
     if args.write and not args.features:
         raise InputError("--write needs --features: ORB's distances are part of the program")
@@ -59,47 +59,73 @@ def features_command(args) -> int:
         if not recording.has_images:
             raise InputError(f"{recording.name}: holds features; descriptors are measured in images")
         features = open_features(args, recording)
-        settings = kys_slam.Settings()
-        counts = DistanceCounts()
-        before = []  # left images of the last frames with their features
-        for frame in islice(recording, args.frames):
-            left, right = np.asarray(frame.left), np.asarray(frame.right)
-            if features:
-                of_left, of_right = features(left), features(right)
-            else:
-                of_left, of_right = kys_slam._core._orb_features(left, right, settings)
-            counts.add(of_left, of_right, stereo_field(left, right))
-            if len(before) == _LATER:
-                image, found = before.pop(0)
-                counts.add(found, of_left, flow_field(image, left))
-            before.append((left, of_left))
-    text = _as_yaml(counts, recording.name)
+        pairs = list(_pairs(islice(recording, args.frames), _extractor(features)))
+    centre = _centre(features, pairs)
+    counts = DistanceCounts()
+    for geometry, first, second in pairs:
+        counts.add(geometry, hamming(*(_bits(d, features, centre) for d in (first, second))))
+    text = _as_yaml(counts, recording.name, centre)
     print(text, end="")
     if args.write:
         _write(Path(args.features), text)
     return 0
 
 
-def _as_yaml(counts, name: str) -> str:
+def _extractor(features: Optional[Features]) -> Callable:
+    """(left, right) images to the features of both."""
+    if features:
+        return lambda left, right: (features.raw(left), features.raw(right))
+    settings = kys_slam.Settings()
+    return lambda left, right: kys_slam._core._orb_features(left, right, settings)
+
+
+def _pairs(frames: Iterable, extract: Callable) -> Iterator[Tuple[Any, np.ndarray, np.ndarray]]:
+    """(Partners, descriptors of the first image, of the second) of stereo pairs and of frames."""
+    from kys_slam.feature_pairs import flow_field, partners, stereo_field
+    before: list = []  # left images of the last frames with their features
+    for frame in frames:
+        left, right = np.asarray(frame.left), np.asarray(frame.right)
+        of_left, of_right = extract(left, right)
+        yield (partners(of_left, of_right, stereo_field(left, right)), of_left["descriptors"],
+               of_right["descriptors"])
+        if len(before) == _LATER:
+            image, found = before.pop(0)
+            yield (partners(found, of_left, flow_field(image, left)), found["descriptors"],
+                   of_left["descriptors"])
+        before.append((left, of_left))
+
+
+def _centre(features: Optional[Features], pairs: list) -> Optional[np.ndarray]:
+    """The mean of descriptors that are floats; None: they are bits."""
+    if not pairs or pairs[0][1].dtype == np.uint8:
+        return None
+    total = sum(first.sum(axis=0, dtype=np.float64) for _, first, _ in pairs)
+    return np.round(total / max(1, sum(len(first) for _, first, _ in pairs)), 6)
+
+
+def _bits(descriptors: np.ndarray, features: Optional[Features], centre: Optional[np.ndarray]) -> np.ndarray:
+    return descriptors if centre is None else kys_slam.binarise(descriptors, features.seed, centre)
+
+
+def _as_yaml(counts, name: str, centre: Optional[np.ndarray]) -> str:
     lines = [f"# Bits; measured on {name}: {counts.matching.sum()} pairs that show the same point, "
              f"{counts.other.sum()} that do not (kys-slam features).", "distances:"]
     for key, values in counts.quantiles().items():
         lines.append(f"  {key}: [{', '.join(f'{v:g}' for v in values)}]")
+    if centre is not None:
+        lines.append(f"centre: [{', '.join(f'{v:g}' for v in centre)}]")
     return "\n".join(lines) + "\n"
 
 
 def _write(file: Path, text: str) -> None:
-    """In place of the distances at the end of a file, or behind what is there."""
+    """Behind what else is in the file."""
+    kept, drop = [], False
     try:
-        old = file.read_text(encoding="utf-8").splitlines()
-        is_start = lambda k: old[k].startswith("distances:")
-        start = next((k for k in range(len(old)) if is_start(k)), None)
-        if start is not None:
-            end = start + 1
-            while end < len(old) and old[end].startswith((" ", "\t")):
-                end += 1
-            start -= start > 0 and old[start - 1].startswith("# Bits; measured on ")
-            del old[start:end]
-        file.write_text("".join(f"{line}\n" for line in old) + text, encoding="utf-8")
+        for line in file.read_text(encoding="utf-8").splitlines():
+            if not line.startswith((" ", "\t")):
+                drop = line.startswith(("distances:", "centre:", "# Bits; measured on "))
+            if not drop:
+                kept.append(f"{line}\n")
+        file.write_text("".join(kept) + text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot write {file}: {error.strerror}") from None

@@ -8,6 +8,7 @@ wants and gives (docs/features.md).
 Needs onnxruntime, PyYAML and OpenCV.
 """
 
+import hashlib
 from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
@@ -106,13 +107,15 @@ class FeatureNetwork(OnnxNetwork):
         return int(number)
 
     def features(self, most: Optional[int] = None) -> Features:
-        """For System. most: features per image; None: what the file says. Its name has the first
-        characters of the digest of the weights."""
+        """For System. most: features per image; None: what the file says. Its name has a digest of the
+        weights and of what changes the bits of descriptors."""
         if most is not None:
             self.most = most
         s = self.settings
         with self._reading(self.path):
-            return Features(self, f"{self.name}:{self.digest[:12]}", reach=s.get("reach", 1.5),
+            bits = f"{self.digest} {s.get('seed', 0)} {s.get('centre')}"
+            digest = hashlib.sha256(bits.encode()).hexdigest()[:12]
+            return Features(self, f"{self.name}:{digest}", reach=s.get("reach", 1.5),
                             pixel_sigma=s.get("pixel_sigma", 0.5), seed=s.get("seed", 0),
                             centre=s.get("centre"), distances=s.get("distances"))
 

@@ -2,8 +2,9 @@
 """Which features of two images show the same point, without their descriptors: dense disparity of a stereo
 pair, dense flow between two frames, or depth and poses. And how far their descriptors are apart.
 
+    pair = partners(features(left), features(right), stereo_field(left, right))
     counts = DistanceCounts()
-    counts.add(features(left), features(right), stereo_field(left, right))
+    counts.add(pair, hamming(bits_of_left, bits_of_right))
     counts.quantiles()                               # {"matching": [...], "other": [...]}
 
 Needs OpenCV.
@@ -26,6 +27,7 @@ class Partners(NamedTuple):
     matching: np.ndarray  #: (M, 2) indices of features that show the same point, each at most once
     known: np.ndarray  #: (N,) bool: it is known where a feature of the first image is in the second
     expected: np.ndarray  #: (N, 2) px, there; nan where it is not known
+    second: np.ndarray  #: (M, 2) px, positions of the features of the second image
 
 
 def stereo_field(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -72,7 +74,7 @@ def partners(a: Dict[str, np.ndarray], b: Dict[str, np.ndarray], field: np.ndarr
     expected = np.where(inside[:, None], field[at[:, 1], at[:, 0]] + (first - at), np.nan)
     known = np.isfinite(expected).all(axis=1)
     if not known.any() or len(second) == 0:
-        return Partners(np.zeros((0, 2), int), known, expected)
+        return Partners(np.zeros((0, 2), int), known, expected, second)
     of = np.nonzero(known)[0]
     gap = np.linalg.norm(expected[of, None] - second[None], axis=2)
     levels = np.abs(a["octaves"][of, None].astype(int) - b["octaves"][None].astype(int))
@@ -80,7 +82,7 @@ def partners(a: Dict[str, np.ndarray], b: Dict[str, np.ndarray], field: np.ndarr
     nearest = gap.argmin(axis=1)
     mutual = gap.argmin(axis=0)[nearest] == np.arange(len(of))
     good = mutual & (gap[np.arange(len(of)), nearest] < NEAR)
-    return Partners(np.stack([of[good], nearest[good]], axis=1), known, expected)
+    return Partners(np.stack([of[good], nearest[good]], axis=1), known, expected, second)
 
 
 def hamming(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -95,12 +97,10 @@ class DistanceCounts:
     def __init__(self) -> None:
         self.matching, self.other = np.zeros(257, int), np.zeros(257, int)
 
-    def add(self, first: Dict[str, np.ndarray], second: Dict[str, np.ndarray], field: np.ndarray) -> None:
-        """first, second: as Features gives them."""
-        pairs = partners(first, second, field)
-        distance = hamming(first["descriptors"], second["descriptors"])
+    def add(self, pairs: Partners, distance: np.ndarray) -> None:
+        """distance: (N, M), bits."""
         self.matching += np.bincount(distance[pairs.matching[:, 0], pairs.matching[:, 1]], minlength=257)
-        gap = np.linalg.norm(pairs.expected[pairs.known][:, None] - second["positions"][None], axis=2)
+        gap = np.linalg.norm(pairs.expected[pairs.known][:, None] - pairs.second[None], axis=2)
         self.other += np.bincount(distance[pairs.known][gap > FAR], minlength=257)
 
     def quantiles(self) -> Dict[str, List[float]]:

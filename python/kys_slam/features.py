@@ -74,6 +74,10 @@ class Features:
             except (KeyError, TypeError, ValueError):
                 raise self._error("distances are no lists 'matching' and 'other' of numbers") from None
 
+    def raw(self, image: np.ndarray) -> Dict[str, np.ndarray]:
+        """Features of an image with their descriptors as the function gives them."""
+        return self._of_image(image)
+
     def __call__(self, image: np.ndarray) -> Dict[str, np.ndarray]:
         """Features of an image with their descriptors as bits (N, 32)."""
         found = self._of_image(image)

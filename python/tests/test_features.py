@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Features of one's own in place of ORB: functions, networks, distances of descriptors."""
 
+import json
 import sys
 
 import numpy as np
@@ -349,6 +350,7 @@ def test_a_network_runs_from_the_command_line(recording, tmp_path, capsys):
     assert main(["run", str(recording), "--features", str(model), "--output", str(out), "--quiet",
                  "--mode", "stock", "--save-map", str(tmp_path / "a.map")]) == 0
     assert len((out / "trajectory.tum").read_text().splitlines()) == 12
+    assert json.loads((out / "summary.json").read_text())["features"].startswith("points:")
     # The same model localises in its map, ORB does not.
     again = ["run", str(recording), "--quiet", "--mode", "stock", "--load-map", str(tmp_path / "a.map"),
              "--localize-only", "--output"]
@@ -362,17 +364,26 @@ def test_a_network_runs_from_the_command_line(recording, tmp_path, capsys):
 @needs_onnx
 def test_distances_are_measured_and_written(recording, tmp_path, capsys):
     import yaml
+    from kys_slam.feature_network import FeatureNetwork
     from kys_slam.demo import CAMERA
     model = write_points_network(tmp_path, (CAMERA["height"], CAMERA["width"]))
     command = ["features", str(recording), "--features", str(model), "--write"]
     assert main(command) == 0
     first = model.read_text()
-    distances = yaml.safe_load(first)["distances"]
+    distances, centre = (yaml.safe_load(first)[key] for key in ("distances", "centre"))
+    assert len(centre) == 48 and 0 < np.abs(centre).max() < 1
     assert len(distances["matching"]) == 13 and len(distances["other"]) == 11
     for values in distances.values():
         assert values == sorted(values) and 0 <= values[0] and values[-1] <= 256
     # Random filters tell points apart: half of the matches are nearer than a thousandth of the others.
     assert distances["matching"][6] < distances["other"][2]
+    # Another centre, other bits: a map of before is no longer its own.
+    names = [FeatureNetwork(model).features().name]
+    model.write_text(first.split("# Bits")[0])
+    names.append(FeatureNetwork(model).features().name)
+    assert names[0] != names[1]
+    assert main(command) == 0
+    assert model.read_text() == first, "measured with bits of before, or without: the same"
     assert main(command) == 0
     assert model.read_text() == first, "replaced, not added"
     assert yaml.safe_load(capsys.readouterr().out.split("# Bits")[1].split("\n", 1)[1])["distances"] == distances

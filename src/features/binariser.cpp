@@ -23,11 +23,42 @@ std::uint64_t next_state(std::uint64_t& state) {
   return z ^ (z >> 31);
 }
 
-/// Nearly normal: the number of ones among 128 random bits, less its mean. A whole number, so that
-/// it does not depend on a mathematical library.
-float next_weight(std::uint64_t& state) {
+/// Nearly normal: the number of ones among 128 random bits, less its mean. Does not depend on a
+/// mathematical library.
+double next_weight(std::uint64_t& state) {
   const int ones = std::popcount(next_state(state)) + std::popcount(next_state(state));
-  return static_cast<float>(ones - 64);
+  return ones - 64;
+}
+
+double dot(std::span<const double> a, std::span<const double> b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+/// The 256 projections, one after the other: random, orthonormal in groups of as many as there are
+/// dimensions.
+std::vector<double> make_projections(std::size_t length, std::uint64_t state) {
+  constexpr double kLeast = 1e-3;  // of a direction that is left when those before are taken out
+  std::vector<double> all(kBits * length);
+  const auto projection = [&](std::size_t b) {
+    return std::span<double>(&all[b * length], length);
+  };
+  for (std::size_t b = 0; b < kBits; ++b) {
+    const std::span<double> own = projection(b);
+    double left = 0, drawn = 0;
+    while (!(left > kLeast * drawn)) {
+      for (double& w : own) w = next_weight(state);
+      drawn = std::sqrt(dot(own, own));
+      for (std::size_t k = b - b % length; k < b; ++k) {
+        const double share = dot(projection(k), own);
+        for (std::size_t i = 0; i < length; ++i) own[i] -= share * projection(k)[i];
+      }
+      left = std::sqrt(dot(own, own));
+    }
+    for (double& w : own) w /= left;
+  }
+  return all;
 }
 
 }  // namespace
@@ -45,9 +76,14 @@ Binariser::Binariser(int dimensions, std::uint64_t seed, std::vector<float> cent
   for (const float c : centre_) {
     if (!(std::abs(c) <= 1e30F)) throw InputError("the centre of descriptors is not finite");
   }
-  std::uint64_t state = seed;
-  weights_.resize(static_cast<std::size_t>(dimensions) * kBits);
-  for (float& w : weights_) w = next_weight(state);
+  const auto length = static_cast<std::size_t>(dimensions);
+  const std::vector<double> projections = make_projections(length, seed);
+  weights_.resize(projections.size());
+  for (std::size_t d = 0; d < length; ++d) {
+    for (std::size_t b = 0; b < kBits; ++b) {
+      weights_[d * kBits + b] = static_cast<float>(projections[b * length + d]);
+    }
+  }
 }
 
 void Binariser::apply(std::span<const float> values, std::vector<kys::Descriptor>& bits) const {
