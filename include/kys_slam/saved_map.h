@@ -17,9 +17,10 @@ namespace kys_slam {
 struct MapInfo {
   int version = 0;  ///< of the file's format
   std::string label_space;
-  StereoCamera camera;  ///< the given calibration
-  RigEstimate rig;      ///< the correction of what was measured
-  int levels = 0;       ///< of the pyramid in which features were found
+  StereoCamera camera;    ///< the given calibration
+  RigEstimate rig;        ///< the correction of what was measured
+  std::string extractor;  ///< of the features: "orb", or another name
+  int levels = 0;         ///< of the pyramid in which features were found
   double scale_factor = 1;
   std::size_t culled = 0;        ///< keyframes of which a pose alone is left
   std::size_t features = 0;      ///< of all keyframes

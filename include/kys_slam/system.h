@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys_slam/feature_extractor.h>
 #include <kys_slam/frame_observation.h>
 #include <kys_slam/frame_source.h>
 #include <kys_slam/image_view.h>
@@ -50,10 +51,12 @@ struct RigReport {
 /// settings alone. Several systems can run in one process.
 class System {
  public:
-  /// \param priors source of the priors of keypoints; null: none \throws InputError when a setting
-  /// is invalid
+  /// \param priors source of the priors of keypoints; null: none
+  /// \param features extractor of the features of images; null: ORB by the settings `orb.*`
+  /// \throws InputError when a setting or a trait of the extractor is invalid
   System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
-         std::unique_ptr<PriorProvider> priors = nullptr);
+         std::unique_ptr<PriorProvider> priors = nullptr,
+         std::unique_ptr<FeatureExtractor> features = nullptr);
   ~System();
   System(const System&) = delete;
   System& operator=(const System&) = delete;
@@ -61,7 +64,7 @@ class System {
   /// Loads a saved map, in which frames are relocalised. Call it before the first frame,
   /// once. With `localize_only` the map does not change. Otherwise frames that are not recognised
   /// start a sub-map, which is merged when a known place is seen. \throws InputError when the file
-  /// is not a map, or a map of another camera, pyramid or label space
+  /// is not a map, or a map of another camera, extractor, pyramid or label space
   /// \throws LogicError after the first frame or another map
   void load_map(const std::filesystem::path& file, bool localize_only = false);
   /// Saves the whole map for `load_map`. Call it after `finish`. \throws InputError when the file

@@ -54,15 +54,16 @@ from ._core import (  # noqa: F401
     used_bits,
     write_tum,
 )
+from .features import Features, binarise
 from .maps import LandmarkMap, read_map
 from .priors import PriorCamera, PriorFrame, priors_from_labels, read_prior, write_prior
 from .system import TIERS, MapSnapshot, Objects, Observation, Rig, RigParameter, System, Trajectory
 
 __all__ = [
-    "DistanceModel", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
+    "DistanceModel", "Features", "FrameReport", "InputError", "LabelSpace", "LandmarkMap", "LogicError", "MapSnapshot",
     "Objects", "Observation", "PairCheck", "PairHistory", "PriorCamera", "PriorFrame", "Priors", "RelativePose",
     "Rig", "RigParameter", "RowField", "RowMeter", "Sequence", "Settings", "StereoCamera", "StereoFrame",
-    "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory", "builtin_label_spaces",
+    "StereoRectifier", "StereoRig", "System", "TIERS", "Trajectory", "binarise", "builtin_label_spaces",
     "check_stereo_pair", "check_writable", "evaluate", "has_rig_correction", "mode_needs_priors", "modes", "open_image_pair",
     "open_sequence", "priors_from_labels", "read_map", "read_prior", "read_stereo_rig", "read_tum",
     "rig_from_camera_info", "to_gray", "used_bits", "write_prior", "write_tum",

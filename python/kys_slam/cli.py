@@ -18,6 +18,9 @@ def _function_of(command: str) -> Callable:
     if command == "check":
         from kys_slam.cli_check import check
         return check
+    if command == "features":
+        from kys_slam.cli_features import features_command
+        return features_command
     if command == "map":
         from kys_slam.cli_map import map_command
         return map_command

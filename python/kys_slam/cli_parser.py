@@ -17,6 +17,7 @@ _DESCRIPTION = """Stereo visual SLAM on any stereo recording.
   kys-slam run recording.bag                             ROS 1, ROS 2, MCAP
   kys-slam run recording.bag --view                      shows observations and map while it runs
   kys-slam check SEQUENCE                                how well its pairs are rectified
+  kys-slam features SEQUENCE --features MODEL.yaml       distances of a network's descriptors
   kys-slam calibrate RECORDING ... --from camchain.yaml -o refined.yaml
   kys-slam map info RUN.map                              and refine, evaluate, merge
   kys-slam evaluate RUN
@@ -78,6 +79,17 @@ def _add_input(p: argparse.ArgumentParser):
     return camera
 
 
+def _add_features(group) -> None:
+    group.add_argument("--features", metavar="MODEL.yaml",
+                       help="a network for keypoints and descriptors in place of ORB (docs/features.md)")
+    group.add_argument("--features-weights", metavar="FILE.onnx",
+                       help="with --features: its ONNX file (default: what MODEL.yaml names)")
+    group.add_argument("--features-count", type=_whole(1), metavar="N",
+                       help="with --features: keypoints per image (default: what MODEL.yaml says)")
+    group.add_argument("--features-threads", type=_whole(1), default=1, metavar="T",
+                       help="with --features: threads of the network (default: 1)")
+
+
 def _add_run(commands) -> None:
     p = commands.add_parser(
         "run", help="track a recording",
@@ -106,6 +118,7 @@ def _add_run(commands) -> None:
                       help="with --segment: threads of the network (default: 1)")
     slam.add_argument("--save-priors", metavar="DIR",
                       help="with --segment: write the segments as prior files")
+    _add_features(slam)
     slam.add_argument("--masks", metavar="DIR",
                       help="8-bit PNG files, 0 = use: DIR/left/NAME.png and DIR/right/NAME.png; with "
                       "DIR/classes.txt they are priors (docs/guide.md)")
@@ -160,6 +173,20 @@ def _add_check(commands) -> None:
     p.add_argument("--json", action="store_true")
 
 
+def _add_measure(commands) -> None:
+    p = commands.add_parser(
+        "features", help="distances of the descriptors of a network for features",
+        description="Measures how far descriptors of the same point and of different points are apart, on "
+        "stereo pairs and frames of a recording, and prints the quantiles by which limits tuned for ORB "
+        "become those of the network (docs/features.md). Without --features: those of ORB.")
+    _add_input(p)
+    _add_features(p)
+    p.add_argument("--start", type=_whole(0), default=0, metavar="N", help="first frame")
+    p.add_argument("--frames", type=_whole(1), default=40, metavar="N",
+                   help="number of frames (default: 40)")
+    p.add_argument("--write", action="store_true", help="write them into MODEL.yaml as well")
+
+
 def _add_calibrate(commands) -> None:
     p = commands.add_parser(
         "calibrate", help="refine a calibration by recordings; show or convert one",
@@ -204,6 +231,7 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_run(commands)
     _add_check(commands)
+    _add_measure(commands)
 
     p = commands.add_parser("evaluate", help="errors of a run, or of a trajectory, in figures")
     p.add_argument("estimate", metavar="RUN|FILE", help="folder of a run, or a TUM file")

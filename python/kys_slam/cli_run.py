@@ -12,7 +12,7 @@ from typing import Iterator, Optional
 import kys_slam
 from kys_slam import InputError
 from kys_slam._core import _InterruptGuard, _label_space_of_priors
-from kys_slam import cli_segment
+from kys_slam import cli_features, cli_segment
 from kys_slam.cli_errors import TRACKING_FAILED, Failures, interrupted, library_warns, warn
 from kys_slam.cli_feed import Feed
 from kys_slam.cli_input import correction_of, make_settings, open_recording
@@ -30,6 +30,7 @@ def _run_recording(args) -> int:
     began = time.monotonic()
     _check_options(args)
     recording = open_recording(args)
+    features = cli_features.open_features(args, recording)
     function = cli_segment.open_function(args, recording)
     settings = make_settings(args, recording, _label_space(args, function))
     if isinstance(recording, kys_slam.Sequence):
@@ -45,7 +46,7 @@ def _run_recording(args) -> int:
         fixed = FixedMasks(args.mask, (recording.camera.width, recording.camera.height))
     output = output_folder(args, recording.name, mode)
     slam = kys_slam.System(recording.camera, settings, args.schedule, args.priors,
-                           strict_priors=args.strict_priors)
+                           strict_priors=args.strict_priors, features=features)
     correction = correction_of(args)
     if correction:
         slam.start_rig(correction)
@@ -133,6 +134,7 @@ def _tell(args, result: Optional[dict], output: Path, failures: Failures) -> int
 def _check_options(args) -> None:
     """Raises InputError for options that contradict each other and for files that cannot be written."""
     cli_segment.check_options(args)
+    cli_features.check_options(args)
     if len(args.mask or ()) > 2:
         raise InputError("--mask: one file for the left camera, or two for both")
     if args.localize_only and not args.load_map:

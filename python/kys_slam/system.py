@@ -6,6 +6,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 import numpy as np
 
 from . import _core
+from .features import Features
 from .files import PathLike
 from .kysp import DYNAMIC, NOT_JUDGED, SEGMENT
 from .priors import PriorFrame, decode_prior, encode_prior
@@ -125,6 +126,8 @@ class System(_core.System):
     strict_priors: a missing prior file raises InputError. Otherwise the first one is a warning of the
         logger "kys_slam".
     observer: called with an Observation after every frame, in the thread that feeds.
+    features: in place of ORB a Features, or a function from an image (H, W) uint8 to its features as
+        Features takes it; called for the left, then for the right image, in the thread that feeds.
 
     Poses, trajectory, map and snapshot may be asked for from any thread at any time.
     """
@@ -132,10 +135,13 @@ class System(_core.System):
     def __init__(self, camera: _core.StereoCamera,
                  settings: Union[_core.Settings, dict, None] = None, schedule: str = "pipelined",
                  priors: Optional[PathLike] = None, *, strict_priors: bool = False,
-                 observer: Optional[Callable[[Observation], None]] = None) -> None:
+                 observer: Optional[Callable[[Observation], None]] = None,
+                 features: Union[Features, Callable, None] = None) -> None:
         if settings is None or isinstance(settings, dict):
             settings = _core.Settings(settings or {})
-        super().__init__(camera, settings, schedule, priors, strict_priors)
+        if features is not None and not isinstance(features, Features):
+            features = Features(features)
+        super().__init__(camera, settings, schedule, priors, strict_priors, features)
         self.camera, self.priors = camera, priors
         self._settings, self._space = settings, None
         if observer is not None:

@@ -29,6 +29,7 @@
 #include "arrays.h"
 #include "bind.h"
 #include "observation_pipe.h"
+#include "python_extractor.h"
 
 namespace kys_slam {
 
@@ -132,16 +133,22 @@ class PythonPipe final : public ObservationPipe {
 class Slam {
  public:
   Slam(const StereoCamera& camera, const Settings& settings, const std::string& schedule,
-       const std::optional<std::filesystem::path>& priors, bool strict_priors)
-      : camera_(camera), settings_(settings), schedule_(parse_schedule(schedule)) {
+       const std::optional<std::filesystem::path>& priors, bool strict_priors, nb::object features)
+      : camera_(camera),
+        settings_(settings),
+        schedule_(parse_schedule(schedule)),
+        features_(std::move(features)) {
     auto provider = std::make_unique<Priors>();
     expected_ = expected_priors(camera, settings.get("control.label_space"));
     if (priors) {
       provider->folder = std::make_unique<PriorFolder>(*priors, expected_, strict_priors, warn);
     }
     priors_ = provider.get();
+    std::unique_ptr<FeatureExtractor> extractor;
+    if (!features_.is_none()) extractor = make_python_extractor(features_);
     const nb::gil_scoped_release released;
-    system_ = std::make_unique<System>(camera, settings, schedule_, std::move(provider));
+    system_ = std::make_unique<System>(camera, settings, schedule_, std::move(provider),
+                                       std::move(extractor));
   }
   ~Slam() {
     const nb::gil_scoped_release released;  // the back end's thread is joined
@@ -232,7 +239,11 @@ class Slam {
   }
   /// For the garbage collector: an observer often refers to its system.
   [[nodiscard]] const nb::object& callback() const { return callback_; }
-  void forget_callback() { callback_.reset(); }
+  [[nodiscard]] const nb::object& features() const { return features_; }
+  void forget_callback() {
+    callback_.reset();
+    features_.reset();
+  }
 
   nb::dict write_run(const std::filesystem::path& folder, RunInfo info) {
     info.missing_priors = priors_->missing();
@@ -340,6 +351,7 @@ class Slam {
   Settings settings_;
   Schedule schedule_;
   ExpectedPriors expected_;
+  nb::object features_;         // the extractor of the system, or None
   Priors* priors_ = nullptr;    // the system's
   std::recursive_mutex mutex_;  // of feeding and of what follows; an observer may come back here
   std::int64_t fed_ = 0;
@@ -356,6 +368,7 @@ int traverse(PyObject* self, visitproc visit, void* arg) {
   Py_VISIT(Py_TYPE(self));
   if (!nb::inst_ready(self)) return 0;
   Py_VISIT(nb::inst_ptr<Slam>(self)->callback().ptr());
+  Py_VISIT(nb::inst_ptr<Slam>(self)->features().ptr());
   return 0;
 }
 int clear(PyObject* self) {
@@ -637,8 +650,9 @@ void bind_system(nb::module_& m) {
         "Raises InputError when the file cannot be written. Leaves no file.");
   nb::class_<Slam>(m, "System", "See kys_slam.System.", nb::type_slots(slam_slots))
       .def(nb::init<const StereoCamera&, const Settings&, const std::string&,
-                    const std::optional<std::filesystem::path>&, bool>(),
-           "camera"_a, "settings"_a, "schedule"_a, "priors"_a.none(), "strict_priors"_a)
+                    const std::optional<std::filesystem::path>&, bool, nb::object>(),
+           "camera"_a, "settings"_a, "schedule"_a, "priors"_a.none(), "strict_priors"_a,
+           "features"_a.none())
       .def("_feed", &Slam::feed)
       .def("_feed_frame", &Slam::feed_frame)
       .def("_add_segments", &Slam::add_segments, "frame"_a, "map"_a.none(), "segments"_a)

@@ -65,4 +65,5 @@ NB_MODULE(_core, m) {
   bind_matching(m);
   bind_sequence(m);
   bind_system(m);
+  bind_features(m);
 }

@@ -26,17 +26,26 @@ ScaleLevels::ScaleLevels(double scale_factor, int levels)
   for (int i = 0; i < levels; ++i, s *= scale_factor) scale.push_back(static_cast<float>(s));
 }
 
+ScaleLevels::ScaleLevels(const ExtractorTraits& traits)
+    : ScaleLevels(traits.scale_factor, traits.levels) {
+  sizes = traits.sizes;
+  reach = static_cast<float>(traits.reach);
+  pixel_sigma = static_cast<float>(traits.pixel_sigma);
+  extractor = traits.name;
+  distances = traits.distances;
+}
+
 std::vector<float> ScaleLevels::inv_sigmas() const {
   std::vector<float> all;
-  for (const float sigma : {kPixelSigma, kAlignedSigma}) {
+  for (const float sigma : {pixel_sigma, kAlignedSigma}) {
     for (int i = 0; i < levels(); ++i) all.push_back(inv_sigma(i, sigma));
   }
   return all;
 }
 
 int ScaleLevels::predict_octave(float max_distance, float distance) const {
-  const float ratio = max_distance / distance;
-  if (!(ratio > 1)) return 0;
+  const float ratio = max_distance / (reach * distance);
+  if (!sizes || !(ratio > 1)) return 0;
   const float octave = std::ceil(std::log(ratio) / log_factor);
   return static_cast<int>(std::clamp(octave, 0.0f, static_cast<float>(levels() - 1)));
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <kys/distance.h>
+#include <kys_slam/feature_extractor.h>
 #include <kys_slam/features.h>
 #include <kys_slam/rig_correction.h>
 #include <kys_slam/stereo_camera.h>
@@ -11,6 +12,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -37,20 +39,36 @@ inline constexpr float kAlignedSigma = 0.175f;
 /// ratio: residuals of 0.31-0.39, 0.20-0.29, 0.12-0.17 px.
 inline constexpr InformationRatio kImageInformation{2.5f, 3.0f};
 
-/// Sizes of the pyramid levels: scale[o] = scale_factor^o, px of level 0 per px of octave o.
+/// The levels of keypoints, and what else they and their descriptors are (ExtractorTraits).
 struct ScaleLevels {
-  std::vector<float> scale;
-  float log_factor = 0;  ///< ln(scale_factor)
+  std::vector<float> scale;  ///< scale_factor^o, px of level 0 per px of octave o
+  float log_factor = 0;      ///< ln(scale_factor)
+  bool sizes = true;         ///< ExtractorTraits::sizes
+  float reach = 1;           ///< ExtractorTraits::reach
+  float pixel_sigma = kPixelSigma;
+  std::string extractor = kOrbName;  ///< ExtractorTraits::name
+  DistanceQuantiles distances;       ///< ExtractorTraits::distances
 
   ScaleLevels() = default;
   ScaleLevels(double scale_factor, int levels);
+  explicit ScaleLevels(const ExtractorTraits& traits);
+  /// Whether keypoints mean the same.
+  [[nodiscard]] bool same_levels(const ScaleLevels& o) const {
+    return scale == o.scale && log_factor == o.log_factor && sizes == o.sizes && reach == o.reach &&
+           pixel_sigma == o.pixel_sigma;
+  }
   [[nodiscard]] int levels() const { return static_cast<int>(scale.size()); }
-  [[nodiscard]] float inv_sigma(int octave, float sigma = kPixelSigma) const {
+  [[nodiscard]] float inv_sigma(int octave) const { return inv_sigma(octave, pixel_sigma); }
+  [[nodiscard]] float inv_sigma(int octave, float sigma) const {
     return 1.0f / (sigma * scale[static_cast<std::size_t>(octave)]);
   }
+  /// The octaves that are compared when those from `low` to `high` are expected.
+  [[nodiscard]] int lowest(int low) const { return sizes ? low : 0; }
+  [[nodiscard]] int highest(int high) const { return sizes ? high : levels() - 1; }
   /// 1/px, by FrameFeatures::noise().
   [[nodiscard]] std::vector<float> inv_sigmas() const;
-  /// Octave at which a landmark with this `max_distance` (m) is detected from `distance` (m).
+  /// Octave at which a landmark with this `max_distance` (m) is detected from `distance` (m); 0
+  /// where levels are not sizes.
   [[nodiscard]] int predict_octave(float max_distance, float distance) const;
   /// Range of distances (m) in which a landmark observed at `octave` from `distance` (m) can be
   /// matched.
@@ -58,8 +76,9 @@ struct ScaleLevels {
     float min, max;
   };
   [[nodiscard]] DistanceRange distance_range(double distance, int octave) const {
+    if (!sizes) return {static_cast<float>(distance) / reach, static_cast<float>(distance) * reach};
     const float max = static_cast<float>(distance) * scale[static_cast<std::size_t>(octave)];
-    return {max / scale.back(), max};
+    return {max / scale.back() / reach, max * reach};
   }
 };
 
@@ -155,7 +174,8 @@ class FrameFeatures {
   [[nodiscard]] StereoPixel stereo_pixel(std::size_t i, const ScaleLevels& scales) const {
     const Keypoint& k = keypoint(i);
     return {k.x, k.y, has_stereo(i) ? u_right(i) : StereoPixel{}.u_right,
-            scales.inv_sigma(k.octave, is_aligned(i) ? kAlignedSigma : kPixelSigma), ratio()};
+            scales.inv_sigma(k.octave, is_aligned(i) ? kAlignedSigma : scales.pixel_sigma),
+            ratio()};
   }
   /// m, along the optical axis; negative without a stereo match.
   [[nodiscard]] float depth(std::size_t i) const {

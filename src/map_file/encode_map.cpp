@@ -41,6 +41,17 @@ void write_descriptor(ByteWriter& out, const kys::Descriptor& descriptor) {
   for (const std::uint64_t word : descriptor.words) out.u64(word);
 }
 
+void write_extractor(ByteWriter& out, const ScaleLevels& scales) {
+  out.u8(static_cast<std::uint8_t>(scales.extractor.size()));
+  for (const char c : scales.extractor) out.u8(static_cast<std::uint8_t>(c));
+  out.u8(scales.sizes ? 1 : 0);
+  out.f32(scales.reach);
+  out.f32(scales.pixel_sigma);
+  out.u8(scales.distances.measured() ? 1 : 0);
+  for (const float d : scales.distances.matching) out.f32(d);
+  for (const float d : scales.distances.other) out.f32(d);
+}
+
 void write_shared(ByteWriter& out, const MapContents& contents, std::string_view label_space) {
   const StereoCamera& camera = contents.camera;
   out.u32(static_cast<std::uint32_t>(camera.width));
@@ -58,6 +69,7 @@ void write_shared(ByteWriter& out, const MapContents& contents, std::string_view
   out.u32(contents.landmark_id_end);
   out.u8(static_cast<std::uint8_t>(label_space.size()));
   for (const char c : label_space) out.u8(static_cast<std::uint8_t>(c));
+  if (contents.scales.extractor != kOrbName) write_extractor(out, contents.scales);
 }
 
 void write_features(ByteWriter& out, const FrameFeatures& features) {
@@ -157,7 +169,7 @@ std::vector<std::uint8_t> encode_map(const Map& map, std::string_view label_spac
   ByteWriter file;
   file.reserve(estimate_size(contents));
   file.raw(mf::kMagic);
-  file.u16(mf::kVersion);
+  file.u16(contents.scales.extractor == kOrbName ? mf::kVersion : mf::kExtractorVersion);
   file.u16(mf::kHeaderSize);
   file.u32(0);  // checksum and
   file.u64(0);  // size follow

@@ -8,7 +8,7 @@
 
 #include "util/byte_stream.h"
 
-/// Constants of the map file format, version 2, which README.md describes byte by byte.
+/// Constants of the map file format, versions 2 and 3, which README.md describes byte by byte.
 namespace kys_slam::map_format {
 
 using byte_stream::ByteReader;
@@ -18,6 +18,8 @@ using byte_stream::require;
 
 inline constexpr std::array<std::uint8_t, 8> kMagic = {'K', 'Y', 'S', 'M', 0x0D, 0x0A, 0x1A, 0x0A};
 inline constexpr std::uint16_t kVersion = 2;
+inline constexpr std::uint16_t kExtractorVersion =
+    3;                                              ///< says which extractor, where it is not ORB
 inline constexpr std::uint16_t kOffsetVersion = 1;  ///< a disparity offset in place of a rig
 inline constexpr std::size_t kHeaderSize = 40;
 inline constexpr std::size_t kAtVersion = 8;

@@ -38,10 +38,10 @@ Header check_header(std::span<const std::uint8_t> bytes) {
   require(bytes.size() >= mf::kHeaderSize, "is truncated (no complete header)");
   ByteReader reader(bytes.subspan(mf::kAtVersion));
   const std::uint16_t version = reader.u16();
-  if (version != mf::kVersion && version != mf::kOffsetVersion) {
+  if (version < mf::kOffsetVersion || version > mf::kExtractorVersion) {
     throw mf::Damage("has map format version " + std::to_string(version) +
                      ", this program reads versions " + std::to_string(mf::kOffsetVersion) +
-                     " and " + std::to_string(mf::kVersion));
+                     " to " + std::to_string(mf::kExtractorVersion));
   }
   require(reader.u16() == mf::kHeaderSize, "has a header of wrong size");
   const std::uint32_t sum = reader.u32();
@@ -116,6 +116,36 @@ RigEstimate read_rig(ByteReader& in, const StereoCamera& camera) {
 }
 
 /// The first chunk. \returns the name of the label space
+/// What the extractor says of itself; its levels are read before.
+void read_extractor(ByteReader& in, ScaleLevels& scales) {
+  const auto name = in.raw(in.u8());
+  ExtractorTraits traits;
+  traits.name.assign(name.begin(), name.end());
+  require(traits.name != kOrbName, "says in vain that its features are ORB's");
+  const std::uint8_t sizes = in.u8();
+  require(sizes <= 1, "has an extractor with an unknown flag");
+  scales.sizes = sizes != 0;
+  scales.reach = in.f32();
+  scales.pixel_sigma = in.f32();
+  traits.reach = scales.reach;
+  traits.pixel_sigma = static_cast<double>(scales.pixel_sigma);
+  const std::uint8_t measured = in.u8();
+  require(measured <= 1, "has an extractor with an unknown flag");
+  if (measured != 0) {
+    scales.distances.matching.resize(kMatchingShares.size());
+    scales.distances.other.resize(kOtherShares.size());
+    for (float& d : scales.distances.matching) d = in.f32();
+    for (float& d : scales.distances.other) d = in.f32();
+  }
+  traits.distances = scales.distances;
+  try {
+    check_traits(traits);
+  } catch (const InputError& error) {
+    throw mf::Damage(std::string("has no valid extractor: ") + error.what());
+  }
+  scales.extractor = traits.name;
+}
+
 std::string read_shared(ByteReader in, std::uint16_t version, MapContents& contents) {
   StereoCamera& camera = contents.camera;
   const std::uint32_t width = in.u32();
@@ -146,6 +176,7 @@ std::string read_shared(ByteReader in, std::uint16_t version, MapContents& conte
   const std::string name(bytes.begin(), bytes.end());
   require(name.empty() || kys::is_label_space_name(name, name.size()),
           "has a label space that is not printable");
+  if (version == mf::kExtractorVersion) read_extractor(in, contents.scales);
   require(in.left() == 0, "has bytes too many");
   return name;
 }

@@ -88,10 +88,12 @@ bool reprojects(const StereoCamera& camera, const ScaleLevels& scales, const Ray
 /// The nearer of two views shows the landmark larger, on a higher octave, by the same ratio.
 bool scale_agrees(const ScaleLevels& scales, const Ray& a, const Ray& b, const Eigen::Vector3d& p_w,
                   double tolerance) {
+  if (!scales.sizes) tolerance = std::max<double>(tolerance, scales.reach);
   const double distance_a = (p_w - a.centre()).norm();
   const double distance_b = (p_w - b.centre()).norm();
   if (distance_a <= 0 || distance_b <= 0) return false;
   const auto scale = [&](const Ray& ray) {
+    if (!scales.sizes) return 1.0;
     return static_cast<double>(scales.scale[ray.keyframe->features->keypoint(ray.feature).octave]);
   };
   const double ratio = distance_b / distance_a * scale(b) / scale(a);

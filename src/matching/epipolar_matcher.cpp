@@ -172,8 +172,8 @@ class EpipolarSearch {
   /// For a feature without depth (`mono`), others without depth near the epipole are left out.
   template <typename F>
   void visit_along(const EpipolarSegment& segment, int octave, bool mono, F&& f) const {
-    const int min_octave = octave - 1;
-    const int max_octave = octave + 1;
+    const int min_octave = scales_.lowest(octave - 1);
+    const int max_octave = scales_.highest(octave + 1);
     const float reach =
         slack_[static_cast<std::size_t>(std::min(max_octave, scales_.levels() - 1))];
     const Eigen::Vector2f& direction = segment.direction;

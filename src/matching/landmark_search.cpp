@@ -109,8 +109,8 @@ SearchQuery query_for_feature(const FrameFeatures& features, std::size_t i,
   query.u = static_cast<float>(pixel.x());
   query.v = static_cast<float>(pixel.y());
   query.u_right = static_cast<float>(pixel.z());
-  query.min_octave = std::max(0, seen.octave - 1);
-  query.max_octave = std::min(scales.levels() - 1, seen.octave + 1);
+  query.min_octave = scales.lowest(std::max(0, seen.octave - 1));
+  query.max_octave = scales.highest(std::min(scales.levels() - 1, seen.octave + 1));
   query.angle = seen.angle;
   query.descriptor = &features.descriptor(i);
   query.prior = &features.prior(i);

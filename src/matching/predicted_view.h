@@ -53,8 +53,8 @@ inline SearchQuery query_for(const PredictedView& view, float radius, const Scal
   query.v = static_cast<float>(view.pixel.y());
   query.u_right = static_cast<float>(view.pixel.z());
   query.radius = radius * scales.scale[static_cast<std::size_t>(view.octave)];
-  query.min_octave = view.octave - 1;
-  query.max_octave = view.octave;
+  query.min_octave = scales.lowest(view.octave - 1);
+  query.max_octave = scales.highest(view.octave);
   query.descriptor = &descriptor;
   query.prior = &prior;
   return query;

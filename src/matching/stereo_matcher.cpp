@@ -144,9 +144,10 @@ std::optional<Refined> refine(const Keypoint& left, const Keypoint& right, float
 }
 
 /// \param x of the left keypoint in the perfect pair
+/// \param octaves how many they may differ by
 std::int32_t nearest_candidate(std::size_t i, float x, const StereoView& left,
                                const StereoView& right, std::span<const Candidate> candidates,
-                               float max_disparity, const StereoOptions& options,
+                               float max_disparity, int octaves, const StereoOptions& options,
                                const kys::DistanceModel& model, kys::Statistics& statistics) {
   const Keypoint& l = left.features->keypoints[i];
   float best = options.max_distance;
@@ -154,7 +155,7 @@ std::int32_t nearest_candidate(std::size_t i, float x, const StereoView& left,
   kys::Tier tier = kys::Tier::kBypassed;
   for (const Candidate& r : candidates) {
     if (r.x > x || r.x < x - max_disparity) continue;
-    if (std::abs(l.octave - r.octave) > 1) continue;
+    if (std::abs(l.octave - r.octave) > octaves) continue;
     const std::uint32_t j = r.index;
     const kys::Distance d = model.evaluate(left.features->descriptors[i], prior_of(left, i),
                                            right.features->descriptors[j], prior_of(right, j),
@@ -221,6 +222,7 @@ struct Pair {
   RowIndex rows;
   std::vector<std::uint8_t> left_out;  // flags, or empty
   float max_disparity;                 // px
+  int octaves;                         // by which partners may differ
 };
 
 /// The column in the right image, or nothing when the disparity is impossible.
@@ -249,8 +251,9 @@ void match_some(std::size_t begin, std::size_t end, const Pair& pair, const Ster
     if (!pair.left_out.empty() && pair.left_out[i] != 0) continue;
     const Keypoint& l = left.features->keypoints[i];
     const Place& place = pair.left_places[i];
-    const std::int32_t j = nearest_candidate(i, place.x, left, right, pair.rows.at(place.y),
-                                             pair.max_disparity, options, model, statistics);
+    const std::int32_t j =
+        nearest_candidate(i, place.x, left, right, pair.rows.at(place.y), pair.max_disparity,
+                          pair.octaves, options, model, statistics);
     if (j < 0) continue;
     const Keypoint& r = right.features->keypoints[static_cast<std::size_t>(j)];
     float u = r.x;
@@ -314,7 +317,8 @@ RightPositions match_stereo(const StereoCamera& camera, const ScaleLevels& scale
                   std::move(right_places),
                   std::move(rows),
                   unneeded(left, model, options.moving_keypoints),
-                  static_cast<float>(camera.fx)};  // nothing is nearer than the baseline
+                  static_cast<float>(camera.fx),  // nothing is nearer than the baseline
+                  scales.sizes ? 1 : scales.levels()};
   const auto match = [&](std::size_t begin, std::size_t end, kys::Statistics& counts) {
     match_some(begin, end, pair, options, model, counts, columns);
   };

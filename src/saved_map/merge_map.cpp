@@ -10,6 +10,7 @@
 #include <string>
 
 #include "loop_closing/loop_closer.h"
+#include "loop_closing/strict_distances.h"
 #include "retrieval/place_index.h"
 
 namespace kys_slam {
@@ -28,7 +29,11 @@ void check_same_rig(const Map& map, const Map& other, const std::string& name) {
       differ(a.cx, b.cx) || differ(a.cy, b.cy) || differ(a.baseline, b.baseline)) {
     throw InputError(name + ": was made with another calibration");
   }
-  if (map.scales().scale != other.scales().scale) {
+  if (map.scales().extractor != other.scales().extractor) {
+    throw InputError(name + ": was made with features of '" + other.scales().extractor +
+                     "', the other map with those of '" + map.scales().extractor + "'");
+  }
+  if (!map.scales().same_levels(other.scales())) {
     throw InputError(name + ": was made with other pyramid levels (orb.levels, orb.scale_factor)");
   }
   for (const double x : {0.1, 0.5, 0.9}) {
@@ -131,8 +136,9 @@ MergeReport merge_map(Map& map, const Map& other, const std::string& name,
   LoopOptions options;
   options.candidates = 5;  // some are of the keyframe's own map
   options.min_gap = 1;
+  make_strict(map.scales().distances, options);
   LoopCloser closer(options, {}, model);
-  PlaceIndex places;
+  PlaceIndex places(strict_places(map.scales().distances));
   places.apply(both.take_changes());
   MergeReport report;
   for (const KeyFrameId id : both.keyframes().ids()) {

@@ -33,6 +33,7 @@ MapInfo SavedMap::info() const {
   info.label_space = impl_->stored.label_space;
   info.camera = map.camera();
   info.rig = map.rig_estimate();
+  info.extractor = map.scales().extractor;
   info.levels = map.scales().levels();
   info.scale_factor = std::exp(static_cast<double>(map.scales().log_factor));
   info.culled = map.contents().culled.size();

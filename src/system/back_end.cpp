@@ -5,6 +5,8 @@
 
 #include <utility>
 
+#include "loop_closing/strict_distances.h"
+
 namespace kys_slam {
 
 void describe(kys::OptionList& list, BackEndOptions& o) {
@@ -20,6 +22,7 @@ BackEnd::BackEnd(const StereoCamera& camera, const ScaleLevels& scales,
       relocalization_(checked(options.relocalization)),
       map_(camera, scales),
       mapper_(options.mapping, model),
+      places_(strict_places(scales.distances)),
       closer_(options.loop, options.mapping.bundle, model),
       full_bundle_(options.full_bundle, threaded) {
   if (model.uses_belief()) map_.keep_beliefs();

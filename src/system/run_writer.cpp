@@ -280,6 +280,7 @@ nlohmann::ordered_json summary(const System& system, Schedule schedule, const Ru
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   json["sequence"] = printable(info.sequence);
   json["mode"] = info.mode;
+  json["features"] = map_of(system).scales().extractor;
   if (!info.recording.empty()) json["recording"] = info.recording;
   json["schedule"] = to_string(schedule);
   json["complete"] = info.complete;

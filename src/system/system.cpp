@@ -11,7 +11,6 @@
 #include <chrono>
 #include <cmath>
 #include <mutex>
-#include <numbers>
 #include <utility>
 
 #include "camera/plausible.h"
@@ -47,50 +46,35 @@ void check_labels(const Map& map, const std::string& label_space,
                                label_space_name(label_space)));
 }
 
-/// What tables and grids of the matchers take for granted.
-void check_features(const FeatureSet& set, const StereoCamera& camera, std::size_t levels,
-                    const std::string& where) {
-  if (set.keypoints.size() != set.descriptors.size()) {
-    throw InputError(fmt::format("{}: {} keypoints, but {} descriptors", where,
-                                 set.keypoints.size(), set.descriptors.size()));
+/// Features of one extractor say nothing about those of another.
+void check_extractor(const ScaleLevels& of_map, const ScaleLevels& own,
+                     const std::filesystem::path& file) {
+  if (of_map.extractor != own.extractor) {
+    throw InputError(file.string() + ": the map was made with features of '" + of_map.extractor +
+                     "', not with those of '" + own.extractor + "'");
   }
-  if (set.size() > kMostFeatures) {
-    throw InputError(fmt::format("{}: more than {} features", where, kMostFeatures));
-  }
-  constexpr float kTurn = 2 * std::numbers::pi_v<float>;
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    const Keypoint& k = set.keypoints[i];
-    // Corners refined to a fraction of a pixel of their octave may lie outside. A NaN does not.
-    constexpr float kMargin = 16;  // px
-    const bool inside = k.x >= -kMargin && k.x <= static_cast<float>(camera.width) + kMargin &&
-                        k.y >= -kMargin && k.y <= static_cast<float>(camera.height) + kMargin;
-    if (!inside) {
-      throw InputError(fmt::format("{}: feature {} at ({:g}, {:g}) px is outside the image", where,
-                                   i, k.x, k.y));
-    }
-    if (k.octave >= levels) {
-      throw InputError(fmt::format("{}: feature {} is of octave {}; orb.levels says {} octaves",
-                                   where, i, k.octave, levels));
-    }
-    if (!(k.angle >= 0 && k.angle <= kTurn)) {
-      throw InputError(fmt::format("{}: the orientation of feature {} is {:g}, not in 0..2 pi",
-                                   where, i, k.angle));
-    }
-  }
+  if (of_map.same_levels(own)) return;
+  throw InputError(file.string() + ": the map was made with other " +
+                   (own.extractor == kOrbName
+                        ? "pyramid levels (orb.levels, orb.scale_factor)"
+                        : "levels, reach or standard deviation of '" + own.extractor + "'"));
 }
 
 }  // namespace
 
 System::System(const StereoCamera& camera, const Settings& settings, Schedule schedule,
-               std::unique_ptr<PriorProvider> priors) {
+               std::unique_ptr<PriorProvider> priors, std::unique_ptr<FeatureExtractor> features) {
   settings.check();
+  if (!features) features = make_orb_extractor(settings);
+  check_traits(features->traits());
   if (!camera.is_valid()) throw InputError("the camera's calibration makes no sense");
   require_plausible(camera, "the camera's calibration makes no sense");
   constexpr std::size_t kBytesPerPixel = 10;  // two pyramids, and one blurred
   check_memory(fmt::format("tracking in images of {}x{}", camera.width, camera.height),
                kBytesPerPixel * static_cast<std::size_t>(camera.width) *
                    static_cast<std::size_t>(camera.height));
-  impl_ = std::make_unique<Impl>(camera, settings, schedule, std::move(priors));
+  impl_ =
+      std::make_unique<Impl>(camera, settings, schedule, std::move(priors), std::move(features));
   impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
 }
 
@@ -112,10 +96,7 @@ void System::load_map(const std::filesystem::path& file, bool localize_only) {
         ") than this one (" + describe(s.camera) +
         "); give the calibration that the map was made with, or make a map with this one");
   }
-  if (map.scales().scale != s.scales.scale || map.scales().log_factor != s.scales.log_factor) {
-    throw InputError(file.string() + ": the map was made with other pyramid levels (orb.levels, " +
-                     "orb.scale_factor)");
-  }
+  check_extractor(map.scales(), s.scales, file);
   if (const bool beliefs = s.model.uses_belief(); map.keeps_beliefs() != beliefs) {
     map = Map(with_motion_of_mode(map.contents(), beliefs, make_belief_start(s.options, s.model)));
   }
@@ -174,8 +155,16 @@ void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& mask
   }
   if (frame.left_features) {
     const std::size_t levels = scales.scale.size();
-    check_features(*frame.left_features, camera, levels, "frame " + name + ", left image");
-    check_features(*frame.right_features, camera, levels, "frame " + name + ", right image");
+    if (scales.extractor != kOrbName) {
+      throw InputError("frame " + name + ": has features of its own, where " + scales.extractor +
+                       " finds those of images");
+    }
+    const auto check = [&](const FeatureSet& set, const char* side) {
+      check_feature_set(set, camera.width, camera.height, levels, kMostFeatures,
+                        "frame " + name + side, "orb.levels");
+    };
+    check(*frame.left_features, ", left image");
+    check(*frame.right_features, ", right image");
     return;
   }
   for (const GrayImage* image : {&frame.left, &frame.right}) check_size(*image, "an image");

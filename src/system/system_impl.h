@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys_slam/feature_extractor.h>
 #include <kys_slam/system.h>
 #include <kys_slam/util/interrupt.h>
 
@@ -30,13 +31,14 @@ namespace kys_slam {
 /// What a System owns.
 struct System::Impl {
   Impl(const StereoCamera& camera_in, const Settings& settings, Schedule schedule,
-       std::unique_ptr<PriorProvider> priors_in)
+       std::unique_ptr<PriorProvider> priors_in, std::unique_ptr<FeatureExtractor> extractor)
       : camera(camera_in),
-        options(PrivateAccess::data(settings)),
+        options(as_strict_for(extractor->traits(), PrivateAccess::data(settings))),
         model(make_model(options)),
         priors(std::move(priors_in)),
-        scales(options.orb.scale_factor, options.orb.levels),
-        front_end(camera, options.orb, options.stereo, row_options(options), model, priors.get()),
+        scales(extractor->traits()),
+        front_end(camera, std::move(extractor), options.stereo, row_options(options), model,
+                  priors.get()),
         tracker(camera, scales, tracker_options(options), model, make_belief_start(options, model)),
         runner(camera, scales, back_end_options(options), model, schedule,
                options.control.pipeline_delay),

@@ -5,6 +5,8 @@
 #include <kys/label_space.h>
 #include <kys_slam/error.h>
 
+#include "loop_closing/strict_distances.h"
+
 namespace kys_slam {
 namespace {
 
@@ -22,6 +24,23 @@ bool asks_what_moves(const SettingsData& settings) {
 }
 
 }  // namespace
+
+SettingsData as_strict_for(const ExtractorTraits& traits, SettingsData s) {
+  const DistanceQuantiles& distances = traits.distances;
+  for (float* bits :
+       {&s.stereo.max_distance, &s.tracking.max_distance, &s.tracking.reference_distance,
+        &s.mapping.triangulation.matching.max_distance}) {
+    *bits = equivalent_distance(*bits, distances);
+  }
+  double& instances = s.tracking.instances.descriptor_distance;
+  if (distances.measured()) {
+    instances = static_cast<double>(equivalent_distance(static_cast<float>(instances), distances));
+  }
+  make_strict(distances, s.mapping.fusion);
+  make_strict(distances, s.loop);
+  make_strict(distances, s.place);
+  return s;
+}
 
 kys::DistanceModel make_model(const SettingsData& settings) {
   try {

@@ -14,6 +14,9 @@
 /// The settings as the parts of the system take them.
 namespace kys_slam {
 
+/// The settings with distances as strict for the descriptors of an extractor as they are for ORB.
+SettingsData as_strict_for(const ExtractorTraits& traits, SettingsData settings);
+
 /// Distances between descriptors, in the mode of the settings. \throws InputError
 kys::DistanceModel make_model(const SettingsData& settings);
 

@@ -70,21 +70,17 @@ void describe(kys::OptionList& list, RowOptions& o) {
   list.add("calibration.row_frames", o.frames, {1, 1e9});
 }
 
-FrontEnd::FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-                   const RowOptions& rows, const kys::DistanceModel& model, PriorProvider* priors)
+FrontEnd::FrontEnd(const StereoCamera& camera, std::unique_ptr<FeatureExtractor> extractor,
+                   const StereoOptions& stereo, const RowOptions& rows,
+                   const kys::DistanceModel& model, PriorProvider* priors)
     : camera_(camera),
-      scales_(orb.scale_factor, orb.levels),
+      scales_(extractor->traits()),
       stereo_(stereo),
       rows_(checked(rows)),
       model_(&model),
       prior_provider_(priors),
-      extractors_{OrbExtractor(orb), OrbExtractor(orb)} {
+      extractor_(std::move(extractor)) {
   check_options(stereo);
-}
-
-void FrontEnd::extract(const StereoFrame& frame) {
-  helper_.run_beside([&] { extractors_[1].extract(frame.right, features_[1]); },
-                     [&] { extractors_[0].extract(frame.left, features_[0]); });
 }
 
 bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
@@ -115,7 +111,7 @@ bool FrontEnd::attach_priors(const StereoFrame& frame, FrontEndResult& result) {
 }
 
 StereoView FrontEnd::view(std::size_t side, bool from_images) const {
-  return {&features_[side], priors_[side], from_images ? &extractors_[side].pyramid() : nullptr};
+  return {&features_[side], priors_[side], from_images ? &extractor_.pyramid(side) : nullptr};
 }
 
 /// Columns of the left keypoints in the right image, and rows of some.
@@ -155,8 +151,9 @@ FrontEndResult FrontEnd::process(const StereoFrame& frame, const StereoMasks& ma
   Stopwatch watch;
   const bool from_images = !frame.left_features;
   if (from_images) {
-    extract(frame);
-    result.left = &extractors_[0].pyramid();
+    extractor_.extract(frame.left, frame.right,
+                       frame.name.empty() ? std::to_string(frame.index) : frame.name, features_);
+    result.left = &extractor_.pyramid(0);
   } else {
     features_ = {*frame.left_features, *frame.right_features};
   }

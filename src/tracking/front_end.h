@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "features/orb_extractor.h"
+#include "features/pair_extractor.h"
 #include "map/frame_features.h"
 #include "matching/stereo_matcher.h"
 #include "tracking/camera_faults.h"
@@ -57,8 +57,9 @@ struct FrontEndResult {
 class FrontEnd {
  public:
   /// \param model must outlive the front end, as must `priors` (null: none)
-  FrontEnd(const StereoCamera& camera, const OrbOptions& orb, const StereoOptions& stereo,
-           const RowOptions& rows, const kys::DistanceModel& model, PriorProvider* priors);
+  FrontEnd(const StereoCamera& camera, std::unique_ptr<FeatureExtractor> extractor,
+           const StereoOptions& stereo, const RowOptions& rows, const kys::DistanceModel& model,
+           PriorProvider* priors);
 
   FrontEndResult process(const StereoFrame& frame, const StereoMasks& masks = {});
   /// Adds `by` to the instance numbers of things in later frames; a loaded map uses the numbers
@@ -83,7 +84,6 @@ class FrontEnd {
   [[nodiscard]] const std::optional<RowFit>& rows() const { return row_fit_; }
 
  private:
-  void extract(const StereoFrame& frame);
   bool attach_priors(const StereoFrame& frame, FrontEndResult& result);
   [[nodiscard]] StereoView view(std::size_t side, bool from_images) const;
   RightPositions match(bool from_images, kys::Statistics& statistics);
@@ -102,11 +102,11 @@ class FrontEnd {
   std::vector<std::uint8_t> is_thing_;  // by label
   const kys::DistanceModel* model_;
   PriorProvider* prior_provider_;
-  std::array<OrbExtractor, 2> extractors_;  // left, right
+  PairExtractor extractor_;
   std::array<FeatureSet, 2> features_;
   std::array<std::vector<kys::Prior>, 2> priors_;
   CameraFaults camera_faults_;
-  Worker helper_;  // extracts the right image, matches half of the keypoints
+  Worker helper_;  // matches half of the keypoints
 };
 
 }  // namespace kys_slam

@@ -38,9 +38,9 @@ LastFrameQueries queries_at(const TrackingContext& c, const Rigid3& T_c_w, float
     query.u_right = static_cast<float>(pixel.z());
     query.radius = radius * c.scales.scale[seen.octave];
     // Objects appear larger when the camera approaches them.
-    query.min_octave = moving && forward < 0 ? 0 : seen.octave - (moving ? 0 : 1);
-    query.max_octave =
-        moving && forward > 0 ? c.scales.levels() - 1 : seen.octave + (moving ? 0 : 1);
+    query.min_octave = moving && forward < 0 ? 0 : c.scales.lowest(seen.octave - (moving ? 0 : 1));
+    query.max_octave = moving && forward > 0 ? c.scales.levels() - 1
+                                             : c.scales.highest(seen.octave + (moving ? 0 : 1));
     query.angle = seen.angle;
     query.descriptor = &landmark.descriptor;
     query.prior = c.beliefs.of_landmark(landmark, result.priors);

@@ -96,8 +96,8 @@ TEST(DamagedMap, SaysWhatIsWrong) {
   expect_refused({}, {"x.map", "magic"});
   expect_refused({bytes.begin(), bytes.begin() + 20}, {"truncated"});
   expect_refused({bytes.begin(), bytes.end() - 1}, {"x.map", "truncated"});
-  bytes[mf::kAtVersion] = 3;
-  expect_refused(bytes, {"x.map", "version 3", "reads versions 1 and 2"});
+  bytes[mf::kAtVersion] = 4;
+  expect_refused(bytes, {"x.map", "version 4", "reads versions 1 to 3"});
   bytes = small_file();
   bytes.back() ^= 1;
   expect_refused(bytes, {"checksum"});

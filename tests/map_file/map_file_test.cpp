@@ -120,6 +120,67 @@ TEST(MapFile, KeepsWhatIsAligned) {
   EXPECT_EQ(encode_map(loaded), encode_map(map));
 }
 
+/// \return what a map of this extractor contains after it was written and read
+ScaleLevels through_a_file(const ExtractorTraits& traits) {
+  const Map map(testing::kitti_camera(), ScaleLevels(traits));
+  const std::vector<std::uint8_t> bytes = encode_map(map);
+  const Map loaded = parse_map(bytes, "extractor");
+  EXPECT_EQ(encode_map(loaded), bytes);
+  EXPECT_EQ(bytes[map_format::kAtVersion], traits.name == kOrbName ? 2 : 3);
+  return loaded.scales();
+}
+
+TEST(MapFile, KeepsTheExtractor) {
+  EXPECT_EQ(through_a_file({}).extractor, "orb");
+  ExtractorTraits traits;
+  traits.name = "mine:0123";
+  traits.levels = 3;
+  traits.sizes = false;
+  traits.reach = 1.75;
+  traits.pixel_sigma = 0.01;
+  for (std::size_t i = 0; i < kMatchingShares.size(); ++i) {
+    traits.distances.matching.push_back(static_cast<float>(3 * i));
+  }
+  for (std::size_t i = 0; i < kOtherShares.size(); ++i) {
+    traits.distances.other.push_back(static_cast<float>(40 + 7 * i));
+  }
+  const ScaleLevels scales = through_a_file(traits);
+  EXPECT_EQ(scales.extractor, "mine:0123");
+  EXPECT_EQ(scales.levels(), 3);
+  EXPECT_TRUE(scales.same_levels(ScaleLevels(traits)));
+  EXPECT_EQ(scales.distances.matching, traits.distances.matching);
+  EXPECT_EQ(scales.distances.other, traits.distances.other);
+}
+
+TEST(MapFile, RefusesAnExtractorThatMakesNoSense) {
+  ExtractorTraits traits;
+  traits.name = "x";
+  std::vector<std::uint8_t> bytes = encode_map(Map(testing::kitti_camera(), ScaleLevels(traits)));
+  // The last bytes: length and name, sizes, reach, standard deviation, whether there are distances.
+  const std::size_t sizes = bytes.size() - 10, reach = bytes.size() - 9,
+                    measured = bytes.size() - 1;
+  const auto refused = [&](std::size_t at, std::uint8_t value, const std::string& what) {
+    std::vector<std::uint8_t> damaged = bytes;
+    damaged[at] = value;
+    const std::uint32_t sum =
+        map_format::checksum(std::span(damaged).subspan(map_format::kAtChecked));
+    for (std::size_t i = 0; i < 4; ++i) {
+      damaged[map_format::kAtChecksum + i] = static_cast<std::uint8_t>(sum >> (8 * i));
+    }
+    try {
+      parse_map(std::move(damaged), "bad.map");
+      ADD_FAILURE() << "taken: " << what;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("bad.map"), std::string::npos);
+      EXPECT_NE(std::string(error.what()).find(what), std::string::npos) << error.what();
+    }
+  };
+  refused(sizes, 7, "unknown flag");
+  refused(reach + 3, 0xFF, "reach");  // negative
+  refused(measured, 2, "unknown flag");
+  refused(measured, 1, "truncated");
+}
+
 TEST(MapFile, KeepsWhetherMotionWasJudged) {
   Map map(testing::kitti_camera(), ScaleLevels(1.2, 8));
   std::vector<kys::Prior> priors;

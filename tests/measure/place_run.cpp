@@ -43,7 +43,8 @@ PlaceRun::PlaceRun(const std::filesystem::path& folder, const PlaceRunOptions& o
   OrbOptions orb;
   orb.features = options.features;
   map_ = std::make_unique<Map>(camera_, ScaleLevels(orb.scale_factor, orb.levels));
-  FrontEnd front_end(camera_, orb, StereoOptions{}, RowOptions{}, model_, nullptr);
+  FrontEnd front_end(camera_, make_orb_extractor(orb), StereoOptions{}, RowOptions{}, model_,
+                     nullptr);
   Progress progress("features", static_cast<std::int64_t>(truth.size()));
   for (std::int64_t i = 0; i < sequence->frame_count() && places_.size() < truth.size(); ++i) {
     const double stamp = sequence->frame(i).timestamp;

@@ -13,7 +13,8 @@ namespace {
 TEST(FrontEnd, AFrameInHandGetsTheNewDisparityOffset) {
   const testing::FeatureWorld world(testing::kitti_camera(), {});
   const kys::DistanceModel model;
-  FrontEnd front_end(world.camera(), OrbOptions{}, StereoOptions{}, RowOptions{}, model, nullptr);
+  FrontEnd front_end(world.camera(), make_orb_extractor(OrbOptions{}), StereoOptions{},
+                     RowOptions{}, model, nullptr);
   FrontEndResult seen = front_end.process(world.look(0, testing::weaving_pose(0)));
   const std::shared_ptr<const FrameFeatures> before = seen.features;
   front_end.renew(seen);

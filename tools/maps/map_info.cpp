@@ -150,9 +150,13 @@ Json describe_map(const SavedMap& map, const std::string& file) {
       {"width", c.width}, {"height", c.height},      {"fx", c.fx}, {"fy", c.fy}, {"cx", c.cx},
       {"cy", c.cy},       {"baseline_m", c.baseline}};
   json["rig"] = rig_of_map(info);
-  json["features"] = {{"levels", info.levels},     {"scale_factor", info.scale_factor},
-                      {"count", info.features},    {"stereo", info.stereo},
-                      {"aligned", info.aligned},   {"labelled", info.labelled},
+  json["features"] = {{"extractor", info.extractor},
+                      {"levels", info.levels},
+                      {"scale_factor", info.scale_factor},
+                      {"count", info.features},
+                      {"stereo", info.stereo},
+                      {"aligned", info.aligned},
+                      {"labelled", info.labelled},
                       {"rows_measured", info.rows}};
   return json;
 }
@@ -214,11 +218,11 @@ std::string text_of(const Json& m) {
   }
   const Json& f = m["features"];
   row("features",
-      fmt::format("{} in keyframes, {} levels of {:.3f}; {} with disparity, {} aligned, "
+      fmt::format("{} of {} in keyframes, {} levels of {:.3f}; {} with disparity, {} aligned, "
                   "{} with class; rows {}",
-                  f["count"].get<std::size_t>(), f["levels"].get<int>(),
-                  f["scale_factor"].get<double>(), share(f, "stereo"), share(f, "aligned"),
-                  share(f, "labelled"),
+                  f["count"].get<std::size_t>(), f["extractor"].get<std::string>(),
+                  f["levels"].get<int>(), f["scale_factor"].get<double>(), share(f, "stereo"),
+                  share(f, "aligned"), share(f, "labelled"),
                   f["rows_measured"].get<bool>() ? "measured" : "not measured"));
   return text;
 }

@@ -7,7 +7,9 @@
 #include <kys_slam/util/atomic_file.h>
 #include <kys_slam/util/paths.h>
 
+#include <array>
 #include <cstdio>
+#include <memory>
 
 #include "common/command_line.h"
 #include "exposure.h"
@@ -42,8 +44,8 @@ void print(const char* what, std::size_t count, std::size_t total) {
 void run(const fs::path& reference, const fs::path& other, const fs::path& folder,
          const Settings& settings, const std::string& csv) {
   const BuildSequence sequence = open_build_sequence(folder);
-  FeatureExtractor extractor(settings);
-  FeatureSet features;
+  const std::unique_ptr<FeatureExtractor> extractor = make_orb_extractor(settings);
+  std::array<FeatureSet, 2> both;
   std::vector<kys::Prior> a, b;
   Exposure total;
   std::string table =
@@ -60,9 +62,10 @@ void run(const fs::path& reference, const fs::path& other, const fs::path& folde
                        " instead of " + first.label_space());
     }
     const auto images = sequence.read(t);
+    extractor->extract(images.first, images.second, both[0], both[1]);
     for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
       const bool left = side == CameraSide::kLeft;
-      extractor.extract(left ? images.first : images.second, features);
+      const FeatureSet& features = both[left ? 0 : 1];
       a.resize(features.size());
       b.resize(features.size());
       first.lookup(side, features.keypoints, a);
