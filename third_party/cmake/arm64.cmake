@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Cross-compiler and libraries for ARM64 on Debian or Ubuntu, programs run by QEMU. tools/arm64.sh makes
+# the libraries' folder, KYS_ARM64_SYSROOT (by default build/arm64-sysroot).
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES KYS_ARM64_SYSROOT)
+if(NOT KYS_ARM64_SYSROOT)
+  set(KYS_ARM64_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../../build/arm64-sysroot)
+endif()
+cmake_path(ABSOLUTE_PATH KYS_ARM64_SYSROOT NORMALIZE)
+
+set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc)
+set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++)
+set(CMAKE_SYSROOT ${KYS_ARM64_SYSROOT})
+set(CMAKE_LIBRARY_ARCHITECTURE aarch64-linux-gnu)
+set(CMAKE_FIND_ROOT_PATH ${KYS_ARM64_SYSROOT})
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L ${KYS_ARM64_SYSROOT})
+
+set(ENV{PKG_CONFIG_DIR} "")
+set(ENV{PKG_CONFIG_LIBDIR}
+    ${KYS_ARM64_SYSROOT}/usr/lib/aarch64-linux-gnu/pkgconfig:${KYS_ARM64_SYSROOT}/usr/share/pkgconfig)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${KYS_ARM64_SYSROOT})
