@@ -7,8 +7,9 @@
 #   tools/arm64.sh build     kys, the core, the programs that track and unit tests, in build/arm64
 #   tools/arm64.sh test      the unit tests
 #   tools/arm64.sh compare [SEQUENCE[:FRAMES]...]
-#                            build/release (tools/test.sh) gives the same bytes; by default 12 frames of two
-#                            excerpts in KYS_SHARED_DATA_DIR, or of two worlds that it renders
+#                            the build for x86-64 (build/release, made if it is not there) gives the same bytes;
+#                            by default 12 frames of two excerpts in KYS_SHARED_DATA_DIR, or of two worlds that
+#                            it renders
 set -euo pipefail
 cd "$(dirname "$0")/.."
 sysroot=$PWD/build/arm64-sysroot
@@ -49,6 +50,14 @@ build() {
 run_tests() { ctest --test-dir build/arm64 -j "$(nproc)" --output-on-failure --timeout 900 -R '_test/'; }
 
 compare() {
+  local programs=(run_stereo_kitti run_stereo_euroc simulate_sequence) program
+  for program in "${programs[@]}"; do
+    if [ -x "build/release/bin/$program" ]; then continue; fi
+    tools/setup.sh
+    cmake --preset release
+    cmake --build --preset release --target "${programs[@]}"
+    break
+  done
   local sequences=("$@") data=${KYS_SHARED_DATA_DIR:-../shared/data} name
   if [ "$#" -eq 0 ]; then
     for name in kitti_06_clip euroc_v101_start; do

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/frame_covariance.h"
 
-#include <kys/portable_math.h>
-
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -278,8 +276,9 @@ FrameCovariance::Result FrameCovariance::update(const Replica& replica, const Fr
   const double share = std::max(kNewest, 1.0 / ++frames_);
   noise_ += share * (std::clamp(measured, kLeastNoise, kMostNoise) - noise_);
   Result result{found.pose, found.motion};
-  const double scale = kys::portable::hypot(
-      kScale, rig_.focal, rig_.offset / (camera_.bf() * nearness + kLeastDisparity));
+  // Of three numbers: products and a square root, the same on every machine.
+  const double scale =
+      std::hypot(kScale, rig_.focal, rig_.offset / (camera_.bf() * nearness + kLeastDisparity));
   const Rigid3& T_r_w = replica.keyframes().at(frame.reference).T_c_w;
   add_scale_error(frame.T_c_w * T_r_w.inverse(), scale, result.pose);
   if (result.motion) add_scale_error(T_c_before, scale, *result.motion);

@@ -59,7 +59,7 @@ inline int hamming(const Descriptor& a, const Descriptor& b) {
 
 /// hamming() of one descriptor and many: distances[i] is the distance to
 /// descriptors[candidates[i]], bits. With AVX2 or AVX-512 (chosen at run time) two to four times as
-/// fast as single calls; on ARM64 with NEON. `distances` must be at least as long as `candidates`. Indices are not
+/// fast as single calls. `distances` must be at least as long as `candidates`. Indices are not
 /// checked.
 void hamming_many(const Descriptor& query, std::span<const Descriptor> descriptors,
                   std::span<const std::uint32_t> candidates, std::span<std::int16_t> distances);
