@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
-# KYS-SLAM for ARM64 on an x86-64 machine with Debian 12 or Ubuntu 24.04: cross-compiled, run by QEMU.
+# KYS-SLAM for ARM64 on an x86-64 machine with Debian 12: cross-compiled, run by QEMU.
 #   tools/arm64.sh           all of the following
 #   tools/arm64.sh setup     cross-compiler and QEMU (as root or with sudo, once), ARM64 libraries in
 #                            build/arm64-sysroot (from Debian; 140 MB)

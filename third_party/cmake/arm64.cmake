@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Cross-compiler and libraries for ARM64 on Debian or Ubuntu, programs run by QEMU. tools/arm64.sh makes
+# Cross-compiler and libraries for ARM64 on Debian, programs run by QEMU. tools/arm64.sh makes
 # the libraries' folder, KYS_ARM64_SYSROOT (by default build/arm64-sysroot).
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
