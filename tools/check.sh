@@ -7,6 +7,7 @@
 #                           or the tests of some programs, under AddressSanitizer and UndefinedBehaviorSanitizer
 #   tools/check.sh tsan     Clang; tests with threads under ThreadSanitizer
 #   tools/check.sh clang    Clang, warnings are errors; everything, optimised; unit and system tests
+#   tools/check.sh arm64    cross-compiled for ARM64: unit tests by QEMU, the same bytes as x86-64
 #   tools/check.sh tidy     clang-tidy
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -66,6 +67,7 @@ case "$stage" in
     threaded='PublicApi|TwoSystems|InRealTime|ThePipeline|ReadAhead|Worker|StereoMatcher|Thread|BuildSequence'
     run_tests build/clang-tsan -R "_test/.*($threaded)"
     ;;
+  arm64) exec tools/arm64.sh ;;
   *)
     sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0" >&2
     exit 2

@@ -20,6 +20,7 @@ packages=(
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
   libdlib-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
 )
+if [ "$(dpkg --print-architecture)" = arm64 ]; then packages+=(libsimde-dev); fi
 case "$#:${1:-}" in
   0: | 1:--plots | 1:--experiments | 1:--python | 1:--browser | 1:--site | 1:--view | 1:--onnx | \
     1:--perception) ;;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys/portable_math.h>
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -65,8 +67,8 @@ inline Eigen::Matrix3d hat(const Eigen::Vector3d& a) {
 inline Eigen::Quaterniond so3_exp(const Eigen::Vector3d& w) {
   const double angle_sq = w.squaredNorm();
   const double angle = std::sqrt(angle_sq);
-  const double k = angle < 1e-6 ? 0.5 - angle_sq / 48.0 : std::sin(0.5 * angle) / angle;
-  const double c = angle < 1e-6 ? 1.0 - angle_sq / 8.0 : std::cos(0.5 * angle);
+  const double k = angle < 1e-6 ? 0.5 - angle_sq / 48.0 : kys::portable::sin(0.5 * angle) / angle;
+  const double c = angle < 1e-6 ? 1.0 - angle_sq / 8.0 : kys::portable::cos(0.5 * angle);
   return Eigen::Quaterniond(c, k * w.x(), k * w.y(), k * w.z()).normalized();
 }
 
@@ -75,7 +77,7 @@ inline Eigen::Vector3d so3_log(const Eigen::Quaterniond& q_in) {
   const Eigen::Quaterniond q = q_in.w() < 0 ? Eigen::Quaterniond(-q_in.coeffs()) : q_in;
   const double n = q.vec().norm();
   if (n < 1e-9) return 2.0 * q.vec();
-  return 2.0 * std::atan2(n, q.w()) / n * q.vec();
+  return 2.0 * kys::portable::atan2(n, q.w()) / n * q.vec();
 }
 
 /// Increment of a pose with decoupled rotation and translation (src/geometry/so3.h has plus_left(),

@@ -63,7 +63,6 @@ class StereoRectifier {
 
  private:
   struct Maps;
-  void rectify_equidistant(const RawCamera& left, const RawCamera& right, const std::string& name);
 
   StereoCamera camera_;
   Rigid3 T_b_c_;

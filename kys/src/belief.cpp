@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <kys/belief.h>
 #include <kys/error.h>
+#include <kys/portable_math.h>
 
 #include <algorithm>
 #include <array>
@@ -76,7 +77,7 @@ double InitialBelief::log_odds(const Prior& prior) const {
 Prior with_belief(const Prior& prior, double p_static) {
   Prior out = prior;
   out.motion = static_cast<float>(100.0 * std::clamp(1.0 - p_static, 0.0, 1.0));
-  out.log_motion = static_cast<float>(std::log1p(static_cast<double>(out.motion)));
+  out.log_motion = static_cast<float>(portable::log1p(static_cast<double>(out.motion)));
   out.dynamic = p_static < 0.5 ? 1 : 0;
   out.unjudged = 0;
   return out;

@@ -7,6 +7,9 @@
 #else
 #define KYS_X86_KERNELS 0
 #endif
+#ifdef __ARM_NEON
+#include <arm_neon.h>
+#endif
 
 namespace kys {
 
@@ -100,6 +103,34 @@ __attribute__((target("avx2,avx512vl,avx512vpopcntdq"))) void many_avx512(
 }
 #endif
 
+#ifdef __ARM_NEON
+/// Differing bits of each of 16 pairs of bytes, 0..16.
+inline uint8x16_t count_neon(uint8x16_t low, uint8x16_t high, const Descriptor& d) {
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(d.words.data());
+  return vaddq_u8(vcntq_u8(veorq_u8(low, vld1q_u8(bytes))),
+                  vcntq_u8(veorq_u8(high, vld1q_u8(bytes + 16))));
+}
+
+/// Four candidates at a time, whose counts are added up together.
+void many_neon(const Descriptor& query, const Descriptor* descriptors,
+               const std::uint32_t* candidates, std::size_t count, std::int16_t* distances) {
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(query.words.data());
+  const uint8x16_t low = vld1q_u8(bytes);
+  const uint8x16_t high = vld1q_u8(bytes + 16);
+  std::size_t i = 0;
+  for (; i + 4 <= count; i += 4) {
+    const std::uint32_t* c = candidates + i;
+    const uint8x16_t ab = vpaddq_u8(count_neon(low, high, descriptors[c[0]]),
+                                    count_neon(low, high, descriptors[c[1]]));
+    const uint8x16_t cd = vpaddq_u8(count_neon(low, high, descriptors[c[2]]),
+                                    count_neon(low, high, descriptors[c[3]]));
+    const uint16x8_t halves = vpaddlq_u8(vpaddq_u8(ab, cd));  // two per candidate, 0..128 each
+    vst1_s16(distances + i, vreinterpret_s16_u16(vget_low_u16(vpaddq_u16(halves, halves))));
+  }
+  many_one_by_one(query, descriptors, candidates + i, count - i, distances + i);
+}
+#endif
+
 }  // namespace
 
 std::vector<HammingKernel> hamming_kernels() {
@@ -112,6 +143,9 @@ std::vector<HammingKernel> hamming_kernels() {
       kernels.push_back({"avx512", many_avx512});
     }
   }
+#endif
+#ifdef __ARM_NEON
+  kernels.push_back({"neon", many_neon});
 #endif
   return kernels;
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <kys/error.h>
+#include <kys/portable_math.h>
 #include <kys/prior.h>
 
 #include <algorithm>
@@ -23,7 +24,7 @@ Prior make_prior(std::uint16_t label, std::int32_t instance, float scale, float 
   prior.scale = scale;
   prior.motion = std::clamp(motion, 0.0f, 100.0f);
   // In double, so that the rounded result grows with mu on every C library.
-  prior.log_motion = static_cast<float>(std::log1p(static_cast<double>(prior.motion)));
+  prior.log_motion = static_cast<float>(portable::log1p(static_cast<double>(prior.motion)));
   return prior;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "features/orb_descriptor.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -31,7 +33,7 @@ constexpr PatternPoints kPoints;
 }  // namespace
 
 float Orientation::angle() const {
-  const float a = std::atan2(sine, cosine);
+  const float a = kys::portable::atan2(sine, cosine);
   const float positive = a < 0 ? a + 2 * std::numbers::pi_v<float> : a;
   return positive < 2 * std::numbers::pi_v<float> ? positive : 0;  // a tiny negative rounds up
 }

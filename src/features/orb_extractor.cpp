@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "features/orb_extractor.h"
 
+#include <kys/portable_math.h>
 #include <kys_slam/check_options.h>
 #include <kys_slam/error.h>
 
@@ -35,7 +36,7 @@ constexpr int kCell = 35;  // px, cells of the two-threshold rule
 std::vector<int> share_out(const OrbOptions& options) {
   std::vector<int> wanted;
   const double ratio = 1 / options.scale_factor;
-  double share = options.features * (1 - ratio) / (1 - std::pow(ratio, options.levels));
+  double share = options.features * (1 - ratio) / (1 - kys::portable::pow(ratio, options.levels));
   int sum = 0;
   for (int level = 0; level + 1 < options.levels; ++level, share *= ratio) {
     wanted.push_back(static_cast<int>(std::lround(share)));

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -23,7 +25,7 @@ class Damping {
   [[nodiscard]] bool exhausted() const { return !(value_ < 1e16); }
   /// \param gain decrease of the cost over the predicted one
   void accept(double gain) {
-    value_ *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));
+    value_ *= std::max(1.0 / 3.0, 1.0 - kys::portable::power(2.0 * gain - 1.0, 3));
     growth_ = 2;
   }
   void refuse() {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys/portable_math.h>
+
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -39,9 +41,10 @@ class SampleGenerator {
 inline int ransac_iterations(std::size_t inliers, std::size_t count, int size, double confidence,
                              int limit) {
   if (count == 0 || inliers == 0) return limit;
-  const double good = std::pow(static_cast<double>(inliers) / static_cast<double>(count), size);
+  const double good =
+      kys::portable::pow(static_cast<double>(inliers) / static_cast<double>(count), size);
   if (good >= 1.0) return 1;
-  const double needed = std::log(1.0 - confidence) / std::log1p(-good);
+  const double needed = kys::portable::log(1.0 - confidence) / kys::portable::log1p(-good);
   return needed < limit ? static_cast<int>(std::ceil(needed)) : limit;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys/portable_math.h>
 #include <kys_slam/rigid3.h>
 
 /// Derivatives on SO(3), and the pose increment that most solvers use. Two increments are in use.
@@ -20,9 +21,9 @@ inline Eigen::Matrix3d so3_left_jacobian(const Eigen::Vector3d& w) {
   const double angle = std::sqrt(angle_sq);
   const Eigen::Matrix3d W = hat(w);
   const bool small = angle < 1e-4;  // both series are exact to double precision here
-  const double a = small ? 0.5 - angle_sq / 24.0 : (1.0 - std::cos(angle)) / angle_sq;
-  const double b =
-      small ? 1.0 / 6.0 - angle_sq / 120.0 : (angle - std::sin(angle)) / (angle_sq * angle);
+  const double a = small ? 0.5 - angle_sq / 24.0 : (1.0 - kys::portable::cos(angle)) / angle_sq;
+  const double b = small ? 1.0 / 6.0 - angle_sq / 120.0
+                         : (angle - kys::portable::sin(angle)) / (angle_sq * angle);
   return Eigen::Matrix3d::Identity() + a * W + b * W * W;
 }
 
@@ -32,7 +33,7 @@ inline Eigen::Matrix3d so3_left_jacobian_inverse(const Eigen::Vector3d& w) {
   const double angle = std::sqrt(angle_sq);
   const Eigen::Matrix3d W = hat(w);
   const double c = angle < 1e-3 ? 1.0 / 12.0 + angle_sq / 720.0
-                                : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / angle_sq;
+                                : (1.0 - 0.5 * angle / kys::portable::tan(0.5 * angle)) / angle_sq;
   return Eigen::Matrix3d::Identity() - 0.5 * W + c * W * W;
 }
 

@@ -2,6 +2,7 @@
 #include "io/feature_payload.h"
 
 #include <kys/error.h>
+#include <kys/portable_math.h>
 #include <kys/prior.h>
 #include <kys_slam/util/hash.h>
 #include <libdeflate.h>
@@ -60,14 +61,14 @@ std::uint16_t fixed_pixel(float v) {
 
 // As in prior files: mu = 101^(q / 255) - 1.
 std::uint8_t motion_code(float mu) {
-  const double q = 255.0 * std::log1p(static_cast<double>(std::clamp(mu, 0.0F, 100.0F)));
-  return static_cast<std::uint8_t>(std::lround(q / std::log(101.0)));
+  const double q = 255.0 * kys::portable::log1p(static_cast<double>(std::clamp(mu, 0.0F, 100.0F)));
+  return static_cast<std::uint8_t>(std::lround(q / kys::portable::log(101.0)));
 }
 const std::array<float, 256>& motion_of_code() {
   static const std::array<float, 256> table = [] {
     std::array<float, 256> t{};
     for (std::size_t q = 0; q < 256; ++q) {
-      t[q] = static_cast<float>(std::pow(101.0, static_cast<double>(q) / 255.0) - 1.0);
+      t[q] = static_cast<float>(kys::portable::pow(101.0, static_cast<double>(q) / 255.0) - 1.0);
     }
     t[255] = 100;
     return t;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <kys/portable_math.h>
 #include <kys_slam/error.h>
 #include <kys_slam/trajectory_file.h>
 #include <kys_slam/util/paths.h>
@@ -44,7 +45,9 @@ Rigid3 oxts_pose(const std::vector<double>& packet, double scale) {
   const double latitude = packet[0], longitude = packet[1], altitude = packet[2];
   const Eigen::Vector3d t(
       scale * kEarthRadius * longitude * kDegree,
-      scale * kEarthRadius * std::log(std::tan((90.0 + latitude) * kDegree / 2.0)), altitude);
+      scale * kEarthRadius *
+          kys::portable::log(kys::portable::tan((90.0 + latitude) * kDegree / 2.0)),
+      altitude);
   const Eigen::Quaterniond q = Eigen::AngleAxisd(packet[5], Eigen::Vector3d::UnitZ()) *
                                Eigen::AngleAxisd(packet[4], Eigen::Vector3d::UnitY()) *
                                Eigen::AngleAxisd(packet[3], Eigen::Vector3d::UnitX());
@@ -64,7 +67,7 @@ std::vector<TimedPose> read_oxts(const fs::path& file, const fs::path& calibrati
     if (std::abs(packet[0]) >= 90 || std::abs(packet[1]) > 360) {
       table.fail(row, "no such latitude and longitude");
     }
-    if (i == 0) scale = std::cos(packet[0] * std::numbers::pi / 180.0);
+    if (i == 0) scale = kys::portable::cos(packet[0] * std::numbers::pi / 180.0);
     poses.push_back({pairs.frames[i].timestamp, oxts_pose(packet, scale) * T_imu_c});
   }
   make_relative_to_first(poses);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <fmt/format.h>
+#include <kys/portable_math.h>
 #include <kys_slam/error.h>
 #include <kys_slam/stereo_rig.h>
 
@@ -214,8 +215,8 @@ std::optional<StereoCamera> StereoRig::rectified() const {
   if (bent(left) || bent(right)) return std::nullopt;
   const Rigid3 T_l_r = left.T_b_s.inverse() * right.T_b_s;
   const Eigen::Vector3d& t = T_l_r.translation;
-  const bool parallel =
-      rotation_angle(T_l_r) < 1e-9 && t.x() > 0 && std::hypot(t.y(), t.z()) < 1e-9 * t.x();
+  const bool parallel = rotation_angle(T_l_r) < 1e-9 && t.x() > 0 &&
+                        kys::portable::hypot(t.y(), t.z()) < 1e-9 * t.x();
   const bool equal = left.fx == right.fx && left.fy == right.fy && left.cx == right.cx &&
                      left.cy == right.cy && left.width == right.width &&
                      left.height == right.height;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/loop_closer.h"
 
+#include <kys/portable_math.h>
 #include <kys_slam/util/stopwatch.h>
 
 #include <algorithm>
@@ -47,7 +48,7 @@ void describe(kys::OptionList& list, LoopOptions& o) {
 namespace {
 
 double degrees(const Rigid3& T) {
-  const double half = std::atan2(T.rotation.vec().norm(), std::abs(T.rotation.w()));
+  const double half = kys::portable::atan2(T.rotation.vec().norm(), std::abs(T.rotation.w()));
   return 2 * half * 180 / std::numbers::pi;
 }
 

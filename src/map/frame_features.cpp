@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "map/frame_features.h"
 
+#include <kys/portable_math.h>
+
 #include <functional>
 #include <limits>
 #include <stdexcept>
@@ -21,7 +23,7 @@ std::shared_ptr<const T> shared(std::vector<T> list) {
 }  // namespace
 
 ScaleLevels::ScaleLevels(double scale_factor, int levels)
-    : log_factor(static_cast<float>(std::log(scale_factor))) {
+    : log_factor(static_cast<float>(kys::portable::log(scale_factor))) {
   double s = 1;
   for (int i = 0; i < levels; ++i, s *= scale_factor) scale.push_back(static_cast<float>(s));
 }
@@ -46,7 +48,7 @@ std::vector<float> ScaleLevels::inv_sigmas() const {
 int ScaleLevels::predict_octave(float max_distance, float distance) const {
   const float ratio = max_distance / (reach * distance);
   if (!sizes || !(ratio > 1)) return 0;
-  const float octave = std::ceil(std::log(ratio) / log_factor);
+  const float octave = std::ceil(kys::portable::log(ratio) / log_factor);
   return static_cast<int>(std::clamp(octave, 0.0f, static_cast<float>(levels() - 1)));
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/rig_calibration.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -170,7 +172,7 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) {
   const double noise = std::sqrt(found.covariance(kAtOffset, kAtOffset));
   const double share = static_cast<double>(options_.keyframes) / static_cast<double>(seen_);
   const double systematic = options_.systematic * std::sqrt(std::clamp(share, kLeastShare, 1.0));
-  const double sigma = std::hypot(noise, systematic);
+  const double sigma = kys::portable::hypot(noise, systematic);
   offset_ = OffsetEstimate{total, sigma, total == map.rig().offset()};
   if (noise <= 0 || std::abs(total) > options_.max_correction) return false;
   found.covariance(kAtOffset, kAtOffset) = sigma * sigma;

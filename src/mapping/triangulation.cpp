@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapping/triangulation.h"
 
+#include <kys/portable_math.h>
+
 #include <Eigen/SVD>
 #include <cmath>
 #include <optional>
@@ -33,7 +35,8 @@ struct Ray {
     const Keypoint& p = k.features->keypoint(f);
     direction_w = k.T_c_w.rotation.conjugate() * camera.back_project(p.x, p.y, 1.0);
     stereo_parallax_cos =
-        has_stereo() ? std::cos(2 * std::atan2(camera.baseline / 2, depth())) : 2.0;
+        has_stereo() ? kys::portable::cos(2 * kys::portable::atan2(camera.baseline / 2, depth()))
+                     : 2.0;
   }
   [[nodiscard]] bool has_stereo() const { return keyframe->features->has_stereo(feature); }
   [[nodiscard]] double depth() const { return keyframe->features->depth(feature); }

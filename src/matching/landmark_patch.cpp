@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "matching/landmark_patch.h"
 
+#include <kys/portable_math.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -33,7 +35,7 @@ patch::CornerWindow make_window() {
       const int squared =
           (x - kCornerHalf) * (x - kCornerHalf) + (y - kCornerHalf) * (y - kCornerHalf);
       window.weight[y][x] =
-          std::exp(-static_cast<float>(squared) / (2 * kWindowSigma * kWindowSigma));
+          kys::portable::exp(-static_cast<float>(squared) / (2 * kWindowSigma * kWindowSigma));
       window.total += window.weight[y][x];
     }
   }

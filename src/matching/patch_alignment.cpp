@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "matching/patch_alignment.h"
 
+#include <kys/portable_math.h>
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -37,7 +39,7 @@ patch::Window make_window() {
     for (int x = 0; x < kSide; ++x) {
       const int squared = (x - kHalf) * (x - kHalf) + (y - kHalf) * (y - kHalf);
       window.weight[y][x] =
-          std::exp(-static_cast<float>(squared) / (2 * kWindowSigma * kWindowSigma));
+          kys::portable::exp(-static_cast<float>(squared) / (2 * kWindowSigma * kWindowSigma));
       window.total += window.weight[y][x];
     }
   }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "matching/row_alignment.h"
 
+#include <kys/portable_math.h>
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
@@ -63,8 +65,8 @@ Patch window() {
   std::size_t k = 0;
   for (int dy = -kReach; dy <= kReach; ++dy) {
     for (int dx = -kReach; dx <= kReach; ++dx, ++k) {
-      weights[k] =
-          std::exp(-static_cast<float>(dx * dx + dy * dy) / (2 * kWindowSigma * kWindowSigma));
+      weights[k] = kys::portable::exp(-static_cast<float>(dx * dx + dy * dy) /
+                                      (2 * kWindowSigma * kWindowSigma));
     }
   }
   return weights;

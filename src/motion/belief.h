@@ -3,6 +3,7 @@
 
 #include <kys/belief.h>
 #include <kys/option_list.h>
+#include <kys/portable_math.h>
 
 #include <algorithm>
 #include <cmath>
@@ -23,10 +24,10 @@ inline bool has_belief(const kys::Prior& prior, const kys::InitialBelief& start)
 }
 
 inline double probability(double log_odds) {
-  return 1.0 / (1.0 + std::exp(-log_odds));
+  return 1.0 / (1.0 + kys::portable::exp(-log_odds));
 }
 inline double log_odds(double probability) {
-  return std::log(probability / (1.0 - probability));
+  return kys::portable::log(probability / (1.0 - probability));
 }
 
 /// Log-odds of being static `dt` seconds later, by a two-state Markov chain with rate `change_rate`
@@ -34,7 +35,7 @@ inline double log_odds(double probability) {
 /// = s p_steady, s = 1 - exp(-change_rate dt).
 inline double after_time(double present, double steady, double dt,
                          const BeliefUpdateOptions& options) {
-  const double share = 1.0 - std::exp(-options.change_rate * std::max(dt, 0.0));
+  const double share = 1.0 - kys::portable::exp(-options.change_rate * std::max(dt, 0.0));
   const double p = probability(present);
   const double moved = p + share * (probability(steady) - p);
   return std::clamp(log_odds(std::clamp(moved, 1e-12, 1.0 - 1e-12)), -options.max_log_odds,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion/instance_motion.h"
 
+#include <kys/portable_math.h>
 #include <kys_slam/error.h>
 
 #include <Eigen/Cholesky>
@@ -56,8 +57,8 @@ bool is_stereo(const StereoPixel& p) {
 /// keypoint is aligned.
 Eigen::Vector3d variances(const StereoPixel& p, const InstanceMotionOptions& options) {
   const double scale = 1.0 / (static_cast<double>(p.inv_sigma) * kPixelSigma);
-  const double pixel = std::pow(options.pixel_sigma * scale, 2);
-  return {pixel, pixel, std::pow(options.disparity_sigma * scale, 2)};
+  const double pixel = kys::portable::power(options.pixel_sigma * scale, 2);
+  return {pixel, pixel, kys::portable::power(options.disparity_sigma * scale, 2)};
 }
 
 Point prepare(const StereoCamera& camera, const InstanceMatch& match, const Rigid3& T_now_before,
@@ -224,7 +225,8 @@ Fitted fitted(Fit& fit, const Vector6d& start, const Matrix6d& P, const Matrix6d
   Fitted result;
   result.xi = fit.minimise(start, information);
   result.sums = fit.sum(result.xi, false);
-  const double occam = std::log(std::abs((Matrix6d::Identity() + P * result.sums.A).determinant()));
+  const double occam =
+      kys::portable::log(std::abs((Matrix6d::Identity() + P * result.sums.A).determinant()));
   result.deviance = result.sums.cost + result.xi.dot(information * result.xi) + occam;
   return result;
 }
@@ -313,8 +315,8 @@ InstanceMotion estimate_instance_motion(const StereoCamera& camera,
   result.motion.tail<3>() += R * arm - arm;
   const Matrix6d posterior = inverse(moves.sums.A + information);
   result.covariance = about(posterior + P_still, arm);
-  result.rotation_observed =
-      posterior.diagonal().head<3>().maxCoeff() < std::pow(kObservedRotation * range.rotation, 2);
+  result.rotation_observed = posterior.diagonal().head<3>().maxCoeff() <
+                             kys::portable::power(kObservedRotation * range.rotation, 2);
   result.centre = centre + arm + result.motion.tail<3>();
   result.centre_covariance = about(posterior, arm).bottomRightCorner<3, 3>();
   return result;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion/segment_carrier.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -60,8 +62,8 @@ SegmentCarrier::Surface SegmentCarrier::surface_at(std::uint16_t segment,
                                return;
                              const double there = carrying::disparity_of(*features_, i);
                              const double distance =
-                                 std::hypot(features_->keypoint(i).x - pixel.x(),
-                                            features_->keypoint(i).y - pixel.y());
+                                 kys::portable::hypot(features_->keypoint(i).x - pixel.x(),
+                                                      features_->keypoint(i).y - pixel.y());
                              const double margin = carrying::tolerance(there) + kSlant * distance;
                              surface.near = true;
                              if (std::abs(disparity - there) <= margin) surface.agrees = true;

@@ -161,7 +161,9 @@ class KeyframeErrors {
   /// C P C^T of a linear function C of the errors.
   Matrix6d covariance_of(RowOfBlocks C) const {
     C.middleCols<6>(6 * reference_).setZero();
-    const Eigen::MatrixXd root = factor_.matrixL().solve(C.transpose());
+    // By columns: Eigen splits the sums of several at once by the size of the processor's cache.
+    Eigen::MatrixXd root = C.transpose();
+    for (Eigen::Index i = 0; i < root.cols(); ++i) factor_.matrixL().solveInPlace(root.col(i));
     return root.transpose() * root;
   }
 

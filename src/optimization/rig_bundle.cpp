@@ -389,7 +389,11 @@ class RigBundle {
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(poses);
     RigMatrix left = H_.bottomRightCorner(kRig, kRig);
     left = RigMatrix(left.template selfadjointView<Eigen::Lower>());
-    left -= mixed * factor.solve(mixed.transpose());
+    // By columns: Eigen splits the sums of several at once by the size of the processor's cache.
+    for (Eigen::Index i = 0; i < kRig; ++i) {
+      const Eigen::VectorXd column = mixed.row(i).transpose();
+      left.col(i) -= mixed * factor.solve(column);
+    }
     int residuals = 0;
     double sum = 0;
     for_each([&](std::size_t k, std::size_t i) {

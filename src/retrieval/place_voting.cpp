@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "retrieval/place_voting.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -37,8 +39,8 @@ void PlaceVotes::add(std::span<const std::uint32_t> keyframes, double closeness)
 void PlaceVotes::end_feature() {
   if (voted_for_.empty()) return;
   // What is seen everywhere tells nothing about where one is (inverse document frequency).
-  const double rarity =
-      std::log1p(static_cast<double>(allowed_count_) / static_cast<double>(voted_for_.size()));
+  const double rarity = kys::portable::log1p(static_cast<double>(allowed_count_) /
+                                             static_cast<double>(voted_for_.size()));
   for (const auto& [keyframe, closeness] : voted_for_) {
     ++votes_[keyframe];
     weight_[keyframe] += closeness * rarity;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <kys/portable_math.h>
 #include <kys_slam/error.h>
 #include <kys_slam/saved_map.h>
 
@@ -35,7 +36,7 @@ MapInfo SavedMap::info() const {
   info.rig = map.rig_estimate();
   info.extractor = map.scales().extractor;
   info.levels = map.scales().levels();
-  info.scale_factor = std::exp(static_cast<double>(map.scales().log_factor));
+  info.scale_factor = kys::portable::exp(static_cast<double>(map.scales().log_factor));
   info.culled = map.contents().culled.size();
   info.beliefs = map.keeps_beliefs();
   map.keyframes().for_each([&](KeyFrameId, const KeyFrame& keyframe) {

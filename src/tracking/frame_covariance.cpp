@@ -276,6 +276,7 @@ FrameCovariance::Result FrameCovariance::update(const Replica& replica, const Fr
   const double share = std::max(kNewest, 1.0 / ++frames_);
   noise_ += share * (std::clamp(measured, kLeastNoise, kMostNoise) - noise_);
   Result result{found.pose, found.motion};
+  // Of three numbers: products and a square root, the same on every machine.
   const double scale =
       std::hypot(kScale, rig_.focal, rig_.offset / (camera_.bf() * nearness + kLeastDisparity));
   const Rigid3& T_r_w = replica.keyframes().at(frame.reference).T_c_w;

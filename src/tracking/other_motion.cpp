@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "tracking/other_motion.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -240,9 +242,9 @@ OtherMotion find_other_motion(const TrackingContext& c, const TrackedFrame& fram
     const Keypoint& a = c.last->features->keypoint(m.before);
     const Keypoint& b = frame.features->keypoint(m.now);
     const Eigen::Vector3d p = c.camera.project_stereo(frame.T_c_w * m.observation.p_w);
-    result.shift += std::hypot(b.x - a.x, b.y - a.y) / static_cast<double>(common.size());
-    result.pose_shift +=
-        std::min(std::hypot(p.x() - a.x, p.y() - a.y), 1e3) / static_cast<double>(common.size());
+    result.shift += kys::portable::hypot(b.x - a.x, b.y - a.y) / static_cast<double>(common.size());
+    result.pose_shift += std::min(kys::portable::hypot(p.x() - a.x, p.y() - a.y), 1e3) /
+                         static_cast<double>(common.size());
     result.cells.push_back(cells.index(b.x, b.y));
   }
   std::sort(result.cells.begin(), result.cells.end());

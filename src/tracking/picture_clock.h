@@ -133,7 +133,10 @@ class PictureClock {
   /// Of the stamps from the line, s, root mean square.
   [[nodiscard]] double deviation(const Line& line) const {
     double sum = 0;
-    for (const Stamp& s : stamps_) sum += std::pow(s.time - line.at(s.number), 2);
+    for (const Stamp& s : stamps_) {
+      const double off = s.time - line.at(s.number);
+      sum += off * off;
+    }
     return std::sqrt(sum / static_cast<double>(stamps_.size()));
   }
 

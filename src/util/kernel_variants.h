@@ -13,6 +13,10 @@ template <typename Kernels>
 class KernelVariants {
  public:
   explicit KernelVariants(const Kernels& plain) { list_[count_++] = &plain; }
+  /// One that every machine of this architecture can run.
+  KernelVariants(const Kernels& plain, const Kernels& better) : KernelVariants(plain) {
+    list_[count_++] = &better;
+  }
 #ifdef KYS_X86_KERNELS
   KernelVariants(const Kernels& plain, const Kernels& avx2, const Kernels& avx512)
       : KernelVariants(plain) {

@@ -71,6 +71,16 @@ Eigen::Vector2d centroid(const GrayImage& image) {
   return sum / weight;
 }
 
+// Printed by OpenCV 4.6, stereoRectify() with CALIB_ZERO_DISPARITY and alpha 0.
+TEST(StereoRectifier, HasTheIntrinsicsOfOpenCv) {
+  const StereoRectifier rectifier(euroc_camera(false), euroc_camera(true), "euroc");
+  EXPECT_EQ(rectifier.camera().fx, 436.23458640269558);
+  EXPECT_EQ(rectifier.camera().fy, 436.23458640269558);
+  EXPECT_EQ(rectifier.camera().cx, 364.44122314453125);
+  EXPECT_EQ(rectifier.camera().cy, 256.95167541503906);
+  EXPECT_NEAR(rectifier.camera().baseline, 0.11007784207007308, 1e-14);
+}
+
 TEST(StereoRectifier, SpotsLandWhereTheRectifiedPairSeesThem) {
   const RawCamera left = euroc_camera(false), right = euroc_camera(true);
   const StereoRectifier rectifier(left, right, "rig");

@@ -26,6 +26,19 @@ if(KYS_SANITIZE)
   add_link_options(-fsanitize=${KYS_SANITIZE})
 endif()
 
+# Eigen as on x86-64: third_party/eigen/sse_on_arm64.h.
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64|ARM64")
+  find_path(SIMDE_INCLUDE_DIR simde/x86/sse2.h)
+  if(NOT SIMDE_INCLUDE_DIR)
+    message(FATAL_ERROR "SIMDe is missing, which the build for ARM64 needs (package libsimde-dev)")
+  endif()
+  if(NOT SIMDE_INCLUDE_DIR MATCHES "/usr/include$")  # where the compiler looks, behind its own folders
+    list(APPEND KYS_COMPILE_OPTIONS "SHELL:-isystem ${SIMDE_INCLUDE_DIR}")
+  endif()
+  list(APPEND KYS_COMPILE_OPTIONS
+    "SHELL:-include ${PROJECT_SOURCE_DIR}/third_party/eigen/sse_on_arm64.h")
+endif()
+
 # kys_add_library(NAME SOURCES... [DEPENDS targets...] [SYSTEM_DEPENDS imported targets...])
 # A static library called kys_slam_NAME. Those who link it see the public headers; the headers of src
 # are seen in src, priors and tests alone (include_directories there), not by tools and Python.
@@ -95,9 +108,10 @@ function(kys_add_benchmark name)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/benchmarks)
 endfunction()
 
-# kys_add_kernels(NAME STEM)
+# kys_add_kernels(NAME STEM [NEON])
 # Inner loops of kys_slam_NAME, once per instruction set and chosen at run time: STEM_plain.cpp and,
-# on x86, STEM_avx2.cpp and STEM_avx512.cpp. They count on the vectoriser, so they are optimised in
+# on x86, STEM_avx2.cpp and STEM_avx512.cpp. On ARM64 the vectoriser makes NEON of the plain ones; NEON
+# says that there is STEM_neon.cpp with intrinsics too. They count on the vectoriser, so they are optimised in
 # every build type but the sanitizers'.
 function(kys_add_kernels name stem)
   set(options -fno-math-errno)
@@ -113,5 +127,9 @@ function(kys_add_kernels name stem)
       COMPILE_OPTIONS "${options};-mavx2;-mno-fma")
     set_source_files_properties(${stem}_avx512.cpp PROPERTIES
       COMPILE_OPTIONS "${options};-mavx512bw;-mavx512vl;-mavx512dq;-mprefer-vector-width=512")
+  elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64|ARM64" AND "NEON" IN_LIST ARGN)
+    target_sources(kys_slam_${name} PRIVATE ${stem}_neon.cpp)
+    target_compile_definitions(kys_slam_${name} PRIVATE KYS_NEON_KERNELS)
+    set_source_files_properties(${stem}_neon.cpp PROPERTIES COMPILE_OPTIONS "${options}")
   endif()
 endfunction()

@@ -9,7 +9,6 @@
 
 #include <exception>
 #include <memory>
-#include <opencv2/core/utility.hpp>
 #include <string>
 #include <vector>
 
@@ -87,7 +86,6 @@ std::int64_t one_round(const Arguments& a, std::vector<Sums>& sums, Progress& pr
 }
 
 int compare(const Arguments& a) {
-  cv::setNumThreads(1);
   std::vector<Sums> sums(a.modes.size());
   const std::int64_t total = open_frames(a)->frame_count() * a.rounds;
   Progress progress("comparing", total, a.quiet ? Progress::Style::kNone : Progress::Style::kAuto);

@@ -28,7 +28,6 @@
 #include <chrono>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <opencv2/core/utility.hpp>
 #include <optional>
 #include <set>
 #include <string>
@@ -392,9 +391,6 @@ StereoMasks read_masks(const std::vector<std::filesystem::path>& files,
 
 int run(const RunProgram& program, const Arguments& a) {
   const Stopwatch start_up;
-  // Images are small: handing their rows out to threads costs more than it gains, and the cores
-  // are taken.
-  cv::setNumThreads(1);
   const Schedule schedule = parse_schedule(a.schedule);
   const FrameInput input = open_input(program, a);
   const Settings settings =
