@@ -21,18 +21,17 @@ struct Inside {
   double bottom = -left;
 };
 
-/// One camera with focal length `f` after rectification. Its results are rounded to float: that
-/// makes the intrinsics those of OpenCV's stereoRectify(), bit by bit.
+/// One camera with focal length `f` after rectification. OpenCV's stereoRectify() rounds positions
+/// to float on the way, which moves its intrinsics by some 1e-5 px; these are continuous.
 struct Turned {
   const RawCamera& camera;
   const Eigen::Matrix3d& R;
   double f;
 
-  /// Where a pixel comes to lie, relative to `c`.
-  [[nodiscard]] Eigen::Vector2d rectified(const Eigen::Vector2d& p,
-                                          const Eigen::Vector2d& c) const {
-    const Eigen::Vector2d at = f * (R * p.homogeneous()).hnormalized() + c;
-    return at.cast<float>().cast<double>() - c;
+  /// Where a point of the plane z = 1 comes to lie, relative to the principal point, px.
+  [[nodiscard]] Eigen::Vector2d rectified(const Eigen::Vector2d& p) const {
+    const Eigen::Vector3d ray = R * Eigen::Vector3d(p.x(), p.y(), 1);
+    return f * Eigen::Vector2d(ray.x() / ray.z(), ray.y() / ray.z());
   }
 
   /// Mean of the corners.
@@ -40,17 +39,16 @@ struct Turned {
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
     for (const double v : {0.0, camera.height - 1.0}) {
       for (const double u : {0.0, camera.width - 1.0}) {
-        const Eigen::Vector2d p = undistorted(camera, u, v);
-        sum += rectified(p.cast<float>().cast<double>(), Eigen::Vector2d::Zero());
+        sum += rectified(undistorted(camera, u, v));
       }
     }
     return sum / 4;
   }
 
-  [[nodiscard]] Inside inside(const Eigen::Vector2d& c) const {
+  [[nodiscard]] Inside inside() const {
     constexpr int kSteps = 8;
     const double width = camera.width, height = camera.height;
-    const auto at = [&](double u, double v) { return rectified(undistorted(camera, u, v), c); };
+    const auto at = [&](double u, double v) { return rectified(undistorted(camera, u, v)); };
     Inside in;
     for (int i = 0; i <= kSteps; ++i) {
       const double u = i * width / kSteps, v = i * height / kSteps;
@@ -92,7 +90,7 @@ RectifiedIntrinsics fitting_intrinsics(const RawCamera& left, const RawCamera& r
   // The scale at which each side of the image meets that of the rectangle.
   double scale = 0;
   for (const Turned& camera : turned) {
-    const Inside in = camera.inside(c);
+    const Inside in = camera.inside();
     scale = std::max({scale, -c.x() / in.left, -c.y() / in.top, (left.width - c.x()) / in.right,
                       (left.height - c.y()) / in.bottom});
   }

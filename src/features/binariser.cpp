@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 
 namespace kys_slam {
@@ -26,7 +25,10 @@ std::uint64_t next_state(std::uint64_t& state) {
 /// Nearly normal: the number of ones among 128 random bits, less its mean. Does not depend on a
 /// mathematical library.
 double next_weight(std::uint64_t& state) {
-  const int ones = std::popcount(next_state(state)) + std::popcount(next_state(state));
+  int ones = 0;
+  for (int word = 0; word < 2; ++word) {
+    for (std::uint64_t left = next_state(state); left != 0; left &= left - 1) ++ones;
+  }
   return ones - 64;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "loop_closing/submap_joint.h"
 
+#include <kys/portable_math.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -35,7 +37,7 @@ void describe(kys::OptionList& list, JointOptions& o) {
 namespace {
 
 double turn_of(const Rigid3& T) {
-  const double half = std::atan2(T.rotation.vec().norm(), std::abs(T.rotation.w()));
+  const double half = kys::portable::atan2(T.rotation.vec().norm(), std::abs(T.rotation.w()));
   return 2 * half * 180 / std::numbers::pi;
 }
 

@@ -90,11 +90,6 @@ void LocalMapper::map_in_full(Map& map, KeyFrameId id, LocalMapperReport& report
   report.calibrate = watch.lap_ms();
 }
 
-void LocalMapper::finish(Map& map, const std::atomic<bool>* stop) {
-  calibration_.finish(map, stop);
-  sparsification_.update(map, {});
-}
-
 void insert_keyframe(Map& map, const KeyFrameMessage& message) {
   KeyFrame keyframe;
   keyframe.id = message.id;

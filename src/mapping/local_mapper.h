@@ -72,9 +72,9 @@ class LocalMapper {
   /// \param behind others wait: the keyframe's observations are added, and no more
   LocalMapperReport process(Map& map, const KeyFrameMessage& message,
                             const std::atomic<bool>* stop = nullptr, bool behind = false);
-  /// At the end of a run: the last estimate of the disparity offset; the newest keyframes are
-  /// culled like those before them.
-  void finish(Map& map, const std::atomic<bool>* stop = nullptr);
+  /// At the end of a run: the last estimate of the disparity offset. The newest keyframes stay, for
+  /// a run that continues the map.
+  void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
   void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const {
     return calibration_.offset();

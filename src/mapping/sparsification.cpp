@@ -6,9 +6,10 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, SparsificationOptions& o) {
-  list.add("mapping.sparse_overlap", o.overlap, {0, 1}, "",
-           "landmarks that the keyframes before and after a keyframe share, per landmark of it, "
-           "above which it is culled when it leaves the window of local bundle adjustment; 1: never");
+  list.add(
+      "mapping.sparse_overlap", o.overlap, {0, 1}, "",
+      "landmarks that the keyframes before and after a keyframe share, per landmark of it, "
+      "above which it is culled when it leaves the window of local bundle adjustment; 1: never");
 }
 
 namespace {

@@ -13,7 +13,7 @@ namespace kys_slam {
 struct SparsificationOptions {
   /// Landmarks that the keyframes before and after one share, per landmark of it: with more it is
   /// culled. 1: never.
-  double overlap = 0.3;
+  double overlap = 0.35;
 };
 /// For check_options().
 void describe(kys::OptionList& list, SparsificationOptions& options);
@@ -21,8 +21,8 @@ void describe(kys::OptionList& list, SparsificationOptions& options);
 /// The newest keyframes are dense: every observation makes landmarks and poses more certain. Once a
 /// keyframe has left the window of local bundle adjustment, and those that it holds, they have done
 /// so; to find a place again and to close loops fewer keyframes are enough. So a keyframe that
-/// leaves is culled where its neighbours in time share enough landmarks: the spacing of what is kept
-/// follows the scene, whatever the rate of frames.
+/// leaves is culled where its neighbours in time share enough landmarks: the spacing of what is
+/// kept follows the scene, whatever the rate of frames.
 class Sparsification {
  public:
   explicit Sparsification(const SparsificationOptions& options) : options_(checked(options)) {}

@@ -4,9 +4,8 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
-  list.add(
-      "keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
-      "least number of frames between two keyframes while enough is tracked");
+  list.add("keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
+           "least number of frames between two keyframes while enough is tracked");
   list.add("keyframes.reference_ratio", o.reference_ratio, {0, 1}, "",
            "share of the reference keyframe's landmarks below which a keyframe is made");
   list.add(

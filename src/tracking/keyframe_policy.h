@@ -6,7 +6,7 @@
 namespace kys_slam {
 
 struct KeyFramePolicyOptions {
-  int min_frames = 0;   ///< least gap of keyframes while enough is tracked
+  int min_frames = 0;  ///< least gap of keyframes while enough is tracked
   /// share of the reference's landmarks below which a keyframe is made
   double reference_ratio = 0.85;
   double starved_ratio = 0.25;  ///< share below which `min_frames` does not hold

@@ -15,8 +15,8 @@ using testing::random_features;
 constexpr std::uint32_t kInView = 30;  // landmarks of a keyframe, of which `kNewOnes` are new
 constexpr std::uint32_t kNewOnes = 10;
 
-/// Keyframes along a line: number k sees landmarks 10 k to 10 k + 29, so that it shares 20 of its 30
-/// with the next one, 10 with the one after that, and none with others.
+/// Keyframes along a line: number k sees landmarks 10 k to 10 k + 29, so that it shares 20 of its
+/// 30 with the next one, 10 with the one after that, and none with others.
 class SparsificationOfKeyframes : public ::testing::Test {
  protected:
   void add_keyframes(int count) {
@@ -75,7 +75,7 @@ TEST_F(SparsificationOfKeyframes, NoneIsJudgedTwice) {
   EXPECT_EQ(update({{2}}), 0);
 }
 
-TEST_F(SparsificationOfKeyframes, AtTheEndOfARunTheNewestStays) {
+TEST_F(SparsificationOfKeyframes, WithoutAWindowTheNewestStays) {
   add_keyframes(9);
   EXPECT_EQ(update({}), 4);
   EXPECT_TRUE(map_.has(KeyFrameId{8})) << "nothing is after it";

@@ -80,7 +80,7 @@ TEST(SystemCalibration, TheEndOfAShortRunIsLookedAtAsWell) {
   const DriveResult run = drive(0.3, true,
                                 {{"calibration.keyframes", "8"},
                                  {"calibration.systematic", "0"},
-                                 {"calibration.significance", "25"}});
+                                 {"calibration.significance", "15.5"}});
   ASSERT_LT(run.keyframes, 64);
   EXPECT_LT(run.offset, -0.1);
   const DriveResult without = drive(0.3, false);

@@ -97,7 +97,7 @@ TEST(System, KeyframesThatAreKeptDependOnWhatIsSeenNotOnTheSchedule) {
   const Drive pipelined = drive(world, Schedule::kPipelined, 100);
   const auto kept = static_cast<double>(sequential.keyframes);
   EXPECT_NEAR(static_cast<double>(pipelined.keyframes), kept, 1 + 0.1 * kept);
-  EXPECT_LT(kept, 30) << "of 100 frames, most of which become keyframes";
+  EXPECT_LT(kept, 45) << "of 100 frames, most of which become keyframes";
 }
 
 TEST(System, FindsAConstantDisparityErrorWithoutAJumpInTheTrajectory) {
@@ -155,17 +155,18 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
                "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
                "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "place.min_area=0",
                "control.pipeline_delay=3", "kys.normalize=false"}));
-  EXPECT_EQ(changes_of("accurate.yaml"),
-            (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
-                     "calibration.keyframes=40"}));
+  EXPECT_EQ(
+      changes_of("accurate.yaml"),
+      (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
+               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.keyframes=40"}));
   EXPECT_EQ(
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",
                "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
                "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
                "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
-               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.enabled=false", "place.min_area=0", "control.pipeline_delay=3",
-               "control.blend_poses=false"}));
+               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.enabled=false",
+               "place.min_area=0", "control.pipeline_delay=3", "control.blend_poses=false"}));
 }
 
 TEST(System, FramesFollowTheKeyframeBeforeThemAloneWhenPosesAreNotBlended) {
