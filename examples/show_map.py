@@ -17,7 +17,7 @@ def main(path: str, picture: bool = True) -> None:
 
     cloud = open3d.t.io.read_point_cloud(path)
     mobile = [label for label, name in landmarks.classes.items() if name in MAY_MOVE]
-    keep = (cloud.point["observations"] >= 2).flatten()
+    keep = (cloud.point["observations"] >= 3).flatten()
     for label in mobile:
         keep = keep.logical_and((cloud.point["class"] != label).flatten())
     cloud = cloud.select_by_mask(keep)

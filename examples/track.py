@@ -32,7 +32,7 @@ def main(path: str, ply: str) -> None:
     # were never connected have frames of their own: only the one of the trajectory.
     snapshot = slam.snapshot()
     chosen = ((snapshot.landmark_submaps == snapshot.main_submap)
-              & (snapshot.landmark_observations >= 2))
+              & (snapshot.landmark_observations >= 3))
     points = snapshot.landmark_points[chosen].astype("<f4")
     with open(ply, "wb") as file:
         file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\n"

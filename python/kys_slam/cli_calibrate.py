@@ -76,8 +76,7 @@ def _run_args(args, inputs: List[str], folder: Path, number: int):
             call += [f"--{name}", str(value)]
     if args.topics:
         call += ["--topics", *args.topics]
-    # All keyframes stay: what each observed counts.
-    for assignment in ["mapping.sparse_overlap=1", *args.settings]:
+    for assignment in args.settings:
         call += ["--set", assignment]
     return make_parser().parse_args(call)
 

@@ -241,7 +241,7 @@ def test_example_writes_one_submap(corridor, corridor_camera, tmp_path, monkeypa
         slam.feed_frame(frame)
     slam.finish()
     seen = slam.snapshot()
-    often = seen.landmark_observations >= 2
+    often = seen.landmark_observations >= 3
     main = seen.landmark_submaps == seen.main_submap
     assert slam.submaps == 2 and np.count_nonzero(often & main) < np.count_nonzero(often)
     monkeypatch.setattr(kys_slam, "System", system)

@@ -15,7 +15,7 @@ namespace kys_slam {
 struct LocalBundleOptions {
   std::size_t max_keyframes = 14;  ///< optimised, the current one included
   /// fixed keyframes that observe the same landmarks, most shared first
-  std::size_t max_fixed = 10;
+  std::size_t max_fixed = 20;
   /// A window is optimised again with the next keyframe: 1e-4 costs a tenth of all processor time
   /// more, for the same accuracy.
   BundleOptions bundle{.function_tolerance = 1e-3};

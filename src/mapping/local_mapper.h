@@ -28,7 +28,7 @@ struct LocalMapperOptions {
   RigCalibrationOptions calibration;
   SparsificationOptions sparsification;
   ThinningOptions thinning;
-  int adjust_frames = 2;      ///< frames between two keyframes that are mapped in full, at least
+  int adjust_frames = 1;      ///< frames between two keyframes that are mapped in full, at least
   double mover_patience = 1;  ///< s, after which landmarks on moving instances are erased
 };
 /// For check_options().
@@ -57,9 +57,9 @@ struct LocalMapperReport {
 /// Local mapping (ORB-SLAM, Sec. VI): inserts a keyframe, creates and fuses landmarks, adjusts the
 /// local map, culls redundant keyframes. Depends on the map and the message only; owns no thread.
 ///
-/// Keyframes are many and light: each observation makes landmarks and poses more certain, so nearly
-/// every frame that sees something new is one. Not each is mapped in full, and most are culled when
-/// they have left the window of local bundle adjustment (sparsification.h).
+/// Keyframes may be many and light: each observation makes landmarks and poses more certain. Then
+/// not each is mapped in full, and most are culled when they have left the window of local bundle
+/// adjustment (sparsification.h, configs/lean.yaml).
 class LocalMapper {
  public:
   /// \param model must outlive the mapper
@@ -74,7 +74,9 @@ class LocalMapper {
                             const std::atomic<bool>* stop = nullptr, bool behind = false);
   /// At the end of a run: the last estimate of the disparity offset. The newest keyframes stay, for
   /// a run that continues the map.
-  void finish(Map& map, const std::atomic<bool>* stop = nullptr) { calibration_.finish(map, stop); }
+  void finish(Map& map, const std::atomic<bool>* stop = nullptr) {
+    calibration_.finish(map, sparsification_.culled(), stop);
+  }
   void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const {
     return calibration_.offset();

@@ -147,22 +147,24 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
   return solve(view, prior, stop);
 }
 
-bool RigCalibration::update(Map& map, const std::atomic<bool>* stop) {
+bool RigCalibration::update(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
   const std::span<const double> looks = looks_of(map);
   if (!options_.enabled || looks_ >= looks.size()) return false;
-  const auto keyframes = static_cast<double>(map.keyframe_id_end());
+  const std::size_t seen = map.keyframes().size() + culled;
+  const auto keyframes = static_cast<double>(seen);
   if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
   ++looks_;
-  return look(map, looks_ == looks.size(), stop);
+  return look(map, seen, looks_ == looks.size(), stop);
 }
 
-bool RigCalibration::finish(Map& map, const std::atomic<bool>* stop) {
+bool RigCalibration::finish(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
   const std::size_t all = looks_of(map).size();
   if (looks_ == 0 || looks_ >= all) return false;
-  const auto keyframes = static_cast<double>(map.keyframe_id_end());
+  const std::size_t seen = map.keyframes().size() + culled;
+  const auto keyframes = static_cast<double>(seen);
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
   looks_ = all;
-  return look(map, false, stop);
+  return look(map, seen, false, stop);
 }
 
 /// Whether an estimate of the offset alone is to be applied. Decided anew every time, with all
@@ -186,8 +188,9 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) {
   return present == 0 || std::abs(total - present) >= least;
 }
 
-bool RigCalibration::look(Map& map, bool last, const std::atomic<bool>* stop) {
-  seen_ = map.keyframe_id_end();
+bool RigCalibration::look(Map& map, std::size_t keyframes, bool last,
+                          const std::atomic<bool>* stop) {
+  seen_ = keyframes;
   RigView view = view_of(map, options_);
   std::optional<RigEstimate> found = solve(view, prior_, stop);
   if (!found) return false;

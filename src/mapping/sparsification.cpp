@@ -56,6 +56,7 @@ int Sparsification::update(Map& map, const std::vector<KeyFrameId>& window) {
     return true;
   };
   dense_.erase(std::remove_if(dense_.begin(), dense_.end(), judged), dense_.end());
+  culled_ += static_cast<std::size_t>(culled);
   return culled;
 }
 

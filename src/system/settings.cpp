@@ -95,6 +95,7 @@ Settings Settings::indoor() {
   Settings settings;
   settings.data_->orb.features = 1200;
   settings.data_->tracking.close_baselines = 60;
+  settings.data_->tracking.keyframes.max_frames = 20;
   return settings;
 }
 

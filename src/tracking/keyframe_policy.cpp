@@ -4,13 +4,19 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
-  list.add("keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
-           "least number of frames between two keyframes while enough is tracked");
+  list.add(
+      "keyframes.min_frames", o.min_frames, {0, 1e6}, "frames",
+      "least number of frames between two keyframes while enough is tracked and the back end is "
+      "idle");
+  list.add(
+      "keyframes.max_frames", o.max_frames, {0, 1e9}, "frames",
+      "frames since the last keyframe after which a busy back end does not delay the next one");
   list.add("keyframes.reference_ratio", o.reference_ratio, {0, 1}, "",
-           "share of the reference keyframe's landmarks below which a keyframe is made");
+           "share of the reference keyframe's landmarks below which a keyframe is needed");
   list.add(
       "keyframes.starved_ratio", o.starved_ratio, {0, 1}, "",
-      "share of the reference keyframe's landmarks below which keyframes.min_frames does not hold");
+      "share of the reference keyframe's landmarks below which a keyframe is made also when the "
+      "back end is busy");
   list.add("keyframes.tracked_close", o.tracked_close, {0, 60000}, "",
            "tracked close points below which a keyframe is needed, if more than "
            "keyframes.untracked_close can be added");
@@ -39,13 +45,14 @@ bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) 
   // A map of one keyframe says little about how much of it should be in view.
   const double ratio = s.keyframes_in_map < 2 ? 0.4 : o.reference_ratio;
 
-  const bool waited = s.frames_since_keyframe >= o.min_frames;
+  const bool overdue = s.frames_since_keyframe >= o.max_frames;
+  const bool mapper_idle = s.frames_since_keyframe >= o.min_frames && s.waiting == 0;
   const bool starved = s.inliers < o.starved_ratio * s.reference_landmarks || close_points_short;
   const bool moved_on = s.inliers < ratio * s.reference_landmarks || close_points_short;
 
   // Few landmarks, and half as many can be added.
   const bool scarce = s.inliers < o.scarce && 2 * s.addable > s.inliers;
-  return (((waited || starved) && moved_on) || scarce || o.every_frame) &&
+  return (((overdue || mapper_idle || starved) && moved_on) || scarce || o.every_frame) &&
          s.inliers > o.min_inliers && s.waiting <= o.max_waiting;
 }
 

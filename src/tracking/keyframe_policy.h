@@ -6,10 +6,11 @@
 namespace kys_slam {
 
 struct KeyFramePolicyOptions {
-  int min_frames = 0;  ///< least gap of keyframes while enough is tracked
+  int min_frames = 0;   ///< least gap of keyframes while enough is tracked
+  int max_frames = 30;  ///< frames after which a busy mapper does not delay a keyframe
   /// share of the reference's landmarks below which a keyframe is made
   double reference_ratio = 0.85;
-  double starved_ratio = 0.25;  ///< share below which `min_frames` does not hold
+  double starved_ratio = 0.25;  ///< share below which one is made also when the mapper is busy
   int tracked_close = 100;      ///< close stereo points tracked: with fewer a keyframe is needed
   int untracked_close = 70;     ///< if more than this many close points can be added
   /// close points that can be added, per tracked one, above which a keyframe is needed; 0: off
@@ -18,9 +19,8 @@ struct KeyFramePolicyOptions {
   /// landmarks in a frame below which addable points call for a keyframe; 0: off
   int scarce = 100;
   bool every_frame = false;  ///< every tracked frame becomes one: accurate, twice the mapping
-  /// keyframes that the back end may still have in hand; below the delay of the pipelined schedule,
-  /// a map with few landmarks would get none
-  int max_waiting = 4;
+  int max_waiting = 4;       ///< keyframes the back end may still have in hand; below the delay of
+                             ///< the pipelined schedule, a map with few landmarks would get none
 };
 /// For check_options().
 void describe(kys::OptionList& list, KeyFramePolicyOptions& options);
@@ -39,8 +39,7 @@ struct KeyFrameSituation {
 };
 
 /// Whether a frame becomes a keyframe: the rules of ORB-SLAM2 for stereo with the close-point rule
-/// (Sec. III-G), but a busy back end delays none: which frames become keyframes depends on what is
-/// seen, and is the same in every schedule unless more than `max_waiting` wait.
+/// (Sec. III-G). Depends on counts, not on time.
 bool needs_keyframe(const KeyFrameSituation& situation, const KeyFramePolicyOptions& options);
 
 }  // namespace kys_slam

@@ -24,8 +24,9 @@ struct Drive {
   std::size_t keyframes = 0;
 };
 
-Drive drive(const FeatureWorld& world, Schedule schedule, int frames, double step = 0.8) {
-  System system(world.camera(), Settings(), schedule);
+Drive drive(const FeatureWorld& world, Schedule schedule, int frames, double step = 0.8,
+            const Settings& settings = Settings()) {
+  System system(world.camera(), settings, schedule);
   for (int i = 0; i < frames; ++i) system.feed(world.look(i, weaving_pose(step * i)));
   system.finish();
   map_of(system).check_consistency();
@@ -91,10 +92,12 @@ TEST(System, OfKeyframesOneInSoManyFramesIsMappedInFull) {
   }
 }
 
-TEST(System, KeyframesThatAreKeptDependOnWhatIsSeenNotOnTheSchedule) {
+TEST(System, KeyframesOfALeanMapDependOnWhatIsSeenNotOnTheSchedule) {
   const FeatureWorld world = noisy_world();
-  const Drive sequential = drive(world, Schedule::kSequential, 100);
-  const Drive pipelined = drive(world, Schedule::kPipelined, 100);
+  Settings lean;
+  lean.load(std::filesystem::path(KYS_SOURCE_DIR) / "configs/lean.yaml");
+  const Drive sequential = drive(world, Schedule::kSequential, 100, 0.8, lean);
+  const Drive pipelined = drive(world, Schedule::kPipelined, 100, 0.8, lean);
   const auto kept = static_cast<double>(sequential.keyframes);
   EXPECT_NEAR(static_cast<double>(pipelined.keyframes), kept, 1 + 0.1 * kept);
   EXPECT_LT(kept, 45) << "of 100 frames, most of which become keyframes";
@@ -152,21 +155,22 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
       (Changes{"tracking.min_motion_matches=20", "tracking.align=false",
                "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
                "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
-               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
-               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "place.min_area=0",
+               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "place.min_area=0",
                "control.pipeline_delay=3", "kys.normalize=false"}));
-  EXPECT_EQ(
-      changes_of("accurate.yaml"),
-      (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
-               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.keyframes=40"}));
+  EXPECT_EQ(changes_of("accurate.yaml"),
+            (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
+                     "calibration.keyframes=40"}));
+  EXPECT_EQ(changes_of("lean.yaml"),
+            (Changes{"keyframes.max_frames=0", "mapping.bundle_fixed=10",
+                     "mapping.sparse_overlap=0.35", "mapping.adjust_frames=2"}));
   EXPECT_EQ(
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",
                "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
-               "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
-               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "mapping.bundle_fixed=20",
-               "mapping.sparse_overlap=1", "mapping.adjust_frames=1", "calibration.enabled=false",
-               "place.min_area=0", "control.pipeline_delay=3", "control.blend_poses=false"}));
+               "keyframes.max_frames=10", "keyframes.reference_ratio=0.75",
+               "keyframes.untracked_ratio=0", "keyframes.scarce=0", "mapping.bundle_keyframes=20",
+               "calibration.enabled=false", "place.min_area=0", "control.pipeline_delay=3",
+               "control.blend_poses=false"}));
 }
 
 TEST(System, FramesFollowTheKeyframeBeforeThemAloneWhenPosesAreNotBlended) {
