@@ -112,7 +112,7 @@ def pair_euroc_calibration_names_the_file(f, programs):
 @case
 def pair_map_of_another_camera(f, programs):
     passed(programs.kitti(f, "--save-map", f("m.map")))
-    make_euroc(f("euroc"), f.sequence)
+    make_euroc(f("euroc"), f.sequence, distortion="[0.01, 0.0, 0.0, 0.0]")
     refused(programs.run("run_stereo_euroc", f("euroc"), "--output", f("other"), "--load-map",
                          f("m.map")), "m.map", "another camera", "than this one")
     write_calibration(f.sequence, fx=FX * 1.01)
