@@ -11,6 +11,7 @@
 #include "priors/builder/for_each_index.h"
 #include "priors/fusion/depth_split.h"
 #include "priors/fusion/free_space.h"
+#include "priors/fusion/object_claims.h"
 
 namespace kys_slam {
 namespace {
@@ -190,7 +191,7 @@ void FramePreparation::identify(std::size_t t, Reading& reading, const SegmentLi
   FramePerception& perception = reading.frame.perception;
   std::size_t c = 0;  // the camera whose segments are too many
   try {
-    if (overlap_) return identify_by_overlap(perception, links, c);
+    if (overlap_) return identify_by_overlap(reading.frame, links, c);
     for (; c < perception.size(); ++c) {
       perception[c].instances = identify_by_centroid(c, perception[c].panoptic, reading.shapes[c]);
     }
@@ -200,12 +201,15 @@ void FramePreparation::identify(std::size_t t, Reading& reading, const SegmentLi
 }
 
 /// Identities of the next frame's segments, both cameras together.
-void FramePreparation::identify_by_overlap(FramePerception& perception, const SegmentLinks& links,
+void FramePreparation::identify_by_overlap(PreparedFrame& frame, const SegmentLinks& links,
                                            std::size_t& camera) {
+  FramePerception& perception = frame.perception;
+  const DisparityPair& disparity = frame.disparity;
   std::vector<const PanopticMap*> maps;
   for (const CameraPerception& in : perception) maps.push_back(&in.panoptic);
   const auto identities = overlap_->next_frame(maps, links, camera);
   for (std::size_t c = 0; c < maps.size(); ++c) {
+    if (classes_) overlap_->observe_depth(c, median_disparities(disparity[c], *maps[c]));
     for (std::size_t k = 0; classes_ && k < identities[c].size(); ++k) {
       InputSegment& segment = perception[c].panoptic.segments[k];
       if (segment.thing) segment.label = overlap_->label_of(identities[c][k]);

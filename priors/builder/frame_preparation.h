@@ -66,8 +66,7 @@ class FramePreparation {
   void judge_keypoints(std::size_t t, Reading& reading, SegmentLinks& links);
   void judge_space(std::size_t t, PreparedFrame& frame);
   void identify(std::size_t t, Reading& reading, const SegmentLinks& links);
-  void identify_by_overlap(FramePerception& perception, const SegmentLinks& links,
-                           std::size_t& camera);
+  void identify_by_overlap(PreparedFrame& frame, const SegmentLinks& links, std::size_t& camera);
   [[nodiscard]] std::vector<std::int32_t> identify_by_centroid(
       std::size_t c, const PanopticMap& panoptic, const std::vector<SegmentShape>& shapes);
 

@@ -144,6 +144,7 @@ std::vector<ExpectedThing> MaskAssociator::expected(std::size_t camera) const {
     ExpectedThing& thing = things.emplace_back();
     thing.motion = track.motion;
     thing.frames = track.frames;
+    thing.disparity = view.disparity;
     const auto du = static_cast<int>(std::lround(view.speed_u * (view.missed + 1)));
     const auto dv = static_cast<int>(std::lround(view.speed_v * (view.missed + 1)));
     for (const MaskRun& run : view.mask) {
@@ -168,6 +169,13 @@ void MaskAssociator::observe(std::size_t camera, std::span<const KeypointEvidenc
     track.motion->velocity =
         (before * track.motion->velocity + weight * seen.velocity) / (before + weight);
     track.motion->sigma = 1 / std::sqrt(before + weight);
+  }
+}
+
+void MaskAssociator::observe_depth(std::size_t camera, std::span<const float> disparity) {
+  for (Track& track : tracks_) {
+    View& view = track.views[camera];
+    if (view.missed == 0 && !view.mask.empty()) view.disparity = disparity[view.segment];
   }
 }
 

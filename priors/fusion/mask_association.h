@@ -64,6 +64,9 @@ class MaskAssociator {
   [[nodiscard]] std::vector<ExpectedThing> expected(std::size_t camera) const;
   /// What keypoints say of the last frame's segments. Call it before next_frame().
   void observe(std::size_t camera, std::span<const KeypointEvidence> evidence);
+  /// Median disparities of the last frame's segments (px; 0: not known), by segment number. Call it
+  /// after next_frame().
+  void observe_depth(std::size_t camera, std::span<const float> disparity);
   /// The class an identity of the last frame has by the votes of its segments over time.
   [[nodiscard]] std::uint16_t label_of(std::int32_t identity) const;
 
@@ -74,6 +77,7 @@ class MaskAssociator {
     double u = 0, v = 0;              ///< px, centroid
     double speed_u = 0, speed_v = 0;  ///< px per frame
     int missed = 0;                   ///< frames since
+    float disparity = 0;              ///< px, median; 0: not known
   };
   struct Track {
     std::int32_t identity = 0;

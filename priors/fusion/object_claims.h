@@ -15,8 +15,16 @@ using Claims = std::vector<std::map<std::size_t, int>>;
 
 Claims find_claims(std::span<const ExpectedThing> expected, const PanopticMap& panoptic);
 
+/// Median disparity of every thing segment (px; 0: not known), by segment number.
+std::vector<float> median_disparities(const ImageOf<float>& disparity, const PanopticMap& panoptic);
+
+/// Whether a thing is as far away as pixels with the median disparity `d` (px; 0: not known):
+/// otherwise these are of what stands before it, or behind. Not known: no.
+bool is_as_deep(const ExpectedThing& thing, float d);
+
 /// The steps of make_objects(). The map has runs, before and after.
-void split_merged(std::span<const ExpectedThing> expected, PanopticMap& panoptic);
+void split_merged(const ImageOf<float>& disparity, std::span<const ExpectedThing> expected,
+                  PanopticMap& panoptic);
 void join_parts(const ImageOf<float>& disparity, const ObjectClasses& classes,
                 std::span<const ExpectedThing> expected, PanopticMap& panoptic);
 

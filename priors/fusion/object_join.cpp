@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <kys_slam/util/median.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -16,10 +14,9 @@ namespace kys_slam {
 namespace {
 
 constexpr int kReach = 3;  // px, between neighbours: borders of masks are not exact
-constexpr float kBorderStep = 1, kBorderShare = 0.04F;  // px and share of the disparity: the same
-                                                        // surface on both sides of a border
-constexpr float kDepthApart = 2, kDepthShare = 0.1F;    // px and share: medians of two objects, as
-                                                        // in split_by_depth()
+constexpr float kBorderStep = 0.5F, kBorderShare = 0.04F;  // px and share of the disparity: the
+                                                           // same surface on both sides of a border
+constexpr float kDepthApart = 0.5F, kDepthShare = 0.1F;    // likewise: medians of two objects
 constexpr int kLeastBorder = 8;      // neighbours with a disparity, that tell something
 constexpr double kContinuous = 0.6;  // share of these on one surface
 constexpr double kSmallPart = 0.25;  // of the area of what surrounds it
@@ -71,23 +68,6 @@ Borders find_borders(const ImageOf<float>& disparity, const ImageOf<std::uint16_
   return borders;
 }
 
-std::vector<float> median_disparities(const ImageOf<float>& disparity, const PanopticMap& panoptic,
-                                      const std::vector<bool>& counts) {
-  std::vector<std::vector<float>> values(counts.size());
-  for (int y = 0; y < panoptic.runs.rows(); ++y) {
-    const float* row = disparity.row(y);
-    for (const SegmentRun& run : panoptic.runs.row(y)) {
-      if (!counts[run.segment]) continue;
-      for (int x = run.x0; x < run.x1; ++x) {
-        if (row[x] > 0) values[run.segment].push_back(row[x]);
-      }
-    }
-  }
-  std::vector<float> medians;
-  for (std::vector<float>& v : values) medians.push_back(v.empty() ? 0.0F : median(v));
-  return medians;
-}
-
 /// Joins the segments of a picture that are parts of one object.
 class Joiner {
  public:
@@ -109,7 +89,7 @@ class Joiner {
     std::iota(root_.begin(), root_.end(), 0);
     for (const SegmentRun& run : panoptic.runs.runs) area_[run.segment] += run.x1 - run.x0;
     borders_ = find_borders(disparity, panoptic.map, counts);
-    medians_ = median_disparities(disparity, panoptic, counts);
+    medians_ = median_disparities(disparity, panoptic);
   }
 
   void run() {
@@ -146,7 +126,8 @@ class Joiner {
            border.pairs >= kSurrounded * borders_.around[small];
   }
 
-  /// The known thing that a segment mostly lies on.
+  /// The known thing that a segment mostly lies on. Depths are not compared: those of what comes
+  /// towards the camera change much from one frame to the next.
   [[nodiscard]] std::size_t thing_of(std::size_t segment) const {
     std::size_t best = kOfNone;
     int most = static_cast<int>(std::ceil(kClaimed * area_[segment]));

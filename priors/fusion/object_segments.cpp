@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "priors/fusion/object_segments.h"
 
+#include <kys_slam/util/median.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -13,6 +15,7 @@ namespace {
 
 constexpr double kApartSpeed = 1;       // m/s, between things that move differently; and
 constexpr double kApartDeviations = 3;  // standard deviations of the difference
+constexpr float kSameDepth = 1, kSameDepthShare = 0.1F;  // px and share: from one frame to the next
 
 /// Numbers the parts of every input segment that has several.
 void number_parts(PanopticMap& panoptic) {
@@ -47,6 +50,29 @@ Claims find_claims(std::span<const ExpectedThing> expected, const PanopticMap& p
   return claims;
 }
 
+std::vector<float> median_disparities(const ImageOf<float>& disparity,
+                                      const PanopticMap& panoptic) {
+  std::vector<std::vector<float>> values(panoptic.segments.size() + 1);
+  for (int y = 0; y < panoptic.runs.rows(); ++y) {
+    const float* row = disparity.row(y);
+    for (const SegmentRun& run : panoptic.runs.row(y)) {
+      if (run.segment == 0 || !panoptic.segments[run.segment - 1U].thing) continue;
+      for (int x = run.x0; x < run.x1; ++x) {
+        if (row[x] > 0) values[run.segment].push_back(row[x]);
+      }
+    }
+  }
+  std::vector<float> medians;
+  for (std::vector<float>& v : values) medians.push_back(v.empty() ? 0.0F : median(v));
+  return medians;
+}
+
+bool is_as_deep(const ExpectedThing& thing, float d) {
+  return thing.disparity > 0 && d > 0 &&
+         std::abs(d - thing.disparity) <=
+             kSameDepth + kSameDepthShare * std::max(d, thing.disparity);
+}
+
 bool move_apart(const std::optional<ThingMotion>& a, const std::optional<ThingMotion>& b) {
   if (!a || !b) return false;
   const double difference = (a->velocity - b->velocity).norm();
@@ -56,7 +82,7 @@ bool move_apart(const std::optional<ThingMotion>& a, const std::optional<ThingMo
 void make_objects(const ImageOf<float>& disparity, const ObjectClasses& classes,
                   std::span<const ExpectedThing> expected, PanopticMap& panoptic) {
   if (panoptic.runs.empty()) panoptic.runs = find_runs(panoptic.map);
-  split_merged(expected, panoptic);
+  split_merged(disparity, expected, panoptic);
   join_parts(disparity, classes, expected, panoptic);
   number_parts(panoptic);
 }

@@ -30,13 +30,15 @@ struct ExpectedThing {
   std::vector<MaskRun> mask;
   std::optional<ThingMotion> motion;  ///< nothing: not known
   int frames = 0;                     ///< in which it was seen
+  float disparity = 0;                ///< px, median when it was last seen; 0: not known
 };
 
 /// Makes the thing segments of a picture objects, with what is known of earlier frames. Networks
 /// without instances, or with several classes for the parts of one object, need it.
 ///
-/// Split: a segment that covers two or more things of earlier frames that move differently becomes
-/// as many. A pixel goes to the thing whose expected mask is nearest in the image.
+/// Split: a segment that covers two or more things of earlier frames, at their depths, that move
+/// differently becomes as many. A pixel goes to the thing whose expected mask is nearest in the
+/// image.
 ///
 /// Joined: segments of classes that belong together (ObjectClasses), one beside the other, along
 /// whose common border the disparity is continuous; and a small segment of any class that moves

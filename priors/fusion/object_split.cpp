@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <kys_slam/util/median.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <limits>
@@ -21,26 +23,67 @@ int area_of(const std::vector<MaskRun>& mask) {
                          [](int sum, const MaskRun& run) { return sum + run.x1 - run.x0; });
 }
 
-/// Of the things whose masks a segment covers those that move apart from all others before them,
-/// the one with most pixels first.
-std::vector<std::size_t> covered_things(const std::map<std::size_t, int>& claims, double area,
-                                        std::span<const ExpectedThing> expected) {
-  std::vector<std::pair<int, std::size_t>> order;
-  for (const auto& [t, pixels] : claims) {
-    if (expected[t].frames < kLeastFrames || !expected[t].motion) continue;
-    if (pixels < kCovered * area_of(expected[t].mask) || pixels < kLeastPart * area) continue;
-    order.emplace_back(-pixels, t);
+/// Median disparity (px; 0: not known) of a segment's pixels under a mask.
+float disparity_under(const std::vector<MaskRun>& mask, const ImageOf<float>& disparity,
+                      const ImageOf<std::uint16_t>& map, std::size_t segment) {
+  std::vector<float> values;
+  for (const MaskRun& run : mask) {
+    if (run.y < 0 || run.y >= map.height()) continue;
+    for (int x = std::max(0, run.x0); x < std::min(map.width(), run.x1); ++x) {
+      if (map.at(x, run.y) == segment && disparity.at(x, run.y) > 0) {
+        values.push_back(disparity.at(x, run.y));
+      }
+    }
   }
-  std::sort(order.begin(), order.end());
-  std::vector<std::size_t> chosen;
-  for (const auto& [pixels, t] : order) {
-    const bool apart = std::all_of(chosen.begin(), chosen.end(), [&](std::size_t other) {
-      return move_apart(expected[t].motion, expected[other].motion);
-    });
-    if (apart) chosen.push_back(t);
-  }
-  return chosen;
+  return values.empty() ? 0.0F : median(values);
 }
+
+/// The things whose masks each segment covers, at their depths: of these the one with most pixels,
+/// and those that move apart from all chosen before them. What stands before a thing covers its
+/// mask as well, at another depth.
+class CoveredThings {
+ public:
+  CoveredThings(const ImageOf<float>& disparity, std::span<const ExpectedThing> expected,
+                const PanopticMap& panoptic)
+      : disparity_(disparity),
+        expected_(expected),
+        panoptic_(panoptic),
+        claims_(find_claims(expected, panoptic)),
+        shapes_(segment_shapes(panoptic.runs, panoptic.segments.size())) {}
+
+  /// \param segment its number
+  [[nodiscard]] std::vector<std::size_t> of(std::size_t segment) const {
+    const double area = shapes_[segment - 1].area;
+    std::vector<std::pair<int, std::size_t>> order;
+    for (const auto& [t, pixels] : claims_[segment]) {
+      const ExpectedThing& thing = expected_[t];
+      if (thing.frames < kLeastFrames || !thing.motion) continue;
+      if (pixels < kCovered * area_of(thing.mask) || pixels < kLeastPart * area) continue;
+      order.emplace_back(-pixels, t);
+    }
+    if (order.size() < 2) return {};
+    std::erase_if(order, [&](const auto& entry) {
+      const ExpectedThing& thing = expected_[entry.second];
+      return !is_as_deep(thing, disparity_under(thing.mask, disparity_, panoptic_.map, segment));
+    });
+    std::sort(order.begin(), order.end());
+    std::vector<std::size_t> chosen;
+    for (const auto& [pixels, t] : order) {
+      const bool apart = std::all_of(chosen.begin(), chosen.end(), [&](std::size_t other) {
+        return move_apart(expected_[t].motion, expected_[other].motion);
+      });
+      if (apart) chosen.push_back(t);
+    }
+    return chosen;
+  }
+
+ private:
+  const ImageOf<float>& disparity_;
+  std::span<const ExpectedThing> expected_;
+  const PanopticMap& panoptic_;
+  Claims claims_;
+  std::vector<SegmentShape> shapes_;
+};
 
 /// Gives the pixels of a segment to the things it covers: first what is under their masks, the
 /// others to the nearest of these. \return the part of each pixel of `pixels`, from 0
@@ -79,17 +122,15 @@ std::vector<int> divide(const std::vector<std::pair<int, int>>& pixels, int widt
 }  // namespace
 
 /// Splits what covers several known things.
-void split_merged(std::span<const ExpectedThing> expected, PanopticMap& panoptic) {
-  const Claims claims = find_claims(expected, panoptic);
-  const std::vector<SegmentShape> shapes = segment_shapes(panoptic.runs, panoptic.segments.size());
+void split_merged(const ImageOf<float>& disparity, std::span<const ExpectedThing> expected,
+                  PanopticMap& panoptic) {
+  const CoveredThings covered(disparity, expected, panoptic);
   bool any = false;
   std::vector<InputSegment> segments;
   std::vector<std::uint16_t> number{0};  // new number of the first part, by segment number
   std::vector<std::vector<std::size_t>> things{{}};
   for (std::size_t k = 0; k < panoptic.segments.size(); ++k) {
-    things.push_back(panoptic.segments[k].thing
-                         ? covered_things(claims[k + 1], shapes[k].area, expected)
-                         : std::vector<std::size_t>{});
+    things.push_back(panoptic.segments[k].thing ? covered.of(k + 1) : std::vector<std::size_t>{});
     number.push_back(static_cast<std::uint16_t>(segments.size() + 1));
     const std::size_t parts = std::max<std::size_t>(1, things.back().size());
     segments.insert(segments.end(), parts, panoptic.segments[k]);

@@ -60,6 +60,7 @@ ExpectedThing expected_at(int x0, int y0, int x1, int y1, const Eigen::Vector3d&
   for (int y = y0; y < y1; ++y) thing.mask.push_back({y, x0, x1});
   thing.motion = {velocity, 0.1};
   thing.frames = 10;
+  thing.disparity = 20;
   return thing;
 }
 
@@ -176,6 +177,12 @@ TEST(ObjectSegments, WhatCoversTwoThatMoveDifferentlyIsSplit) {
   expected[1].motion = {{5, 0, 0}, 0.1};
   expected[1].frames = 1;
   EXPECT_EQ(again(expected), 1u) << "seen once";
+  expected[1].frames = 10;
+  ASSERT_EQ(again(expected), 2u);
+  expected[1].disparity = 14;
+  EXPECT_EQ(again(expected), 1u) << "hidden behind the car";
+  expected[1].disparity = 0;
+  EXPECT_EQ(again(expected), 1u) << "its depth is not known";
 }
 
 TEST(ObjectSegments, MotionCountsByItsNoise) {
