@@ -13,7 +13,7 @@
 namespace kys_slam {
 namespace {
 
-constexpr int kReach = 3;  // px, between neighbours: borders of masks are not exact
+constexpr int kBorderReach = 3;  // px, between neighbours: borders of masks are not exact
 constexpr float kBorderStep = 0.5F, kBorderShare = 0.04F;  // px and share of the disparity: the
                                                            // same surface on both sides of a border
 constexpr float kDepthApart = 0.5F, kDepthShare = 0.1F;    // likewise: medians of two objects
@@ -25,28 +25,28 @@ constexpr double kClaimed = 0.5;     // of a segment under the mask of the thing
 constexpr int kEstablished = 10;     // pictures in which a thing was seen by itself: it is one
 constexpr std::size_t kOfNone = std::numeric_limits<std::size_t>::max();
 
-/// What two segments have in common, in pairs of pixels `kReach` apart.
-struct Border {
+/// What two segments have in common, in pairs of pixels `kBorderReach` apart.
+struct CommonBorder {
   int pairs = 0;
   int measured = 0;    ///< both have a disparity
   int continuous = 0;  ///< and it is that of one surface
 };
 
-struct Borders {
-  std::map<std::pair<std::uint16_t, std::uint16_t>, Border> of_pair;  ///< lower number first
+struct CommonBorders {
+  std::map<std::pair<std::uint16_t, std::uint16_t>, CommonBorder> of_pair;  ///< lower number first
   std::vector<int> around;  ///< pairs with anything else, by segment number
 };
 
-Borders find_borders(const ImageOf<float>& disparity, const ImageOf<std::uint16_t>& map,
-                     const std::vector<bool>& counts) {
-  Borders borders;
+CommonBorders find_borders(const ImageOf<float>& disparity, const ImageOf<std::uint16_t>& map,
+                           const std::vector<bool>& counts) {
+  CommonBorders borders;
   borders.around.assign(counts.size(), 0);
   const auto look = [&](std::uint16_t a, std::uint16_t b, float da, float db) {
     if (a == b) return;
     if (counts[a]) ++borders.around[a];
     if (counts[b]) ++borders.around[b];
     if (!counts[a] || !counts[b]) return;
-    Border& border = borders.of_pair[{std::min(a, b), std::max(a, b)}];
+    CommonBorder& border = borders.of_pair[{std::min(a, b), std::max(a, b)}];
     ++border.pairs;
     if (!(da > 0 && db > 0)) return;
     ++border.measured;
@@ -55,12 +55,13 @@ Borders find_borders(const ImageOf<float>& disparity, const ImageOf<std::uint16_
   for (int y = 0; y < map.height(); ++y) {
     const std::uint16_t* row = map.row(y);
     const float* d = disparity.row(y);
-    for (int x = 0; x + kReach < map.width(); ++x) {
-      if (row[x] != row[x + kReach]) look(row[x], row[x + kReach], d[x], d[x + kReach]);
+    for (int x = 0; x + kBorderReach < map.width(); ++x) {
+      if (row[x] != row[x + kBorderReach])
+        look(row[x], row[x + kBorderReach], d[x], d[x + kBorderReach]);
     }
-    if (y + kReach >= map.height()) continue;
-    const std::uint16_t* below = map.row(y + kReach);
-    const float* e = disparity.row(y + kReach);
+    if (y + kBorderReach >= map.height()) continue;
+    const std::uint16_t* below = map.row(y + kBorderReach);
+    const float* e = disparity.row(y + kBorderReach);
     for (int x = 0; x < map.width(); ++x) {
       if (row[x] != below[x]) look(row[x], below[x], d[x], e[x]);
     }
@@ -93,7 +94,7 @@ class Joiner {
   }
 
   void run() {
-    using Edge = std::pair<std::pair<std::uint16_t, std::uint16_t>, Border>;
+    using Edge = std::pair<std::pair<std::uint16_t, std::uint16_t>, CommonBorder>;
     std::vector<Edge> edges(borders_.of_pair.begin(), borders_.of_pair.end());
     // The longest borders first.
     std::stable_sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
@@ -110,7 +111,7 @@ class Joiner {
   }
 
  private:
-  [[nodiscard]] bool is_one(std::uint16_t a, std::uint16_t b, const Border& border) const {
+  [[nodiscard]] bool is_one(std::uint16_t a, std::uint16_t b, const CommonBorder& border) const {
     if (border.measured < kLeastBorder || border.continuous < kContinuous * border.measured) {
       return false;
     }
@@ -205,7 +206,7 @@ class Joiner {
   std::vector<std::size_t> root_;    // by segment number: the number that stands for its object
   std::vector<std::uint32_t> area_;  // px
   std::vector<std::vector<std::size_t>> members_;  // of what stands for an object
-  Borders borders_;
+  CommonBorders borders_;
   std::vector<float> medians_;  // px
 };
 

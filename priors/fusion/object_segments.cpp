@@ -63,6 +63,7 @@ std::vector<float> median_disparities(const ImageOf<float>& disparity,
     }
   }
   std::vector<float> medians;
+  medians.reserve(values.size());
   for (std::vector<float>& v : values) medians.push_back(v.empty() ? 0.0F : median(v));
   return medians;
 }

@@ -68,7 +68,8 @@ class CoveredThings {
     });
     std::sort(order.begin(), order.end());
     std::vector<std::size_t> chosen;
-    for (const auto& [pixels, t] : order) {
+    for (const auto& entry : order) {
+      const std::size_t t = entry.second;
       const bool apart = std::all_of(chosen.begin(), chosen.end(), [&](std::size_t other) {
         return move_apart(expected_[t].motion, expected_[other].motion);
       });
