@@ -16,6 +16,18 @@ void add_phrase(std::string& text, const std::string& phrase) {
   if (!phrase.empty()) text += (text.empty() ? "" : "; ") + phrase;
 }
 
+std::string note_of_times(const std::vector<FrameReport>& reports) {
+  constexpr std::size_t kFrames = 5;
+  constexpr double kLongest = 10;  // s; what moves between is not tracked
+  if (reports.size() != kFrames) return "";
+  for (std::size_t i = 1; i < kFrames; ++i) {
+    if (reports[i].timestamp - reports[i - 1].timestamp <= kLongest) return "";
+  }
+  return fmt::format(
+      "the first frames are {:.4g} s and more apart by their time stamps, which have to be in s",
+      reports[1].timestamp - reports[0].timestamp);
+}
+
 void note_integrity(const IntegrityResult& result, FrameReport& report) {
   report.integrity = result.integrity;
   report.integrity_reason = result.reason;

@@ -76,6 +76,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
   impl_ =
       std::make_unique<Impl>(camera, settings, schedule, std::move(priors), std::move(features));
   impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
+  add_phrase(impl_->first_note, unequal_focal_lengths(camera.fx, camera.fy));
 }
 
 System::~System() = default;
@@ -424,6 +425,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     add_phrase(report.warning, kSamePicture);
   }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
+  add_phrase(report.warning, note_of_times(s.reports));
   add_phrase(report.warning, s.segments.take_warning());
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();
