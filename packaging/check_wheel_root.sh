@@ -3,7 +3,7 @@
 # Do the wheels of packaging/make_wheel.sh run on new Debian systems that have Python and nothing else: no
 # compiler, none of our libraries? The same trajectories on each? As root; needs mmdebstrap and 1 GB.
 #   packaging/check_wheel_root.sh WHEELS ROOTS [RECORDING...]
-# WHEELS: folder of wheels. ROOTS: folder of the new systems, kept for a next time. RECORDING: tracked as well.
+# WHEELS: folder of wheels. ROOTS: folder of the new systems; their packed form is kept. RECORDING: tracked as well.
 # DEBIAN_MIRROR: where packages come from, if not from Debian's own server. SUITES: by default Debian 12 and 13.
 set -euo pipefail
 if [ $# -lt 2 ] || [ ! -d "$1" ]; then
@@ -26,7 +26,6 @@ check() {  # SUITE: installs and tracks; the digests of the trajectories are in 
     echo "check_wheel_root.sh: $root has a compiler" >&2
     exit 2
   fi
-  rm -rf "$root/check"
   mkdir -p "$root/check/recordings" "$root/check/wheels"
   cp check_installed.py "$root/check/"
   cp "$wheels"/*.whl "$root/check/wheels/"

@@ -2,14 +2,20 @@
 # shellcheck shell=bash
 # For scripts that try packages in new Debian systems. As root; needs mmdebstrap.
 
-# A new Debian in a folder, kept for a next time: make_root SUITE ROOT PACKAGE...
+# A new Debian in a folder, unpacked from ROOT.tar, which is kept for a next time: make_root SUITE ROOT PACKAGE...
+# DEBIAN_MIRROR: where packages come from, if not from Debian's own server.
 make_root() {
   local suite=$1 root=$2 packages
   packages=$(IFS=, && echo "${*:3}")
-  if [ ! -x "$root/usr/bin/apt-get" ]; then
+  if [ ! -s "$root.tar" ]; then
     mkdir -p "$(dirname "$root")"
-    mmdebstrap --quiet --variant=minbase ${packages:+--include="$packages"} "$suite" "$root" ${DEBIAN_MIRROR:+"$DEBIAN_MIRROR"}
+    mmdebstrap --quiet --variant=minbase ${packages:+--include="$packages"} "$suite" "$root.part.tar" \
+      ${DEBIAN_MIRROR:+"$DEBIAN_MIRROR"}
+    mv "$root.part.tar" "$root.tar"
   fi
+  rm -rf --one-file-system "$root"
+  mkdir -p "$root"
+  tar -C "$root" -xpf "$root.tar"
   cp -L /etc/resolv.conf "$root/etc/"
 }
 
