@@ -4,7 +4,7 @@
 
 # The time of the last commit in what is built, and the compilers' usual names: what was compiled for another
 # build is found in the compiler's cache.
-SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
+SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || stat -c %Y CHANGELOG.md)}
 CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$(nproc)}
 CC=${CC:-cc} CXX=${CXX:-c++}
 export SOURCE_DATE_EPOCH CMAKE_BUILD_PARALLEL_LEVEL CC CXX

@@ -26,7 +26,7 @@ for python in "$@"; do
   mkdir -p "$work"
   PATH=$env/bin:$PATH pip wheel -q . --no-deps --no-build-isolation \
     --config-settings=build-dir="build/wheel-$tag" --wheel-dir "$work/raw"
-  PATH=$env/bin:$PATH auditwheel -q repair --wheel-dir "$work/repaired" "$work"/raw/*.whl
+  PATH=$env/bin:$PATH auditwheel repair --wheel-dir "$work/repaired" "$work"/raw/*.whl
   "$env/bin/python" packaging/sbom.py wheel "$work"/repaired/*.whl
   cp "$work"/repaired/*.whl "$output/"
 done

@@ -144,7 +144,6 @@ def owner_of(library: str) -> str:
 
 def complete_wheel(path: Path) -> None:
     """Adds the list and the texts to a wheel, in place."""
-    from wheel.wheelfile import WheelFile
     table = read_components()
     with zipfile.ZipFile(path) as old:
         members = [(info, old.read(info)) for info in old.infolist() if not info.is_dir()]
@@ -172,6 +171,7 @@ def complete_wheel(path: Path) -> None:
         if "wheel" in component.packages:
             add(component, origin_of(component.source), "compiled in")
 
+    from wheel.wheelfile import WheelFile  # of the environment that builds
     named = path.parent / "new" / path.name  # WheelFile reads the project's name from the file's
     named.parent.mkdir(exist_ok=True)
     with WheelFile(named, "w", compression=zipfile.ZIP_DEFLATED) as wheel:
