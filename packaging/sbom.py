@@ -4,7 +4,8 @@
     sbom.py wheel FILE.whl...       puts the list and the licences' texts into wheels that auditwheel repaired
     sbom.py package NAME FOLDER     writes NAME.cdx.json for a Debian package into a folder
 
-packaging/components.csv says what is compiled into which package, and the licence of each library. Versions,
+packaging/components.csv says what is compiled into which package, and the licence of each library; SuiteSparse,
+which decides the licence of a package, is listed where it is linked. Versions,
 texts and names of packages come from the Debian system that the package is built on. A library in a wheel that
 the table does not know, or one under the GPL or LGPL, is an error (exit status 2).
 """
@@ -37,7 +38,7 @@ class Component(NamedTuple):
     licence: str    # SPDX expression
     library: str    # file name up to .so, of shared libraries
     source: str     # Debian package, "pip NAME", "pip NAME HEADER" (its first comment) or "file PATH"
-    packages: List[str]  # of ours, into which it is compiled
+    packages: List[str]  # of ours, into which it is compiled, or which are linked with it
 
 
 def read_components() -> List[Component]:
@@ -101,6 +102,7 @@ def entry(component: Component, origin: Origin, scope: str) -> Dict:
 
 
 def document(name: str, version: str, entries: List[Dict]) -> bytes:
+    licence = "GPL-3.0-or-later" if name == "kys-slam-maps" else "BSD-3-Clause"  # as its copyright file says
     stamp = datetime.datetime.fromtimestamp(int(os.environ.get("SOURCE_DATE_EPOCH", "0")), datetime.timezone.utc)
     entries = sorted(entries, key=lambda e: e["name"].lower())
     for i, row in enumerate(entries):
@@ -111,7 +113,7 @@ def document(name: str, version: str, entries: List[Dict]) -> bytes:
         "metadata": {
             "timestamp": stamp.strftime("%Y-%m-%dT%H:%M:%SZ"),
             "component": {"type": "application", "bom-ref": "self", "name": name, "version": version,
-                          "licenses": [{"license": {"id": "BSD-3-Clause"}}]},
+                          "licenses": [{"license": {"id": licence}}]},
         },
         "components": entries,
         "dependencies": [{"ref": "self", "dependsOn": [row["bom-ref"] for row in entries]}],
@@ -127,11 +129,12 @@ def project_version() -> str:
 
 
 def package_list(name: str) -> bytes:
-    """The list for a Debian package. Shared libraries are not in it: they are its dependencies."""
+    """The list for a Debian package. Shared libraries are its dependencies, and mostly not in it."""
     parts = [c for c in read_components() if name in c.packages]
     if not parts:
         raise InputError(f"components.csv has nothing for {name}")
-    return document(name, project_version(), [entry(c, origin_of(c.source), "compiled in") for c in parts])
+    return document(name, project_version(), [
+        entry(c, origin_of(c.source), "linked: a dependency" if c.library else "compiled in") for c in parts])
 
 
 def owner_of(library: str) -> str:

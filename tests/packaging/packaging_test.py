@@ -100,6 +100,13 @@ class Tables(unittest.TestCase):
             self.assertTrue(row["licence"] and row["source"], row)
             self.assertTrue(row["library"] or row["packages"], row)
 
+    def test_the_gpl_is_in_the_package_that_says_so_alone(self):
+        under = [c for c in sbom.read_components() if "GPL" in c.licence]
+        self.assertEqual([c.name for c in under], ["SuiteSparse"])
+        self.assertEqual(under[0].packages, ["kys-slam-maps"])
+        text = (ROOT / "third_party" / "debian" / "copyright.maps").read_text(encoding="utf-8")
+        self.assertIn("GPL-3+", text)
+
     def test_every_debian_package_has_a_list(self):
         cmake = "".join((ROOT / "third_party" / "cmake" / f).read_text(encoding="utf-8")
                         for f in ("KysPackage.cmake", "KysPythonPackage.cmake"))
