@@ -39,7 +39,7 @@ add() {  # PACKAGE: installs it, starts each of its programs
   echo "$1 $(($(size) - before))" >>"$roots/debs.sizes"
   for program in $(inside "$root" dpkg -L "$1" | grep ^/usr/bin/. || true); do
     inside "$root" "$program" --help >/dev/null
-    [ -z "$(inside "$root" ldd "$program" 2>/dev/null | grep 'not found')" ]
+    if inside "$root" ldd "$program" 2>/dev/null | grep 'not found'; then exit 1; fi
   done
   inside "$root" test -s "/usr/share/doc/$1/copyright"
   inside "$root" test -s "/usr/share/doc/$1/$1.cdx.json"
