@@ -93,6 +93,9 @@ struct FrameReport {
   IntegrityReason integrity_reason = IntegrityReason::kNone;
   bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
   Rigid3 T_w_c;              ///< as estimated at this frame; undefined when lost
+  /// Number of the sub-map in whose world frame T_w_c is, as known when tracked; -1: lost. The same
+  /// numbers as FrameEstimate::submap.
+  std::int64_t submap = -1;
   /// The same relative to the reference keyframe, to which its uncertainty refers; when tracked.
   std::optional<RelativePose> local;
   /// Relative to the last frame with a pose; when tracked, but not after a relocalisation. When

@@ -79,6 +79,13 @@ class Sequence : public FrameSource {
   [[nodiscard]] const Frame& frame(std::int64_t position) const {
     return content_.frames.at(static_cast<std::size_t>(position));
   }
+  /// The same of a StereoFrame of this sequence, by its index; null: it is of another part.
+  [[nodiscard]] const Frame* find(std::int64_t index) const {
+    const std::int64_t position = index - first_index_;
+    return position >= 0 && position < frame_count() ? &frame(position) : nullptr;
+  }
+  /// What images in the files go through; null: they are rectified.
+  [[nodiscard]] const StereoRectifier* rectifier() const { return content_.rectifier.get(); }
   /// Poses of the (rectified) left camera; empty when the sequence has none. KITTI layouts: one
   /// per frame. EuRoC: the recorder's own stamps, the whole recording.
   [[nodiscard]] const std::vector<TimedPose>& ground_truth() const { return content_.ground_truth; }

@@ -67,7 +67,8 @@ class System {
   /// is not a map, or a map of another camera, extractor, pyramid or label space
   /// \throws LogicError after the first frame or another map
   void load_map(const std::filesystem::path& file, bool localize_only = false);
-  /// Saves the whole map for `load_map`. Call it after `finish`. \throws InputError when the file
+  /// Saves the whole map for `load_map`; after `finish` with the last corrections. Before, it waits
+  /// as the functions below do, and may be called from any thread. \throws InputError when the file
   /// cannot be written.
   void save_map(const std::filesystem::path& file) const;
 

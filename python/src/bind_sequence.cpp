@@ -269,6 +269,26 @@ void bind_sequence(nb::module_& m) {
           },
           "position"_a, "The frame at a position, 0 to len - 1; from any thread.")
       .def(
+          "left_file",
+          [](const Input& s, std::int64_t index) -> std::optional<std::filesystem::path> {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            const Sequence::Frame* frame = sequence != nullptr ? sequence->find(index) : nullptr;
+            if (frame == nullptr) return std::nullopt;
+            return frame->left;
+          },
+          "index"_a,
+          "The file of the left image of the frame of this index (StereoFrame.index), as it is; "
+          "None: there is none.")
+      .def_prop_ro(
+          "rectifier",
+          [](const Input& s) -> const StereoRectifier* {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            return sequence != nullptr ? sequence->rectifier() : nullptr;
+          },
+          nb::rv_policy::reference_internal,
+          nb::for_getter(nb::sig("def rectifier(self) -> StereoRectifier | None")),
+          "What images of the files go through; None: they are rectified.")
+      .def(
           "check_features",
           [](const Input& s, const Settings& settings) {
             check_features(s.input, settings, s.input.name);

@@ -542,6 +542,8 @@ void bind_report(nb::module_& m) {
           "why it is not \"ok\", \"\" it is")
       .def_ro("relocalised", &FrameReport::relocalised,
               "tracking had lost it, but it was recognised in the map")
+      .def_ro("submap", &FrameReport::submap,
+              "number of the sub-map in whose frame `pose` is, as known when tracked; -1: lost")
       .def_prop_ro(
           "pose", [](const FrameReport& r) { return pose_to_numpy(r.T_w_c); }, nb::rv_policy::move,
           "(4, 4) left camera to world, m, as estimated at this frame; meaningless when lost")

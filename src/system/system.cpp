@@ -129,11 +129,12 @@ void System::start_rig(const RigEstimate& rig) {
 }
 
 void System::save_map(const std::filesystem::path& file) const {
+  const std::unique_lock lock(impl_->mutex);
+  const Map& map = impl_->quiet_map(lock);
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
   }
-  kys_slam::save_map(impl_->runner.map(), file,
-                     label_space_name(impl_->options.control.label_space));
+  kys_slam::save_map(map, file, label_space_name(impl_->options.control.label_space));
 }
 
 void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {
@@ -242,6 +243,9 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   }
   note_integrity(tracked.integrity, report);
   report.T_w_c = tracked.T_c_w.inverse();
+  if (tracked.status != TrackingStatus::kLost && tracker.present_submap().valid()) {
+    report.submap = static_cast<std::int64_t>(tracker.present_submap().value);
+  }
   report.keypoints = static_cast<int>(seen.features->size());
   report.stereo_matches = seen.stereo_matches;
   report.matches = tracked.matches;
