@@ -3,6 +3,7 @@
 
 #include <kys_slam/util/median.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -343,6 +344,13 @@ KeypointEvidence KeypointMotion::judge(const Frame& now, std::size_t c,
   evidence.span = dt;
   const Eigen::Vector3d shift = motion.motion.tail<3>(), ray = motion.centre.normalized();
   evidence.shift = shift.norm();
+  evidence.velocity = shift / dt;
+  const Eigen::Matrix3d covariance = motion.covariance.bottomRightCorner<3, 3>();
+  evidence.velocity_sigma =
+      std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly)
+                    .eigenvalues()
+                    .maxCoeff()) /
+      dt;
   evidence.pixels = camera_.fx * (shift - ray * ray.dot(shift)).norm() / motion.centre.z();
   return evidence;
 }

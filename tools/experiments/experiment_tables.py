@@ -86,6 +86,8 @@ def note_of(rows):
     text += f", {repeats} runs each" if repeats > 1 else ""
     stand_ins = {r["input"]: r["what"] for r in rows if r["origin"] == "stand-in"}
     text += "; frames tracked in brackets when not all."
+    if any(r["origin"] == "partial" for r in rows):
+        text += " Parts of sequences, not to be compared with published figures of the whole."
     if stand_ins:
         text += " Stand-ins, not to be compared with published figures: " + "; ".join(
             f"{k} = {v.removeprefix('stand-in: ')}" for k, v in stand_ins.items()) + "."

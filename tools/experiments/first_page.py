@@ -185,7 +185,11 @@ def first_page(results, experiments):
             "frames have a pose; failed: no result, with the reason in its section.</p>"]
     if given:
         text.append("<p>Given data: " + html.escape(", ".join(sorted(given))) + ".</p>")
-    if any(r["origin"] != "given" for _, rows in experiments for r in rows):
+    origins = {r["origin"] for _, rows in experiments for r in rows}
+    if "partial" in origins:
+        text.append('<p class="warning">Of some sequences only a part ran, as their names say. Their figures '
+                    "are in tables of their own, and do not compare with published ones of the whole.</p>")
+    if origins - {"given", "partial"}:
         text.append('<p class="warning">Sequences that were not given were simulated. Their figures '
                     "are in tables of their own, marked as stand-ins or simulated worlds, and do not "
                     "compare with published ones.</p>")

@@ -3,7 +3,7 @@
 
     make_priors.py SEQUENCE --model NETWORK.yaml --output DIR [--weights FILE.onnx] \\
         [--stereo-model STEREO.yaml] [--flow-model FLOW.yaml] [--builder PATH/build_priors] \\
-        [--frames N] [-- further arguments of build_priors]
+        [--frames N] [--networks-only] [-- further arguments of build_priors]
 
 Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
 else image_2 and image_3), builds the prior files with disparity, flow and stereo keypoints from the
@@ -98,6 +98,8 @@ def parse_arguments():
     parser.add_argument("--frames", type=common.whole(1), help="number of frames (default: all)")
     add_jobs(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
+    parser.add_argument("--networks-only", action="store_true", help="no prior files: the outputs of the "
+                        "networks and their times")
     return parser.parse_args(arguments), further
 
 
@@ -190,7 +192,8 @@ def main():
     options, further = parse_arguments()
     common.need("onnxruntime", "yaml", "cv2")
     builder = program(options.builder, "build_priors")
-    validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
+    if not options.networks_only:
+        validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
     folders = common.image_pair(options.sequence, options.pair)
     if not folders[1].is_dir():
@@ -213,6 +216,9 @@ def main():
     times = segment(network, images, options)
     times.update(make_fields(networks, images, pairs, options))
     times_file = options.output / "times.json"
+    if options.networks_only:
+        common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))
+        return
     times["build"] = time_of_build(build, times_file)
     times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
                                   "--label-space", network.label_space, *which])
