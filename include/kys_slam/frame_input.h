@@ -34,7 +34,7 @@ struct FrameInput {
   /// Tells recordings of one name apart: "frame I: DIGEST" of the first frame of the part that is
   /// used, its time stamp and left image. "": not known.
   std::string recording;
-  std::vector<std::string> notes;                ///< what the user should be told (Sequence::notes)
+  std::vector<std::string> notes;                ///< warnings for the user (Sequence::notes)
   std::map<std::string, std::int64_t> left_out;  ///< counts of what was not used, by what it is
 };
 

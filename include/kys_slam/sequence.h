@@ -86,7 +86,7 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
   /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
-  /// What a user should be told about how the images are read.
+  /// Warnings for the user about how the images are read.
   [[nodiscard]] const std::vector<std::string>& notes() const { return content_.notes; }
   /// Number of images that are listed (EuRoC's data.csv), but not there.
   [[nodiscard]] std::int64_t missing() const { return content_.missing; }

@@ -136,7 +136,7 @@ void LoopCloser::apply(Map& map, KeyFrameId current, const Confirmed& loop, Loop
   report.correct = watch.lap_ms();
 }
 
-/// The best joint with another sub-map. Their places are asked for apart from those of the own
+/// The best joint with another sub-map. Their places are requested apart from those of the own
 /// one, which would take the first ranks.
 std::optional<LoopCloser::Confirmed> LoopCloser::detect_joint(const Map& map, KeyFrameId current,
                                                               const PlaceIndex& index,

@@ -18,7 +18,7 @@ void describe(kys::OptionList& list, JointOptions& o) {
   list.add("joint.min_aligned", o.min_aligned, {3, 60000}, "",
            "inliers of the alignment below which the place is rejected");
   list.add("joint.neighbours", o.neighbours, {0, 1000}, "",
-           "covisible keyframes asked besides the keyframe");
+           "covisible keyframes compared besides the keyframe");
   list.add("joint.min_inliers", o.min_inliers, {3, 60000}, "",
            "landmarks that a keyframe must match to count");
   list.add("joint.min_share", o.min_share, {0, 1}, "", "... as a share of those it has in view");

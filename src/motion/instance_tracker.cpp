@@ -62,7 +62,7 @@ constexpr double kFarDepth = 1000;            // m, of keypoints without dispari
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
 constexpr double kSurelyStatic = 3;           // log-odds
-constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
+constexpr double kNoWeight = 0.3;             // p_static below which an instance supports no pose
 constexpr double kFullWeight = 0.7;           // p_static above which it does in full
 constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
 
@@ -234,7 +234,7 @@ void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
   }
 }
 
-/// Things seen for the first time start where their class and file put them; others grow older.
+/// Instances seen for the first time start where their class and file put them; others grow older.
 void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior> priors) {
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
@@ -245,13 +245,13 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     Thing& thing = *known;
     if (!is_new && thing.timestamp == timestamp) continue;
     const double before = is_new ? 0.0 : thing.file_log_odds;
-    // A file that says nothing of the thing takes nothing back.
+    // A file without a decision for the instance changes nothing.
     if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
     if (is_new) {
       set_log_odds(thing, thing.file_log_odds);
       thing.first_seen = thing.moving_since = timestamp;
     } else {
-      // What was seen of the thing adds to what its file says, which may change.
+      // Evidence of the images adds to the decision of the file, which may change.
       const double present = thing.log_odds + thing.file_log_odds - before;
       set_log_odds(thing, after_time(present, thing.file_log_odds, timestamp - thing.timestamp,
                                      options_.belief));
@@ -302,15 +302,15 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   return states_;
 }
 
-/// Keypoints of the last frame's things are looked for in this one: where their velocity puts them,
-/// or, if it is not known, wherever they can be.
+/// Keypoints on instances of the last frame are searched in this one: where their velocity puts
+/// them, or, if it is not known, wherever they can be.
 void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3& T_last_w,
                              kys::Statistics& statistics) const {
   const Frame& last = frames_.front();
   const double dt = now.timestamp - last.timestamp;
   const Rigid3 T_now_w = T_now_last * T_last_w;
   const auto max_distance = static_cast<float>(options_.descriptor_distance);
-  // Only what can lie on a thing is compared.
+  // Only keypoints that can lie on an instance are compared.
   std::vector<std::uint8_t> taken(now.features->size(), 1);
   for (const auto& [instance, members] : now.keypoints) {
     for (const std::size_t i : members) taken[i] = 0;

@@ -107,7 +107,7 @@ struct Seen {
   bool used = true;  // for position and velocity
 };
 
-/// A thing that is followed. The first observations may be without place: they came before the one
+/// An object that is tracked. The first observations may be without place: they came before the one
 /// that started it.
 struct Track {
   std::int32_t identity = 0;
@@ -205,7 +205,7 @@ class Assigner {
     }
   }
 
-  /// Without a place nothing starts; kept for when the thing is seen better.
+  /// Without a place nothing starts; kept for when the object is seen better.
   void wait(std::size_t k, std::size_t o) {
     auto& waiting = waiting_[frames_[k].observations[o].instance];
     if (!waiting.empty() &&
@@ -272,8 +272,8 @@ class Assigner {
     return track;
   }
 
-  /// The priors' own name, unless a thing that is followed has it: then one that priors never use
-  /// (those of the left camera are below 2^30, those of the right one are not looked at).
+  /// The priors' own name, unless a tracked object has it: then one that priors never use
+  /// (those of the left camera are below 2^30, those of the right one are not used).
   std::int32_t free_identity(std::int32_t instance) {
     const bool used = std::any_of(active_.begin(), active_.end(),
                                   [&](const Track& t) { return t.identity == instance; });
@@ -330,9 +330,9 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   return is_poor(after, before) ? &second : nullptr;
 }
 
-/// A thing that is observed too far from its expected position has a new identity. It keeps the old
-/// one when one of the two parts is poor: that part was wrong, and the identity in the priors is
-/// right.
+/// An object that is observed too far from its expected position has a new identity. It keeps the
+/// old one when one of the two parts is poor: that part was wrong, and the identity in the priors
+/// is right.
 void keep_names(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
                 std::vector<Track>& tracks) {
   for (Track& next : tracks) {

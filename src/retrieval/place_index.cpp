@@ -229,7 +229,7 @@ class PlaceIndex::Search {
     while (matches_.back().distance > limit) matches_.pop_back();
   }
 
-  /// A thing of the frame is one landmark's: without this a repeated pattern in the query gives a
+  /// A feature of the frame is one landmark's: without this a repeated pattern in the query gives a
   /// keyframe that shows it once a vote for every repetition.
   void keep_nearest_feature() {
     std::sort(matches_.begin(), matches_.end(), [](const Match& a, const Match& b) {

@@ -33,7 +33,7 @@ std::string quoted(std::string_view field) {
 
 TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(read_text(path)) {
   const std::string_view text = text_;
-  // A field takes at least two characters; room for fields doubles when it is used up.
+  // A field takes at least two characters; the space for fields doubles when it is used up.
   constexpr std::size_t kPerCharacter = sizeof(std::string_view);
   constexpr std::size_t kPerLine = sizeof(TextRow) + 2 * sizeof(std::string_view);
   const auto lines = static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')) + 1;

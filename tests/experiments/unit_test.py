@@ -141,7 +141,7 @@ class Statistics(unittest.TestCase):
     def crashes(self):
         """stock does all of eight seeds, KYS six of them, twice as well; two origins."""
         rows = []
-        for origin, factor in (("stand-in", 0.5), ("simulated", 2.0)):
+        for origin, factor in (("substitute", 0.5), ("simulated", 2.0)):
             for seed in range(1, 9):
                 labels = {"input": origin, "seed": seed, "case": "exact", "variant": "", "repeat": 0,
                           "schedule": "pipelined", "origin": origin, "what": origin, "status": "done"}
@@ -158,7 +158,7 @@ class Statistics(unittest.TestCase):
         self.assertIn("over 6 pairs, 2 without result (stock 0)", said)
         self.assertIn("Frames tracked 75.0 %, stock 100.0 %", said)
         self.assertIn("KYS, simulated worlds, with the default settings: it harms. ATE 2.00", said)
-        self.assertIn("KYS, simulated stand-ins, with the default settings: it helps. ATE 0.50", said)
+        self.assertIn("KYS, simulated substitutes, with the default settings: it helps. ATE 0.50", said)
         column = lambda table, name: [r[table.header.index(name)] for r in table.rows]
         lost = experiment_tables.WITHOUT
         summary = first_page.helps(None, [(experiment, rows)])
@@ -226,7 +226,7 @@ class Statistics(unittest.TestCase):
     def test_schedules_are_not_pooled_when_variants_are_compared(self):
         row = lambda variant, schedule, seed, ate: {
             "input": "a", "seed": seed, "case": "exact", "variant": variant, "schedule": schedule,
-            "repeat": 0, "origin": "stand-in", "configuration": "KYS", "ate": ate, "tracked": 100.0}
+            "repeat": 0, "origin": "substitute", "configuration": "KYS", "ate": ate, "tracked": 100.0}
         rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
                 for schedule in ("pipelined", "realtime")
                 for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
@@ -354,16 +354,16 @@ class DataSets(unittest.TestCase):
 class Experiments(unittest.TestCase):
     def test_every_file_names_configurations_cases_and_inputs_that_exist(self):
         configurations = plan.load_yaml("configurations.yaml")
-        cases, stand_ins = plan.load_yaml("cases.yaml"), plan.load_yaml("stand_ins.yaml")
+        cases, substitutes = plan.load_yaml("cases.yaml"), plan.load_yaml("substitutes.yaml")
         folder = SOURCE / "configs" / "experiments"
-        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "stand_ins.yaml")
+        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "substitutes.yaml")
         self.assertGreater(len(files), 8)
         for name in files:
             for spec in (e := plan.load_yaml(name), {**e, **e.get("quick", {})}):
                 self.assertLessEqual(set(spec["configurations"]), set(configurations), name)
                 self.assertLessEqual(set(spec.get("cases", [])), set(cases), name)
                 for given in spec["inputs"]:
-                    self.assertTrue(given.startswith(("world/", "drive/")) or given in stand_ins, given)
+                    self.assertTrue(given.startswith(("world/", "drive/")) or given in substitutes, given)
                 self.assertIn(spec["baseline"], spec["configurations"], name)
                 self.assertIn("input", [spec["rows"], spec["columns"], *spec.get("per", [])], name)
                 if "published" in spec:

@@ -84,11 +84,11 @@ def note_of(rows):
     seeds, repeats = len(unique(rows, "seed")), len(unique(rows, "repeat"))
     text = f"Mean ± standard deviation over {seeds} seeds" if seeds > 1 else "One seed"
     text += f", {repeats} runs each" if repeats > 1 else ""
-    stand_ins = {r["input"]: r["what"] for r in rows if r["origin"] == "stand-in"}
+    substitutes = {r["input"]: r["what"] for r in rows if r["origin"] == "substitute"}
     text += "; frames tracked in brackets when not all."
-    if stand_ins:
-        text += " Stand-ins, not to be compared with published figures: " + "; ".join(
-            f"{k} = {v.removeprefix('stand-in: ')}" for k, v in stand_ins.items()) + "."
+    if substitutes:
+        text += " Substitutes, not to be compared with published figures: " + "; ".join(
+            f"{k} = {v.removeprefix('substitute: ')}" for k, v in substitutes.items()) + "."
     return text
 
 

@@ -187,10 +187,10 @@ def first_page(results, experiments):
         text.append("<p>Given data: " + html.escape(", ".join(sorted(given))) + ".</p>")
     if any(r["origin"] != "given" for _, rows in experiments for r in rows):
         text.append('<p class="warning">Sequences that were not given were simulated. Their figures '
-                    "are in tables of their own, marked as stand-ins or simulated worlds, and do not "
+                    "are in tables of their own, marked as substitutes or simulated worlds, and do not "
                     "compare with published ones.</p>")
     if plan["scale"] != "full":
-        text.append('<p class="warning">Short sequences and few seeds: a look at everything, no '
+        text.append('<p class="warning">Short sequences and few seeds: an overview of every table, no '
                     "evidence. The full scale is the default of tools/reproduce.sh.</p>")
     text += ["<h3>Does it help, and by how much?</h3>", in_words(experiments), summary.html(),
              "<h3>Where?</h3>", places_in_words(places), places.html(),
