@@ -9,6 +9,7 @@
 #                      [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
 #                   of them, anywhere in it; what is not there is simulated, and marked so
+#                   (complete: about 14 hours of two cores, 9 with --schedules pipelined; times by --dry-run)
 #   --quick         short sequences, one or two seeds: about 40 minutes of two cores
 #   --miniature     two sequences of 16 frames, two modes: whether it all works
 #   --profile NAME  where jobs run: local (default), slurm, kubernetes, or a folder with a profile

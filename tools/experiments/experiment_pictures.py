@@ -30,7 +30,7 @@ def pictures(experiment, results, rows, folder):
                 words = ", ".join(w for w in (ORIGINS[origin], variant) if w)
                 made.append(figures.boxes(mine, box_key, "configuration", "ATE, m",
                                           f"{experiment['title']}; {words}",
-                                          path(f"box-{origin}-{variant}")))
+                                          path(f"box-{origin}-{variant}".replace(" ", "-"))))
     if "sweep" not in experiment:
         made += trajectory_pictures(experiment, results, rows, path)
     return [m for m in made if m]
