@@ -58,6 +58,8 @@ struct Evidence {
   int keyframes = 0;
   double area = 0;  // sum
 
+  /// A keyframe counts only with enough inliers of its own: chance matches of many keyframes do not
+  /// add up to a place.
   bool add(const VerifiedPlace& seen, const JointOptions& o) {
     if (seen.inliers < o.min_inliers || seen.inliers < o.min_share * seen.in_view) return false;
     for (const LandmarkId id : seen.landmarks) {
@@ -68,6 +70,8 @@ struct Evidence {
     return true;
   }
   [[nodiscard]] int total() const { return static_cast<int>(landmarks.size()); }
+  /// Different landmarks are counted as well: keyframes that stand close together match the same
+  /// few again and again.
   [[nodiscard]] bool is_enough(const JointOptions& o) const {
     if (keyframes < o.min_keyframes || total() < o.min_total) return false;
     if (area < o.min_area * keyframes) return false;

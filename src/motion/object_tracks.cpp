@@ -136,6 +136,8 @@ class Assigner {
  private:
   /// How well an observation continues a track: nothing when it cannot; less is better. The middle
   /// of what is seen is compared with where it should be now; the same name is worth half the gate.
+  /// The gate grows with time without observation, with the uncertainty of the velocity (1 sigma)
+  /// and of the place (2 sigma): of a far car few keypoints are seen, and their middle jumps.
   [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
                                            const ObjectObservation& seen) const {
     if (!seen.place) return std::nullopt;
@@ -158,6 +160,8 @@ class Assigner {
     return (*frame.T_w_c * seen.centre_c - expected).norm();
   }
 
+  /// Assigns greedily, the least cost first. Objects are few and metres apart; names decide where
+  /// two of a class pass each other.
   void step(std::size_t k) {
     const ObjectFrame& frame = frames_[k];
     end_old(frame.taken);
@@ -182,7 +186,10 @@ class Assigner {
     }
   }
 
-  /// An observation that no track expects where it is.
+  /// An observation that no track expects where it is. An object that comes out from behind another
+  /// shows the edge of that one first, then its own front: the middle jumps by metres, while the
+  /// priors keep its name. Up to `restart_gate` it keeps its identity with a new filter; farther
+  /// away the name is wrong.
   void go_by_name(std::size_t k, std::size_t o, std::vector<bool>& continued) {
     const ObjectFrame& frame = frames_[k];
     const ObjectObservation& seen = frame.observations[o];

@@ -101,6 +101,8 @@ std::uint16_t SegmentCarrier::seen_at(const Eigen::Vector3d& p_s, std::uint16_t 
   return agrees(segment, p_s) ? segment : std::uint16_t{0};
 }
 
+/// Moving segments come first: where a car has driven to, the image shows the road, which would
+/// claim its points (README, "Segments of another frame").
 std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rigid3& T_s_now,
                                          const SegmentShifts& shifts) const {
   const Eigen::Vector3d p_s = T_s_now * p_now;
@@ -114,6 +116,8 @@ std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rig
   return segment > 0 && shifts[segment - 1U].norm() >= kMoved ? std::uint16_t{0} : segment;
 }
 
+/// The most exact source first: the pixel at which the image shows a feature with a disparity; the
+/// cells moved to this frame, whose depth also serves features without one; features beside it.
 std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const Rigid3& T_s_now,
                                                  const SegmentShifts& shifts) const {
   std::vector<std::uint16_t> numbers(now.size(), 0);

@@ -207,7 +207,8 @@ class PlaceIndex::Search {
     }
   }
 
-  /// The nearest landmark of chosen feature number n, and those nearly as near.
+  /// The nearest landmark of chosen feature number n, and those nearly as near: a corner that was
+  /// mapped twice, in two visits, is two landmarks, and the feature is of both.
   void find(std::size_t n, kys::Statistics& statistics) {
     collect(n);
     const std::size_t first = matches_.size();
