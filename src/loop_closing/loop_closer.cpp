@@ -277,8 +277,8 @@ void LoopCloser::close(Map& map, KeyFrameId current, const Confirmed& loop,
   map.add_loop_edge(place, current);
 }
 
-/// The younger of two sub-maps moves into the frame of the older one, so that the world frame of
-/// what a user has received first does not change.
+/// The younger of two sub-maps moves into the frame of the older one, whose world frame stays as
+/// it is.
 void LoopCloser::merge(Map& map, KeyFrameId current, const Confirmed& loop) const {
   const KeyFrameId place = loop.place.keyframe;
   const KeyFrameId ours = map.keyframe(current).submap;

@@ -240,8 +240,8 @@ void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
 
 /// Instances seen for the first time start where their class and file put them; others return
 /// towards that with time (README, "Belief": start, judgement, time). A flag of the file counts
-/// once, as a change of the initial value, not once per frame: the frames of a network that errs
-/// err alike.
+/// once, as a change of the initial value, not once per frame: errors of a network
+/// persist over frames.
 void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior> priors) {
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
