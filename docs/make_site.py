@@ -138,6 +138,7 @@ def main():
         sys.exit(f"README.md: {words} words, at most {MAX_README_WORDS}; the rest belongs to docs")
     if arguments.check:
         return 0
+    copy("docs/site.css", folder)
     if arguments.api:
         shutil.copytree(arguments.api, os.path.join(folder, "api"))
     named = {page for _, content in NAVIGATION
@@ -146,7 +147,7 @@ def main():
     configuration = os.path.join(arguments.output, "mkdocs.yml")
     with open(configuration, "w", encoding="utf-8") as file:
         file.write("site_name: KYS-SLAM\ndocs_dir: pages\nsite_dir: html\nuse_directory_urls: false\n"
-                   "theme: {name: readthedocs, highlightjs: false}\n"
+                   "theme: {name: readthedocs, highlightjs: false}\nextra_css: [docs/site.css]\n"
                    "validation: {links: {not_found: warn, anchors: warn}}\nnav:\n"
                    + "\n".join(navigation(others, arguments.api)) + "\n")
     return subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-f",
