@@ -60,7 +60,7 @@ class Sequence : public FrameSource {
     std::int64_t missing = 0;        ///< images that a list of images has, and no file
     bool paired_by_time = false;     ///< false: by number, without a tolerance
     int bits = 16;                   ///< that 16-bit images use
-    std::vector<std::string> notes;  ///< what the user should know of how the images are read
+    std::vector<std::string> notes;  ///< warnings about how the images are read
   };
 
   /// \param first_index  index of content.frames[0] in the whole sequence
