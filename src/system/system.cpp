@@ -277,7 +277,7 @@ void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& rep
                    *u.covariance.motion};
 }
 
-/// Looks for a frame in the whole map, and resumes tracking where it is. The back end is waited
+/// Searches the whole map for a frame, and resumes tracking where it is. The back end is waited
 /// for, so that the answer depends on the frames alone.
 /// \param elsewhere not in the sub-map of the last frame with a pose
 TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen, bool elsewhere) {
@@ -298,7 +298,7 @@ TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen,
   return resumed;
 }
 
-/// A lost frame is looked for in the whole map; when that fails, it may start a new sub-map, to be
+/// The whole map is searched for a lost frame; when that fails, it may start a new sub-map, to be
 /// merged when a known place is seen again.
 TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
                                   TrackResult lost) {
