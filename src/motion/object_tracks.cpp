@@ -228,8 +228,8 @@ class Assigner {
     }
   }
 
-  /// An object is elsewhere than it should be: once, because its keypoints are on something else, or
-  /// from now on. Only the latter starts its motion anew.
+  /// An object is elsewhere than it should be: once, because its keypoints are on something else,
+  /// or from now on. Only the latter starts its motion anew.
   void go_astray(std::size_t t, std::size_t k, std::size_t o) {
     Track& track = active_[t];
     if (!track.astray.empty() && !follows(track.astray.back(), {k, o})) pass_over_astray(track);
