@@ -147,20 +147,18 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
   return solve(view, prior, stop);
 }
 
-bool RigCalibration::update(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
+bool RigCalibration::update(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
   const std::span<const double> looks = looks_of(map);
   if (!options_.enabled || looks_ >= looks.size()) return false;
-  const std::size_t seen = map.keyframes().size() + culled;
   const auto keyframes = static_cast<double>(seen);
   if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
   ++looks_;
   return look(map, seen, looks_ == looks.size(), stop);
 }
 
-bool RigCalibration::finish(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
+bool RigCalibration::finish(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
   const std::size_t all = looks_of(map).size();
   if (looks_ == 0 || looks_ >= all) return false;
-  const std::size_t seen = map.keyframes().size() + culled;
   const auto keyframes = static_cast<double>(seen);
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
   looks_ = all;
