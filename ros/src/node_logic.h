@@ -66,7 +66,7 @@ class NodeLogic {
 
   /// Tracks the oldest pair. False: there is none.
   bool track_next();
-  /// Tracks pairs until stop().
+  /// Tracks pairs until stop(); what is not the fault of an input ends it with a message.
   void run();
   void stop();
 

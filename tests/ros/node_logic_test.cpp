@@ -6,6 +6,7 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
 #include <thread>
 
@@ -275,7 +276,8 @@ TEST_F(NodeLogicTest, LabelImagesReachTheirFrame) {
   node().add_segments(small);
   EXPECT_EQ(output.count("a map of 300x122 px"), 1);
   const Diagnostics state = node().diagnostics();
-  EXPECT_EQ(value_of(state, "segments of no frame"), "1");
+  EXPECT_EQ(value_of(state, "label images of no frame"), "1");
+  EXPECT_EQ(value_of(state, "label images used"), "2");
 }
 
 TEST_F(NodeLogicTest, SegmentsNeedAModeWithPriors) {
@@ -300,7 +302,9 @@ TEST_F(NodeLogicTest, TracksInAThreadUntilItIsStopped) {
   give_infos();
   std::thread thread([this] { node().run(); });
   for (int i = 0; i < 4; ++i) give(i, stamp(i));
-  while (node().path().size() < 4) std::this_thread::yield();
+  for (int k = 0; node().path().size() < 4 && k < 6000; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   node().stop();
   thread.join();
   node().finish();
