@@ -55,6 +55,9 @@ std::pair<Level, std::string> DiagnosticsLog::state(const PairCounts& counts) co
   if (!missing_info.empty()) return {Level::kWarn, "no camera_info of " + missing_info};
   if (new_frames_ == 0) {
     if (counts.paired > before_.paired) return {Level::kWarn, "pairs wait to be tracked"};
+    if (counts.out_of_order > before_.out_of_order) {
+      return {Level::kError, "stamps of images do not increase"};
+    }
     const bool alone = counts.unmatched > before_.unmatched;
     return {Level::kStale, alone ? "images without a partner" : "no images"};
   }

@@ -331,5 +331,27 @@ TEST(PairCalibration, RawAndRectifiedPairs) {
   EXPECT_THROW(calibrate(infos, true, 640, 480), InputError);
 }
 
+/// Cameras that are turned against each other. The frame that is tracked has the right camera on
+/// its x axis; poses of the robot are about the image of the messages.
+TEST(PairCalibration, TheTrackedFrameIsThatOfTheMessagesTurned) {
+  CameraInfo left = info_of(Side::kLeft), right = info_of(Side::kRight);
+  const auto turn = [](CameraInfo& info, const Eigen::Vector3d& w) {
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = so3_exp(w).toRotationMatrix();
+    std::copy_n(R.data(), 9, info.R.begin());
+  };
+  turn(left, {0.01, 0.03, -0.02});
+  turn(right, {-0.01, -0.02, 0.01});
+  CameraInfos infos;
+  infos.add(Side::kLeft, left);
+  infos.add(Side::kRight, right);
+  const PairCalibration turned = calibrate(infos, false, 400, 122);
+  ASSERT_TRUE(turned.rectifier);
+  EXPECT_GT(rotation_angle(turned.T_raw_c), 0.01);
+  // By R of the left camera: from its axes to those in which the right camera is at (0.537, 0, 0).
+  const Eigen::Vector3d right_in_raw =
+      so3_exp({0.01, 0.03, -0.02}).conjugate() * Eigen::Vector3d(0.537, 0, 0);
+  EXPECT_LT((turned.T_raw_c.inverse() * right_in_raw - Eigen::Vector3d(0.537, 0, 0)).norm(), 1e-6);
+}
+
 }  // namespace
 }  // namespace kys_slam::ros
