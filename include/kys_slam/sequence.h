@@ -60,7 +60,7 @@ class Sequence : public FrameSource {
     std::int64_t missing = 0;        ///< images that a list of images has, and no file
     bool paired_by_time = false;     ///< false: by number, without a tolerance
     int bits = 16;                   ///< that 16-bit images use
-    std::vector<std::string> notes;  ///< what the user should know of how the images are read
+    std::vector<std::string> notes;  ///< warnings about how the images are read
   };
 
   /// \param first_index  index of content.frames[0] in the whole sequence
@@ -93,7 +93,7 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
   /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
-  /// What a user should be told about how the images are read.
+  /// Warnings for the user about how the images are read.
   [[nodiscard]] const std::vector<std::string>& notes() const { return content_.notes; }
   /// Number of images that are listed (EuRoC's data.csv), but not there.
   [[nodiscard]] std::int64_t missing() const { return content_.missing; }

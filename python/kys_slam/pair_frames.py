@@ -58,7 +58,7 @@ class Recording:
             self._first += islice(pairs, _FIRST_PAIRS - 1)
         self._bits = max(_bits_of(image) for pair in self._first for image in pair[2:4]) or 16
         note = note_of_bits(self._bits)
-        self.notes = [f"{name}: {note}"] if note else []  #: what a user should be told
+        self.notes = [f"{name}: {note}"] if note else []  #: warnings for the user
         height, width = self._first[0][2].shape[:2]
         if callable(rig):
             rig = rig((width, height))

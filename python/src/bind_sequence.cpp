@@ -253,7 +253,7 @@ void bind_sequence(nb::module_& m) {
           "Images that were left out, by why.")
       .def_prop_ro(
           "notes", [](const Input& s) { return s.input.notes; },
-          "What a user should be told about how the images are read.")
+          "Warnings for the user about how the images are read.")
       .def("__len__", [](const Input& s) { return s.input.frames->size().value_or(0); })
       .def(
           "read",

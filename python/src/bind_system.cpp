@@ -687,7 +687,7 @@ void bind_system(nb::module_& m) {
            })
       .def(
           "interrupt", [](Slam& s) { s.system().interrupt(); },
-          "Asks optimisation under way to stop early. From any thread.")
+          "Requests that running optimisation stops early. From any thread.")
       .def("start_rig", &Slam::start_rig, "file"_a,
            "Before the first frame and any map: begins with the correction of the calibration that "
            "is in the file, as `kys-slam calibrate` writes it.")

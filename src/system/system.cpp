@@ -76,6 +76,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
   impl_ =
       std::make_unique<Impl>(camera, settings, schedule, std::move(priors), std::move(features));
   impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
+  add_phrase(impl_->first_note, unequal_focal_lengths(camera.fx, camera.fy));
 }
 
 System::~System() = default;
@@ -276,7 +277,7 @@ void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& rep
                    *u.covariance.motion};
 }
 
-/// Looks for a frame in the whole map, and resumes tracking where it is. The back end is waited
+/// Searches the whole map for a frame, and resumes tracking where it is. The back end is waited
 /// for, so that the answer depends on the frames alone.
 /// \param elsewhere not in the sub-map of the last frame with a pose
 TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen, bool elsewhere) {
@@ -297,7 +298,7 @@ TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen,
   return resumed;
 }
 
-/// A lost frame is looked for in the whole map; when that fails, it may start a new sub-map, to be
+/// The whole map is searched for a lost frame; when that fails, it may start a new sub-map, to be
 /// merged when a known place is seen again.
 TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
                                   TrackResult lost) {
@@ -428,6 +429,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     add_phrase(report.warning, kSamePicture);
   }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
+  add_phrase(report.warning, note_of_times(s.reports));
   add_phrase(report.warning, s.segments.take_warning());
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Installs the core and kys from the build folder, and builds and runs a project that uses them.
 include(${CMAKE_CURRENT_LIST_DIR}/../support/installed_consumer.cmake)
-if(INSTALLED)  # what packaging/check_clean_root.sh put there
+if(INSTALLED)  # where packaging/check_clean_root.sh unpacked libkys-slam-dev
   file(COPY ${INSTALLED}/ DESTINATION ${WORK}/first)
 else()
   foreach(component kys kys_slam)
