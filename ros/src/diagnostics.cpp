@@ -28,6 +28,7 @@ void DiagnosticsLog::add(const FrameReport& report) {
   if (stamps_.size() > kRateFrames) stamps_.pop_front();
   ++frames_;
   if (report.status == FrameStatus::kLost) ++lost_;
+  if (report.segments_of >= 0) ++segmented_;
   if (new_frames_ == 0 || badness(report) >= badness(worst_)) worst_ = report;
   ++new_frames_;
   last_ = report;
@@ -54,6 +55,9 @@ std::pair<Level, std::string> DiagnosticsLog::state(const PairCounts& counts) co
   if (!missing_info.empty()) return {Level::kWarn, "no camera_info of " + missing_info};
   if (new_frames_ == 0) {
     if (counts.paired > before_.paired) return {Level::kWarn, "pairs wait to be tracked"};
+    if (counts.out_of_order > before_.out_of_order) {
+      return {Level::kError, "stamps of images do not increase"};
+    }
     const bool alone = counts.unmatched > before_.unmatched;
     return {Level::kStale, alone ? "images without a partner" : "no images"};
   }
@@ -96,7 +100,8 @@ Diagnostics DiagnosticsLog::take(const PairCounts& counts) {
       {"dropped pairs", number(counts.dropped)},
       {"images without a partner", number(counts.unmatched)},
       {"images out of order", number(counts.out_of_order)},
-      {"segments of no frame", number(stray_segments)},
+      {"label images used", number(segmented_)},
+      {"label images of no frame", number(stray_segments)},
   };
   new_frames_ = 0;
   before_ = counts;

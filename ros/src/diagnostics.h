@@ -43,10 +43,10 @@ class DiagnosticsLog {
   static constexpr std::size_t kRateFrames = 30;
   std::deque<double> stamps_;  // s, of the last frames fed
   FrameReport last_;
-  std::int64_t frames_ = 0, lost_ = 0;  // in all
-  std::int64_t new_frames_ = 0;         // since take()
-  FrameReport worst_;                   // since take(), by integrity
-  PairCounts before_;                   // at take()
+  std::int64_t frames_ = 0, lost_ = 0, segmented_ = 0;  // in all
+  std::int64_t new_frames_ = 0;                         // since take()
+  FrameReport worst_;                                   // since take(), by integrity
+  PairCounts before_;                                   // at take()
 };
 
 }  // namespace kys_slam::ros

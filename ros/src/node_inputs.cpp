@@ -28,7 +28,7 @@ GrayImage mask_of(const ImageMessage& message) {
 
 }  // namespace
 
-void NodeLogic::add_segments(ImageMessage message) {
+void NodeLogic::add_segments(const ImageMessage& message) {
   if (!options_.segments) {
     complain("a label image came: set the parameter segments, so that it is used");
     return;
@@ -43,8 +43,7 @@ void NodeLogic::add_segments(ImageMessage message) {
       run = run_;
       frame = picture->frame;
     } else if (pictures_.empty() || message.stamp > pictures_.back().stamp) {
-      const std::int64_t stamp = message.stamp.nanoseconds();
-      early_.insert_or_assign(stamp, std::move(message));
+      early_.insert_or_assign(message.stamp.nanoseconds(), message);
       if (early_.size() <= kMostEarly) return;
       early_.erase(early_.begin());
     }

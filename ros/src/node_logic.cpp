@@ -89,7 +89,12 @@ void NodeLogic::run() {
       changed_.wait(lock, [this] { return stopped_ || !queue_.empty(); });
       if (stopped_) return;
     }
-    track_next();
+    try {
+      track_next();
+    } catch (const std::exception& error) {  // of no input: memory, a mistake of ours
+      complain(std::string("tracking has ended: ") + error.what());
+      return;
+    }
   }
 }
 
@@ -120,7 +125,6 @@ void NodeLogic::begin(std::shared_ptr<Run> run, const std::string& why) {
     last_complaint_.clear();
     path_.clear();
     pictures_.clear();
-    early_.clear();
   }
   if (!why.empty()) output_->log(Level::kWarn, why);
 }

@@ -60,13 +60,13 @@ class NodeLogic {
   void add_image(Side side, ImageMessage message);
   void add_camera_info(Side side, const CameraInfo& info);
   /// The label image of the left image of the same stamp; it may come before that one is tracked.
-  void add_segments(ImageMessage message);
+  void add_segments(const ImageMessage& message);
   /// Pixels that are not used from the next frame on: all but 0, in the image as it comes.
   void set_mask(Side side, const ImageMessage& message);
 
   /// Tracks the oldest pair. False: there is none.
   bool track_next();
-  /// Tracks pairs until stop().
+  /// Tracks pairs until stop(); what is not the fault of an input ends it with a message.
   void run();
   void stop();
 

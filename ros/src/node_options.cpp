@@ -2,7 +2,6 @@
 #include "node_options.h"
 
 #include <kys_slam/error.h>
-#include <kys_slam/util/parse_number.h>
 
 #include <numbers>
 
@@ -46,8 +45,10 @@ void describe(kys::OptionList& list, NodeOptions& o) {
   list.add("camera.yaw", o.camera_yaw, {-kTurn, kTurn}, "rad", "positive: it looks to the left");
   list.add("publish_tf", o.publish_tf, "map to odom and odom to base_link");
   list.add("path_length", o.path_length, {0, 1000000}, "poses", "of the topic path, the last ones");
-  list.add("segments", o.segments,
-           "label images come on the topic segments: mode verified, unless kys.mode is set");
+  list.add(
+      "segments", o.segments,
+      "label images come on the topic segments: mode verified, and a map starts with the first "
+      "of them, unless kys.mode and control.segment_every say otherwise");
   list.add("segment_divisor", o.segment_divisor, {1, 1000000}, "",
            "label images hold class * divisor + instance");
   list.add("load_map", o.load_map, "file of a saved map to start in");
@@ -75,15 +76,6 @@ Parameter parameter_of(const kys::Option& option) {
   p.least = option.range.least;
   p.most = option.range.most;
   return p;
-}
-
-/// Whether a value is that of the parameter; numbers may be written otherwise.
-bool is_default(const Parameter& parameter, const std::string& text) {
-  if (text == parameter.value) return true;
-  if (parameter.type != Settings::Type::kReal && parameter.type != Settings::Type::kInteger) {
-    return false;
-  }
-  return parse_double(text) == parse_double(parameter.value);
 }
 
 Settings defaults(bool driving) {
@@ -114,14 +106,14 @@ std::string description_of(const Parameter& parameter) {
   return text;
 }
 
-NodeOptions read_options(const ParameterValue& value) {
+NodeOptions read_options(const GivenValue& given) {
   NodeOptions options;
   kys::OptionList list;
   describe(list, options);
   for (const kys::Option& option : list.options()) {
-    const std::string text = value(parameter_of(option));
-    if (!option.parse(text)) {
-      throw InputError("parameter " + option.key + " is '" + text + "', not " + option.expected());
+    const std::optional<std::string> text = given(parameter_of(option));
+    if (text && !option.parse(*text)) {
+      throw InputError("parameter " + option.key + " is '" + *text + "', not " + option.expected());
     }
     if (const std::string complaint = option.complaint(); !complaint.empty()) {
       throw InputError("parameter " + complaint);
@@ -137,13 +129,15 @@ NodeOptions read_options(const ParameterValue& value) {
   return options;
 }
 
-Settings read_settings(const NodeOptions& options, const ParameterValue& value) {
+Settings read_settings(const NodeOptions& options, const GivenValue& given) {
   Settings settings = defaults(options.driving);
-  if (options.segments) settings.set("kys.mode", "verified");
+  if (options.segments) {
+    settings.set("kys.mode", "verified");
+    settings.set("control.segment_every", "1");  // a map starts with segments
+  }
   if (!options.settings_file.empty()) settings.load(options.settings_file);
   for (const Parameter& parameter : setting_parameters(options.driving)) {
-    const std::string text = value(parameter);
-    if (!is_default(parameter, text)) settings.set(parameter.key, text);
+    if (const auto text = given(parameter)) settings.set(parameter.key, *text);
   }
   settings.check();
   return settings;

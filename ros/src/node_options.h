@@ -7,6 +7,7 @@
 #include <kys_slam/system.h>
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -50,12 +51,12 @@ std::vector<Parameter> setting_parameters(bool driving);
 /// "META (unit)", for ROS's descriptor; choices and texts with what they may be.
 std::string description_of(const Parameter& parameter);
 
-/// Value of a parameter as text.
-using ParameterValue = std::function<std::string(const Parameter&)>;
+/// Value of a parameter as text; nothing: the user gave none.
+using GivenValue = std::function<std::optional<std::string>(const Parameter&)>;
 /// \throws InputError naming the parameter whose value is not in its range
-NodeOptions read_options(const ParameterValue& value);
-/// Defaults, then the file, then the parameters that differ from the defaults.
+NodeOptions read_options(const GivenValue& given);
+/// Defaults, then the file, then the parameters that were given.
 /// \throws InputError naming the setting that is not in its range, or the file
-Settings read_settings(const NodeOptions& options, const ParameterValue& value);
+Settings read_settings(const NodeOptions& options, const GivenValue& given);
 
 }  // namespace kys_slam::ros

@@ -46,6 +46,7 @@ NodeLogic::Answer NodeLogic::reset() {
     const std::lock_guard lock(mutex_);
     infos_.take_latest();
     queue_.clear();
+    early_.clear();
     jump_.reset();
   }
   begin(nullptr, "reset: the run starts again");

@@ -20,10 +20,10 @@ constexpr auto kReportPeriod = std::chrono::seconds(1);
 
 StereoNode::StereoNode(const rclcpp::NodeOptions& options)
     : Node("kys_slam", options), tf_(*this), static_tf_(*this) {
-  const ParameterValue value = declare();
-  options_ = read_options(value);
+  const GivenValue given = declare();
+  options_ = read_options(given);
   NodeOutput& output = *this;
-  logic_ = std::make_unique<NodeLogic>(options_, read_settings(options_, value), output);
+  logic_ = std::make_unique<NodeLogic>(options_, read_settings(options_, given), output);
   advertise();
   publish_camera_frame();
   subscribe();
@@ -49,17 +49,25 @@ bool StereoNode::finish() {
   return true;
 }
 
-/// Declares all parameters; the function returned gives their values.
-ParameterValue StereoNode::declare() {
+/// Declares all parameters; the function returned gives the values of those that the user gave.
+GivenValue StereoNode::declare() {
   std::map<std::string, std::string> values;
+  bool driving = false;
+  const auto& given = get_node_parameters_interface()->get_parameter_overrides();
   const auto declare_all = [&](const std::vector<Parameter>& parameters) {
     for (const Parameter& p : parameters) {
-      values[p.key] = text_of(declare_parameter(p.key, default_of(p), descriptor_of(p)));
+      const std::string text = text_of(declare_parameter(p.key, default_of(p), descriptor_of(p)));
+      if (given.find(p.key) != given.end()) values[p.key] = text;
+      if (p.key == "driving") driving = text == "true";
     }
   };
   declare_all(node_parameters());
-  declare_all(setting_parameters(values.at("driving") == "true"));
-  return [values](const Parameter& p) { return values.at(p.key); };
+  declare_all(setting_parameters(driving));
+  return [values](const Parameter& p) -> std::optional<std::string> {
+    const auto value = values.find(p.key);
+    if (value == values.end()) return std::nullopt;
+    return value->second;
+  };
 }
 
 void StereoNode::advertise() {

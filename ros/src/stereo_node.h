@@ -41,7 +41,7 @@ class StereoNode : public rclcpp::Node, private NodeOutput {
   void publish(const PoseOutput& pose) override;
   void log(Level level, const std::string& text) override;
 
-  [[nodiscard]] ParameterValue declare();
+  [[nodiscard]] GivenValue declare();
   void publish_camera_frame();
   void advertise();
   void subscribe();

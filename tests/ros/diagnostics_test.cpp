@@ -56,6 +56,8 @@ TEST(DiagnosticsLog, LossesOfTheLastPeriodAlone) {
   counts.unmatched = 7;
   EXPECT_EQ(log.take(counts).message, "images without a partner");
   EXPECT_EQ(log.take(counts).message, "no images");
+  counts.out_of_order = 2;
+  EXPECT_EQ(log.take(counts).message, "stamps of images do not increase");
   ++counts.paired;
   EXPECT_EQ(log.take(counts).message, "pairs wait to be tracked");
 }

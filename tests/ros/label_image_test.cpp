@@ -71,6 +71,34 @@ TEST(LabelImage, RowsMayHaveGaps) {
             (std::vector<int>{1, 2, 2, 1}));
 }
 
+/// Two cars of 160 px, one of 140 px, road between them.
+TEST(LabelImage, ConnectedPartsOfThingsAreInstances) {
+  constexpr int kWidth = 60, kHeight = 20;
+  std::vector<std::uint8_t> values(kWidth * kHeight, 7);
+  const auto box = [&](int x0, int x1, int y0, int y1) {
+    for (int y = y0; y < y1; ++y) {
+      std::fill_n(values.begin() + y * kWidth + x0, x1 - x0, std::uint8_t{26});
+    }
+  };
+  box(0, 10, 0, 16);
+  box(10, 20, 16, 20);  // touches the first one at a corner only, and goes on
+  box(20, 32, 10, 20);
+  box(50, 60, 0, 14);
+  const LabelMessage<std::uint8_t> labels("mono8", kWidth, values);
+  const auto image = segments_of(labels.message, small_space(), 1000);
+  ASSERT_EQ(image->segments.size(), 3u);
+  const auto at = [&](int x, int y) { return image->map.at(x, y); };
+  const auto label = [&](int x, int y) { return image->segments.at(at(x, y) - 1u).label; };
+  EXPECT_EQ(label(5, 5), 1);
+  EXPECT_EQ(label(25, 15), 1);
+  EXPECT_NE(at(5, 5), at(25, 15));
+  EXPECT_EQ(at(12, 18), at(25, 15));
+  EXPECT_EQ(at(55, 5), 0);  // too small
+  EXPECT_EQ(label(40, 0), 0);
+  EXPECT_EQ(at(40, 0), at(0, 19));  // road is one segment
+  EXPECT_NE(image->segments[at(5, 5) - 1u].instance, image->segments[at(25, 15) - 1u].instance);
+}
+
 TEST(LabelImage, WhatItCannotBe) {
   const auto refuses = [](const ImageMessage& m, const std::string& why) {
     try {
@@ -80,8 +108,10 @@ TEST(LabelImage, WhatItCannotBe) {
       EXPECT_NE(std::string(error.what()).find(why), std::string::npos) << error.what();
     }
   };
-  const LabelMessage<std::uint8_t> bytes("mono8", 2, {7, 26});
-  refuses(bytes.message, "'mono8'");
+  const LabelMessage<std::uint8_t> colour("rgb8", 3, {7, 26, 0});
+  refuses(colour.message, "'rgb8'");
+  const LabelMessage<std::uint8_t> unknown("mono8", 2, {3, 4});
+  refuses(unknown.message, "label space small");
   const LabelMessage<std::int32_t> other("32SC1", 2, {3000, 4000});
   refuses(other.message, "label space small");
   LabelMessage<std::int32_t> cut("32SC1", 2, {7000, 7000});

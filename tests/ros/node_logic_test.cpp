@@ -6,6 +6,7 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
 #include <thread>
 
@@ -275,7 +276,8 @@ TEST_F(NodeLogicTest, LabelImagesReachTheirFrame) {
   node().add_segments(small);
   EXPECT_EQ(output.count("a map of 300x122 px"), 1);
   const Diagnostics state = node().diagnostics();
-  EXPECT_EQ(value_of(state, "segments of no frame"), "1");
+  EXPECT_EQ(value_of(state, "label images of no frame"), "1");
+  EXPECT_EQ(value_of(state, "label images used"), "2");
 }
 
 TEST_F(NodeLogicTest, SegmentsNeedAModeWithPriors) {
@@ -300,7 +302,9 @@ TEST_F(NodeLogicTest, TracksInAThreadUntilItIsStopped) {
   give_infos();
   std::thread thread([this] { node().run(); });
   for (int i = 0; i < 4; ++i) give(i, stamp(i));
-  while (node().path().size() < 4) std::this_thread::yield();
+  for (int k = 0; node().path().size() < 4 && k < 6000; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   node().stop();
   thread.join();
   node().finish();
@@ -325,6 +329,28 @@ TEST(PairCalibration, RawAndRectifiedPairs) {
   EXPECT_EQ(rectified.camera.fx, 232);
   EXPECT_NEAR(rectified.camera.baseline, 0.537, 1e-12);
   EXPECT_THROW(calibrate(infos, true, 640, 480), InputError);
+}
+
+/// Cameras that are turned against each other. The frame that is tracked has the right camera on
+/// its x axis; poses of the robot are about the image of the messages.
+TEST(PairCalibration, TheTrackedFrameIsThatOfTheMessagesTurned) {
+  CameraInfo left = info_of(Side::kLeft), right = info_of(Side::kRight);
+  const auto turn = [](CameraInfo& info, const Eigen::Vector3d& w) {
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = so3_exp(w).toRotationMatrix();
+    std::copy_n(R.data(), 9, info.R.begin());
+  };
+  turn(left, {0.01, 0.03, -0.02});
+  turn(right, {-0.01, -0.02, 0.01});
+  CameraInfos infos;
+  infos.add(Side::kLeft, left);
+  infos.add(Side::kRight, right);
+  const PairCalibration turned = calibrate(infos, false, 400, 122);
+  ASSERT_TRUE(turned.rectifier);
+  EXPECT_GT(rotation_angle(turned.T_raw_c), 0.01);
+  // By R of the left camera: from its axes to those in which the right camera is at (0.537, 0, 0).
+  const Eigen::Vector3d right_in_raw =
+      so3_exp({0.01, 0.03, -0.02}).conjugate() * Eigen::Vector3d(0.537, 0, 0);
+  EXPECT_LT((turned.T_raw_c.inverse() * right_in_raw - Eigen::Vector3d(0.537, 0, 0)).norm(), 1e-6);
 }
 
 }  // namespace

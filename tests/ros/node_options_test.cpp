@@ -5,8 +5,11 @@
 #include <kys_slam/error.h>
 
 #include <algorithm>
+#include <fstream>
 #include <map>
 #include <set>
+
+#include "io/temporary_folder.h"
 
 namespace kys_slam::ros {
 namespace {
@@ -14,10 +17,11 @@ namespace {
 using Type = Settings::Type;
 using Values = std::map<std::string, std::string>;
 
-ParameterValue given(Values values) {
-  return [values](const Parameter& p) {
+GivenValue given(Values values) {
+  return [values](const Parameter& p) -> std::optional<std::string> {
     const auto found = values.find(p.key);
-    return found != values.end() ? found->second : p.value;
+    if (found == values.end()) return std::nullopt;
+    return found->second;
   };
 }
 
@@ -90,6 +94,23 @@ TEST(NodeParameters, BecomeOptionsAndSettings) {
   const Settings settings = read_settings(options, given(values));
   EXPECT_EQ(settings.get("orb.features"), "900");
   EXPECT_EQ(settings.get("kys.mode"), "verified");
+  EXPECT_EQ(settings.get("control.segment_every"), "1");
+}
+
+/// A value that is given counts, also when it is the default.
+TEST(NodeParameters, CountMoreThanTheFile) {
+  const TemporaryFolder folder;
+  const std::string file = (folder / "own.yaml").string();
+  std::ofstream(file) << "orb:\n  features: 800\nkys:\n  mode: mask\n";
+  const auto features = [&](const Values& values) {
+    const NodeOptions options = read_options(given(values));
+    return read_settings(options, given(values)).get("orb.features");
+  };
+  EXPECT_EQ(features({}), "1200");
+  EXPECT_EQ(features({{"settings_file", file}}), "800");
+  EXPECT_EQ(features({{"settings_file", file}, {"orb.features", "1200"}}), "1200");
+  const Values values = {{"settings_file", file}, {"segments", "true"}};
+  EXPECT_EQ(read_settings(read_options(given(values)), given(values)).get("kys.mode"), "mask");
 }
 
 TEST(NodeParameters, AreRefusedByName) {

@@ -149,6 +149,16 @@ class Node {
     if (used.get_type() != value.get_type()) throw std::invalid_argument(name + ": wrong type");
     return values_.insert_or_assign(name, used).first->second;
   }
+  struct Parameters {
+    using SharedPtr = std::shared_ptr<Parameters>;
+    [[nodiscard]] const std::map<std::string, ParameterValue>& get_parameter_overrides() const {
+      return *overrides;
+    }
+    const std::map<std::string, ParameterValue>* overrides;
+  };
+  Parameters::SharedPtr get_node_parameters_interface() {
+    return std::make_shared<Parameters>(Parameters{&options_.overrides});
+  }
   template <typename T>
   typename Publisher<T>::SharedPtr create_publisher(const std::string& topic, int) {
     return std::make_shared<Publisher<T>>(topic);
