@@ -1022,7 +1022,7 @@ class Parts(unittest.TestCase):
         experiment = {**plan.load_yaml("table_1_kitti.yaml"), "name": "table_1_kitti"}
 
         def row(configuration, **labels):
-            return {"seed": 1, "case": "exact", "variant": "votes", "schedule": "pipelined", "repeat": 0,
+            return {"seed": 1, "case": "exact", "variant": "matches", "schedule": "pipelined", "repeat": 0,
                     "what": "", "status": "done", "tracked": 100.0, "ate": 1.0, "job": "",
                     "configuration": configuration, **labels}
 
