@@ -25,6 +25,7 @@ constexpr double kContinuous = 0.6;  // share of these on one surface
 constexpr double kSmallPart = 0.25;  // of the area of what surrounds it
 constexpr double kSurrounded = 0.4;  // share of a small part's border
 constexpr double kClaimed = 0.5;     // of a segment under the mask of the thing it is of
+constexpr int kEstablished = 10;     // pictures in which a thing was seen by itself: it is one
 constexpr std::size_t kOfNone = std::numeric_limits<std::size_t>::max();
 
 /// What two segments have in common, in pairs of pixels `kReach` apart.
@@ -121,7 +122,7 @@ class Joiner {
     bool any = false;
     for (const auto& [pair, border] : edges) {
       const std::size_t a = root_[pair.first], b = root_[pair.second];
-      if (a == b || !is_one(pair.first, pair.second, border) || move_apart(a, b)) continue;
+      if (a == b || !is_one(pair.first, pair.second, border) || are_two(a, b)) continue;
       join(a, b);
       any = true;
     }
@@ -157,13 +158,16 @@ class Joiner {
     return best;
   }
 
-  [[nodiscard]] bool move_apart(std::size_t a, std::size_t b) const {
+  /// Whether two sets of segments are known to be two things.
+  [[nodiscard]] bool are_two(std::size_t a, std::size_t b) const {
     for (const std::size_t i : members_[a]) {
       const std::size_t s = thing_of(i);
       for (const std::size_t j : members_[b]) {
         const std::size_t t = thing_of(j);
-        if (s != kOfNone && t != kOfNone && s != t &&
-            kys_slam::move_apart(expected_[s].motion, expected_[t].motion)) {
+        if (s == kOfNone || t == kOfNone || s == t) continue;
+        const ExpectedThing &one = expected_[s], &other = expected_[t];
+        if (move_apart(one.motion, other.motion) ||
+            std::min(one.frames, other.frames) >= kEstablished) {
           return true;
         }
       }

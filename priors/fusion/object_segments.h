@@ -40,9 +40,9 @@ struct ExpectedThing {
 ///
 /// Joined: segments of classes that belong together (ObjectClasses), one beside the other, along
 /// whose common border the disparity is continuous; and a small segment of any class that moves
-/// which is mostly surrounded by another, as deep. Segments of things known to move differently are
-/// not joined. The object has the class of most of its pixels, and the number of its largest
-/// segment.
+/// which is mostly surrounded by another, as deep. Segments of things known to move differently, or
+/// of two that were seen by themselves for several frames, are not joined. The object has the class
+/// of most of its pixels, and the number of its largest segment.
 ///
 /// Both count two things as moving differently if their velocities differ by more than
 /// `kApartSpeed` and by three standard deviations.

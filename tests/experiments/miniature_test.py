@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """tools/reproduce.sh in miniature: every experiment, its tables and figures, the report.
 
-Interrupted once and resumed; then with data given: a folder that holds a KITTI sequence and one
-that cannot be read.
+Interrupted once and resumed; then with data given: a folder that holds a part of a KITTI sequence, with its
+perception outputs, and one that cannot be read.
 """
 import csv
 import json
@@ -152,16 +152,17 @@ class Miniature(unittest.TestCase):
         shutil.copytree(street, sequences / "00", ignore=shutil.ignore_patterns("README"))
         (sequences / "01" / "image_0").mkdir(parents=True)
         said = reproduce(work / "out", "--data", work / "data", "--only", "table_1_kitti")
-        self.assertIn("found kitti/00", said)
+        self.assertIn("found kitti/00 (16 of 4541 frames)", said)
+        self.assertIn("left out kitti/01 (0 of 1101 frames) with priors", said)
         runs = rows(work / "out" / "tables" / "table_1_kitti.runs.csv")
-        good = [r for r in runs if r["input"] == "kitti/00"]
-        self.assertTrue(all(r["origin"] == "given" and r["status"] == "done" for r in good), good)
-        bad = [r for r in runs if r["input"] == "kitti/01"]
+        good = [r for r in runs if r["input"] == "kitti/00 (16 of 4541 frames)"]
+        self.assertTrue(good and all(r["origin"] == "partial" and r["status"] == "done" for r in good), good)
+        bad = [r for r in runs if r["input"].startswith("kitti/01 ")]
         self.assertTrue(bad and all(r["status"] == "failed" and r["reason"] for r in bad), bad)
         self.assertIn("calib.txt: no such file", bad[0]["reason"])
         table = (work / "out" / "tables" / "table_1_kitti-1.md").read_text()
-        self.assertIn("given data", table)
-        self.assertIn("published, Table 1", table)
+        self.assertIn("parts of given sequences", table)
+        self.assertNotIn("published, Table 1", table, "those are of whole sequences")
 
 
 if __name__ == "__main__":

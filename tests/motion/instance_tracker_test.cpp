@@ -74,9 +74,11 @@ class Street {
     std::mt19937_64 random(static_cast<unsigned>(frames_) + 100);
     for (Point& p : points_) p.descriptor = random_descriptor(random);
   }
-  void rename(std::int32_t from, std::int32_t to) {
+  void rename(std::int32_t from, std::int32_t to, const char* to_class = "car") {
     for (Point& p : points_) {
-      if (p.prior.instance == from) p.prior.instance = to;
+      if (p.prior.instance != from) continue;
+      p.prior.instance = to;
+      p.prior.label = space_.index_of(to_class);
     }
   }
 
@@ -275,6 +277,14 @@ TEST(InstanceTracker, ANewNameTakesOverBelief) {
   street.rename(kParked, 70010);
   street.frame();
   EXPECT_GT(street.tracker().p_static(70010), 0.9);
+  street.rename(70010, 70011, "bus");
+  street.frame();
+  EXPECT_GT(street.tracker().p_static(70011), 0.9) << "both move by themselves";
+  const double moving = street.tracker().log_odds(kDriving);
+  street.rename(kDriving, 70012, "chair");
+  street.frame();
+  // Another kind of thing begins anew: its class, and what this frame says.
+  EXPECT_GT(street.tracker().log_odds(70012), moving + 3);
 }
 
 TEST(InstanceTracker, WhatIsFlaggedAtFirstSightMovesSinceThen) {

@@ -143,8 +143,9 @@ TEST(ObjectSegments, WhatMovesDifferentlyIsNotJoined) {
     if (frames == 0) expected[1].motion.reset();
     return s.make(expected);
   };
-  EXPECT_EQ(objects(5, 10), 2u);
-  EXPECT_EQ(objects(0.5, 10), 1u);
+  EXPECT_EQ(objects(5, 5), 2u);
+  EXPECT_EQ(objects(0.5, 5), 1u);
+  EXPECT_EQ(objects(0.5, 10), 2u) << "both were seen by themselves for long";
   EXPECT_EQ(objects(5, 0), 1u) << "its motion is not known";
 }
 

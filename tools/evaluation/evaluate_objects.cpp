@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/command_line.h"
@@ -146,14 +148,25 @@ void print_table(const ObjectEvaluation& e, const Arguments& a) {
       f.well, f.objects, 100 * share(f.followed, f.frames), 100 * share(f.reported, f.frames));
 }
 
-/// Frame by frame under which identity a moving object is followed; empty: under none.
-void write_rows(const std::string& path, const std::vector<ObjectLifeFrame>& rows) {
+/// Frame by frame under which identity a moving object is followed, and the errors of the estimate;
+/// empty: under none.
+void write_rows(const std::string& path, const ObjectEvaluation& evaluation) {
+  std::map<std::pair<int, int>, const ObjectError*> errors;
+  for (const ObjectError& e : evaluation.errors) errors[{e.object, e.frame}] = &e;
   std::ostringstream text;
-  text << "object,frame,range_m,identity\n";
-  for (const ObjectLifeFrame& row : rows) {
+  text << "object,frame,range_m,identity,keypoints,speed_m_s,heading_deg,position_m\n";
+  for (const ObjectLifeFrame& row : evaluation.life_frames) {
     text << row.object << ',' << row.frame << ',' << row.range << ',';
     if (row.identity) text << *row.identity;
-    text << '\n';
+    const auto at = errors.find({row.object, row.frame});
+    if (at == errors.end()) {
+      text << ",,,,\n";
+      continue;
+    }
+    const ObjectError& e = *at->second;
+    text << ',' << e.keypoints << ',' << e.speed << ',';
+    if (std::isfinite(e.heading)) text << e.heading;
+    text << ',' << e.position << '\n';
   }
   write_file_atomic(path, text.str());
 }
@@ -188,7 +201,7 @@ void add_options(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--last-frame", o.last_frame, "later frames do not count");
   app.add_option("--rows", a.rows,
-                 "CSV file to write: the frames of all lifetimes, each with the identity it has");
+                 "CSV file to write: the frames of all lifetimes, with identity and errors");
   app.add_flag("--json", a.json, "Print JSON");
 }
 
@@ -212,7 +225,7 @@ int run(int argc, char** argv) {
   }
   const ObjectEvaluation evaluation =
       evaluate_objects(objects.objects, truth, objects.frames, arguments.options);
-  if (!arguments.rows.empty()) write_rows(arguments.rows, evaluation.life_frames);
+  if (!arguments.rows.empty()) write_rows(arguments.rows, evaluation);
   arguments.json ? print_json(evaluation) : print_table(evaluation, arguments);
   return 0;
 }

@@ -38,6 +38,7 @@ import kysp  # noqa: E402
 from label_files import read_classes  # noqa: E402
 
 SOURCE = Path(__file__).resolve().parents[2]
+FIELDS = 17  # of a label
 LABELS = {"frame": 0, "object": 1, "box": slice(6, 10)}
 MIN_AREA = 200  # px, of things that are counted
 COVERS = 0.5    # share of a thing that is in an object's box: it is of this object; or
@@ -57,8 +58,8 @@ def read_labels(path):
                 if int(word[LABELS["object"]]) < 0:
                     continue  # DontCare
                 box = [float(x) for x in word[LABELS["box"]]]
-                if not np.all(np.isfinite(box)):
-                    inputs.fail(f"{path}:{number}: is not finite")
+                if len(box) != 4 or len(word) < FIELDS or not np.all(np.isfinite(box)):
+                    inputs.fail(f"{path}:{number}: is no label with a box")
                 key = int(word[LABELS["object"]]), int(word[LABELS["frame"]])
                 labels[key] = box
     return labels
@@ -120,7 +121,7 @@ def cause_of(things, on, last, estimate, name):
 def programs(options, output):
     """Runs the program and the evaluation over all frames and each part: their JSON by part."""
     run = [str(options.bin / "run_stereo_kitti"), str(options.sequence), "--priors", str(options.priors),
-           "--output", str(output), "--quiet", "--schedule", options.schedule]
+           "--output", str(output), "--overwrite", "--quiet", "--schedule", options.schedule]
     run += [word for setting in options.set for word in ("--set", setting)]
     results = {}
     evaluate = [str(options.bin / "evaluate_objects"), str(output), "--truth", str(options.truth), "--json",
@@ -138,8 +139,10 @@ def programs(options, output):
 
 
 def part_of(text):
-    first, _, last = text.partition(":")
-    return inputs.whole(0)(first), inputs.whole(0)(last)
+    first, last = (inputs.whole(0)(word) for word in text.split(":", 1))
+    if first > last:
+        raise ValueError
+    return first, last
 
 
 def print_results(results):
@@ -233,7 +236,13 @@ def draw(options, frame, things, boxes, notes, classes):
 def report(options, classes, results, seen):
     labels = read_labels(options.truth)
     movable = {k for k, c in enumerate(classes) if c.thing}
-    names = sorted(p for p in options.priors.iterdir() if p.suffix == ".kysp")
+    with inputs.reading(options.priors):
+        names = sorted(p for p in options.priors.iterdir() if p.suffix == ".kysp")
+    last = max((frame for _, frame in seen), default=-1)
+    if last < 0:
+        inputs.fail(f"{options.truth}: no object moves within {options.max_range:g} m")
+    if last >= len(names):
+        inputs.fail(f"{options.priors}: has {len(names)} prior files, and objects are in frame {last}")
     things = [Things(name, movable) for name in names]
     moving = {key: row["range_m"] for key, row in seen.items()}
     estimates = {key: int(row["identity"]) for key, row in seen.items() if row["identity"]}
@@ -279,16 +288,13 @@ def main():
                         help="print N things that stand and are flagged")
     parser.add_argument("--pictures", action="store_true")
     options = parser.parse_args()
-    try:
-        classes = read_classes(f"{options.label_space}.classes.csv")[1]
-        options.output.mkdir(parents=True, exist_ok=True)
-        results = programs(options, options.output)
-        seen = {(r["object"], r["frame"]): r for r in inputs.read_table(
-            options.output / "objects_rows.csv",
-            {"object": int, "frame": int, "range_m": float, "identity": str})}
-        report(options, classes, results, seen)
-    except ValueError as error:
-        inputs.fail(str(error))
+    classes = read_classes(f"{options.label_space}.classes.csv")[1]
+    options.output.mkdir(parents=True, exist_ok=True)
+    results = programs(options, options.output)
+    seen = {(r["object"], r["frame"]): r for r in inputs.read_table(
+        options.output / "objects_rows.csv",
+        {"object": int, "frame": int, "range_m": float, "identity": str})}
+    report(options, classes, results, seen)
 
 
 if __name__ == "__main__":
