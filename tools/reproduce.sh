@@ -5,10 +5,16 @@
 # interrupt it (Ctrl-C) and call it again as you like.
 #   tools/reproduce.sh [--data ROOT] [--quick] [--miniature] [--cores N] [--profile NAME] [--output DIR]
 #                      [--worlds DIR] [--bin DIR] [--dry-run]
+#                      [--segment-model YAML [--segment-weights FILE] [--stereo-model YAML] [--flow-model YAML]]
 #                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--schedules NAME...]
 #                      [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
 #                   of them, anywhere in it; what is not there is simulated, and marked so
+#                   (complete: about 14 hours of two cores, 9 with --schedules pipelined; times by --dry-run)
+#   --segment-model YAML  a segmentation network (tools/perception/README.md): perception of KITTI odometry
+#                   becomes jobs; without it recordings without prior files run without priors only
+#   --segment-weights FILE  its ONNX file, if the YAML file does not name it
+#   --stereo-model YAML, --flow-model YAML  networks instead of SGBM and DIS (--stereo-weights, --flow-weights)
 #   --quick         short sequences, one or two seeds: about 40 minutes of two cores
 #   --miniature     two sequences of 16 frames, two modes: whether it all works
 #   --profile NAME  where jobs run: local (default), slurm, kubernetes, or a folder with a profile
@@ -21,7 +27,7 @@
 #   --dry-run       say what would be done, and how long it is expected to take
 set -euo pipefail
 
-scale=full cores=$(nproc) profile=local output="" setup=true dry="" bin=build/release/bin
+scale=full cores=$(nproc) profile=local output="" setup=true networks=false dry="" bin=build/release/bin
 python=${KYS_PYTHON:-.venv/bin/python}
 # Paths are the caller's: they are read before the folder changes.
 path() { realpath -m -- "$1"; }
@@ -37,6 +43,8 @@ while [ $# -gt 0 ]; do
     --bin) bin=$(path "${2:?--bin DIR}"); shift 2 ;;
     --worlds) plan+=(--worlds "$(path "${2:?--worlds DIR}")"); shift 2 ;;
     --data) plan+=(--data "$(path "${2:?--data ROOT}")"); shift 2 ;;
+    --segment-model | --segment-weights | --stereo-model | --stereo-weights | --flow-model | --flow-weights)
+      plan+=("$1" "$(path "${2:?$1 FILE}")"); networks=true; shift 2 ;;
     --no-setup) setup=false; shift ;;
     --dry-run) dry=--dry-run; shift ;;
     --only | --seeds | --inputs | --schedules)
@@ -57,6 +65,7 @@ fi
 
 if $setup; then
   tools/setup.sh --experiments
+  ! $networks || tools/setup.sh --onnx
   cmake --preset release -DPython3_EXECUTABLE="$PWD/.venv/bin/python" >/dev/null
   cmake --build --preset release --target simulate_sequence simulate_features build_priors \
     perturb_priors compare_priors run_stereo_kitti run_stereo_euroc kys_slam_core

@@ -18,7 +18,7 @@ packages=(
   build-essential cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libyaml-cpp-dev libcli11-dev
   libspdlog-dev libfmt-dev nlohmann-json3-dev libspng-dev libdeflate-dev libturbojpeg0-dev
-  libdlib-dev libnanoflann-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
+  libdlib-dev libembree-dev libgtest-dev libbenchmark-dev doxygen python3 python3-venv python3-dev
 )
 if [ "$(dpkg --print-architecture)" = arm64 ]; then packages+=(libsimde-dev); fi
 case "$#:${1:-}" in

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "priors/builder/frame_preparation.h"
 
-#include <kys/belief.h>
 #include <kys_slam/error.h>
 #include <kys_slam/prior_format.h>
 #include <kys_slam/util/stopwatch.h>
@@ -34,8 +33,7 @@ std::vector<std::int32_t> instances_of(std::size_t c, const PanopticMap& panopti
 struct FramePreparation::Reading {
   PreparedFrame frame;
   std::vector<std::vector<SegmentShape>> shapes;  // by camera
-  std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
-  SegmentLinks::Votes by_disparity;
+  std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not used
   BuildTimes times;
 };
 
@@ -54,11 +52,9 @@ FramePreparation::FramePreparation(const BuildSequence& sequence, const kys::Lab
     keypoints_ = std::make_unique<KeypointMotion>(sequence.camera, options.keypoints);
   }
   if (options.association.method != AssociationMethod::kOverlap) return;
-  std::vector<bool> pooled;
-  for (const kys::LabelClass& c : labels.classes()) {
-    pooled.push_back(kys::mobility(c) == kys::Mobility::kMobile);
-  }
-  overlap_.emplace(options.association, std::move(pooled));
+  const ObjectClasses classes(labels);
+  overlap_.emplace(options.association, classes.moving());
+  if (options.segments.make_objects && !inputs.disparity.empty()) classes_ = classes;
 }
 
 FramePreparation::~FramePreparation() = default;
@@ -76,7 +72,7 @@ bool FramePreparation::links_views() const {
 
 /// Disparities are needed before frames are measured.
 bool FramePreparation::needs_disparity() const {
-  return links_views() || (split_ && !inputs_.disparity.empty());
+  return links_views() || classes_ || (split_ && !inputs_.disparity.empty());
 }
 
 void FramePreparation::prepare(std::size_t end) {
@@ -86,8 +82,14 @@ void FramePreparation::prepare(std::size_t end) {
   for_each_index(end - begin, jobs_, [&](std::size_t i) { read(begin + i, batch[i]); });
   for (Reading& reading : batch) {
     SegmentLinks links;
-    links.by_disparity = std::move(reading.by_disparity);
     Stopwatch watch;
+    if (classes_) find_objects(reading);
+    if (links_views()) {
+      const FramePerception& views = reading.frame.perception;
+      links.by_disparity =
+          links_by_disparity(views[0].panoptic, views[1].panoptic, reading.frame.disparity[0]);
+    }
+    reading.times.association += watch.lap_ms();
     if (keypoints_) judge_keypoints(read_, reading, links);
     if (keypoints_ && links_views()) judge_space(read_, reading.frame);
     reading.times.keypoints += watch.lap_ms();
@@ -131,11 +133,16 @@ void FramePreparation::read_disparity(std::size_t t, const ImagePair& pair, Read
   for (std::size_t c = 0; split_ && c < frame.perception.size(); ++c) {
     split_by_depth(frame.disparity[c], frame.perception[c].panoptic);
   }
-  if (links_views()) {
-    out.by_disparity = links_by_disparity(frame.perception[0].panoptic,
-                                          frame.perception[1].panoptic, frame.disparity[0]);
-  }
   out.times.association += watch.lap_ms();
+}
+
+/// Makes objects of the segments of a frame, with the things of the frames before.
+void FramePreparation::find_objects(Reading& reading) const {
+  for (std::size_t c = 0; c < reading.frame.perception.size(); ++c) {
+    PanopticMap& panoptic = reading.frame.perception[c].panoptic;
+    make_objects(reading.frame.disparity[c], *classes_, overlap_->expected(c), panoptic);
+    reading.shapes[c] = segment_shapes(panoptic.runs, panoptic.segments.size());
+  }
 }
 
 /// What a frame's keypoints say about the segments of the frame before.
@@ -148,6 +155,7 @@ void FramePreparation::judge_keypoints(std::size_t t, Reading& reading, SegmentL
   for (const CameraPerception& in : frame.perception) {
     frame.evidence.emplace_back(in.panoptic.segments.size());
   }
+  for (std::size_t c = 0; classes_ && c < evidence.size(); ++c) overlap_->observe(c, evidence[c]);
   if (!waiting_.empty()) waiting_.back().evidence = std::move(evidence);
 }
 
@@ -198,6 +206,10 @@ void FramePreparation::identify_by_overlap(FramePerception& perception, const Se
   for (const CameraPerception& in : perception) maps.push_back(&in.panoptic);
   const auto identities = overlap_->next_frame(maps, links, camera);
   for (std::size_t c = 0; c < maps.size(); ++c) {
+    for (std::size_t k = 0; classes_ && k < identities[c].size(); ++k) {
+      InputSegment& segment = perception[c].panoptic.segments[k];
+      if (segment.thing) segment.label = overlap_->label_of(identities[c][k]);
+    }
     perception[c].instances = instances_of(c, *maps[c], identities[c]);
   }
 }

@@ -15,6 +15,7 @@
 #include "priors/builder/sequence_fields.h"
 #include "priors/fusion/association.h"
 #include "priors/fusion/mask_association.h"
+#include "priors/fusion/object_classes.h"
 #include "priors/input/panoptic_input.h"
 
 namespace kys_slam {
@@ -61,6 +62,7 @@ class FramePreparation {
   [[nodiscard]] bool needs_disparity() const;
   void read(std::size_t t, Reading& out) const;
   void read_disparity(std::size_t t, const ImagePair& pair, Reading& out) const;
+  void find_objects(Reading& reading) const;
   void judge_keypoints(std::size_t t, Reading& reading, SegmentLinks& links);
   void judge_space(std::size_t t, PreparedFrame& frame);
   void identify(std::size_t t, Reading& reading, const SegmentLinks& links);
@@ -75,9 +77,10 @@ class FramePreparation {
   const SequenceFields& fields_;
   int jobs_;
   bool split_;                                   ///< things by depth
+  std::optional<ObjectClasses> classes_;         ///< segments become objects
   std::vector<InstanceAssociator> associators_;  ///< by camera
   std::optional<MaskAssociator> overlap_;
-  std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not asked for
+  std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not used
   std::deque<DisparityPair> earlier_;          ///< latest first
   std::deque<PreparedFrame> waiting_;
   std::size_t read_ = 0;  ///< frames

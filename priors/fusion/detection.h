@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 
@@ -25,6 +26,8 @@ struct KeypointEvidence {
   double span = 0;       ///< s between the two frames compared
   double shift = 0;      ///< m over the span, motion of the segment's centre
   double pixels = 0;     ///< px, the same across the line of sight
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  ///< m/s in the world, axes of the camera
+  double velocity_sigma = 0;  ///< m/s, standard deviation of it along its worst axis
 };
 
 /// Evidence of the next image (appearance.h).

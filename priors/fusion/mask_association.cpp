@@ -16,10 +16,13 @@ namespace {
 constexpr double kLeastGain = 0.15;  // of overlap and keypoints: below, it is another object
 constexpr double kKeypointGain = 0.5;
 constexpr double kDisparityGain = 0.5;
-constexpr int kFewPixels = 30;      // by disparity, below which they do not count
-constexpr double kOneObject = 0.5;  // share of a left thing's pixels on one right thing, and back
-constexpr int kFewVotes = 2;        // keypoints, below which they do not count
-constexpr double kSmoothing = 0.5;  // of the speed in the image
+constexpr int kFewPixels = 30;       // by disparity, below which they do not count
+constexpr double kOneObject = 0.5;   // share of a left thing's pixels on one right thing, and back
+constexpr int kFewVotes = 2;         // keypoints, below which they do not count
+constexpr double kSmoothing = 0.5;   // of the speed in the image
+constexpr double kVoteKept = 0.95;   // of the votes for a class, per frame and camera: about 1 s
+constexpr double kMotionKept = 0.7;  // of the information of a velocity, per frame
+constexpr double kInliers = 0.5;     // share of keypoints that fit one motion: else they are mixed
 constexpr auto kNone = static_cast<std::size_t>(-1);
 
 /// Share of a segment's keypoints that were found on each other segment.
@@ -134,6 +137,52 @@ std::map<std::uint16_t, double> MaskAssociator::overlaps(const View& view, std::
   return result;
 }
 
+std::vector<ExpectedThing> MaskAssociator::expected(std::size_t camera) const {
+  std::vector<ExpectedThing> things;
+  for (const Track& track : tracks_) {
+    const View& view = track.views[camera];
+    ExpectedThing& thing = things.emplace_back();
+    thing.motion = track.motion;
+    thing.frames = track.frames;
+    const auto du = static_cast<int>(std::lround(view.speed_u * (view.missed + 1)));
+    const auto dv = static_cast<int>(std::lround(view.speed_v * (view.missed + 1)));
+    for (const MaskRun& run : view.mask) {
+      thing.mask.push_back({run.y + dv, std::max(0, run.x0 + du), std::max(0, run.x1 + du)});
+    }
+  }
+  return things;
+}
+
+void MaskAssociator::observe(std::size_t camera, std::span<const KeypointEvidence> evidence) {
+  for (Track& track : tracks_) {
+    const View& view = track.views[camera];
+    if (view.missed > 0 || view.mask.empty() || view.segment > evidence.size()) continue;
+    const KeypointEvidence& seen = evidence[view.segment - 1U];
+    if (seen.span <= 0 || seen.inliers < kInliers * seen.matches) continue;
+    const double weight = 1 / (seen.velocity_sigma * seen.velocity_sigma);
+    if (!track.motion) {
+      track.motion = {seen.velocity, seen.velocity_sigma};
+      continue;
+    }
+    const double before = kMotionKept / (track.motion->sigma * track.motion->sigma);
+    track.motion->velocity =
+        (before * track.motion->velocity + weight * seen.velocity) / (before + weight);
+    track.motion->sigma = 1 / std::sqrt(before + weight);
+  }
+}
+
+std::uint16_t MaskAssociator::label_of(std::int32_t identity) const {
+  const auto at = std::find_if(tracks_.begin(), tracks_.end(),
+                               [&](const Track& track) { return track.identity == identity; });
+  const auto more = [](const auto& a, const auto& b) { return a.second < b.second; };
+  return std::max_element(at->votes.begin(), at->votes.end(), more)->first;
+}
+
+void MaskAssociator::vote(Track& track, std::uint16_t label) const {
+  for (auto& [voted, votes] : track.votes) votes *= kVoteKept;
+  track.votes[label] += 1;
+}
+
 void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const SegmentLinks& links,
                                const std::vector<std::vector<std::int32_t>>& given,
                                std::vector<std::int32_t>& identities) {
@@ -182,7 +231,9 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
     std::size_t t = chosen[i];
     if (t == kNone) {
       t = tracks_.size();
-      tracks_.push_back({next_identity_++, map.segments[k].label, {}});
+      Track& added = tracks_.emplace_back();
+      added.identity = next_identity_++;
+      added.label = map.segments[k].label;
     }
     Track& track = tracks_[t];
     View& view = track.views[c];
@@ -202,6 +253,8 @@ void MaskAssociator::associate(std::size_t c, const PanopticMap& map, const Segm
     view.v = shapes[k].v;
     view.missed = 0;
     track.label = map.segments[k].label;
+    vote(track, track.label);
+    ++track.frames;
     identities[k] = track.identity;
   }
   std::vector<std::size_t> track_of(map.segments.size() + 1, tracks_.size());
@@ -247,6 +300,9 @@ void MaskAssociator::join_views(const PanopticMap& left, const PanopticMap& righ
     if (!free_right || !free_left) continue;
     from_left->views[1] = from_right->views[1];
     from_left->identity = std::min(a, b);
+    for (const auto& [label, count] : from_right->votes) from_left->votes[label] += count;
+    from_left->frames = std::max(from_left->frames, from_right->frames);
+    if (!from_left->motion) from_left->motion = from_right->motion;
     a = b = from_left->identity;
     tracks_.erase(from_right);
   }

@@ -9,6 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "priors/fusion/detection.h"
+#include "priors/fusion/object_segments.h"
 #include "priors/fusion/options.h"
 #include "priors/fusion/panoptic.h"
 
@@ -45,7 +47,7 @@ class MaskAssociator {
       : options_(options), pooled_(std::move(pooled)) {}
 
   /// The next frame. \param cameras left, and right if there is one
-  /// \param c the camera whose things are looked at: after an error, the one at fault
+  /// \param c the camera whose things are assigned: after an error, the one at fault
   /// \return identities 0, 1, 2, ... by camera and segment; -1 of stuff
   /// \throws InputError as check_assignment() does
   std::vector<std::vector<std::int32_t>> next_frame(std::span<const PanopticMap* const> cameras,
@@ -58,10 +60,14 @@ class MaskAssociator {
 
   [[nodiscard]] std::int32_t identities_given() const { return next_identity_; }
 
+  /// Where the things of the frames before are expected in the next picture of a camera.
+  [[nodiscard]] std::vector<ExpectedThing> expected(std::size_t camera) const;
+  /// What keypoints say of the last frame's segments. Call it before next_frame().
+  void observe(std::size_t camera, std::span<const KeypointEvidence> evidence);
+  /// The class an identity of the last frame has by the votes of its segments over time.
+  [[nodiscard]] std::uint16_t label_of(std::int32_t identity) const;
+
  private:
-  struct MaskRun {
-    std::int32_t y, x0, x1;
-  };
   struct View {
     std::vector<MaskRun> mask;        ///< empty: never seen by this camera
     std::uint16_t segment = 0;        ///< its number in the frame it was last seen in
@@ -73,7 +79,11 @@ class MaskAssociator {
     std::int32_t identity = 0;
     std::uint16_t label = 0;
     std::array<View, 2> views;
+    std::map<std::uint16_t, double> votes;  ///< for classes
+    std::optional<ThingMotion> motion;      ///< by keypoints, those of the last frames count most
+    int frames = 0;                         ///< in which a camera saw it
   };
+  void vote(Track& track, std::uint16_t label) const;
   [[nodiscard]] int group_of(std::uint16_t label) const {
     return label < pooled_.size() && pooled_[label] ? -1 : label;
   }

@@ -23,6 +23,7 @@ void describe_inputs(kys::OptionList& list, BuilderOptions& o) {
   list.add("association.max_missed_frames", o.association.max_missed_frames, {0, kLimit}, "frames");
   list.add("association.class_agnostic", o.association.class_agnostic, "");
   list.add("segments.split_by_depth", o.segments.split_by_depth, "");
+  list.add("segments.make_objects", o.segments.make_objects, "");
   list.add("depth.max_depth", o.depth.max_depth, {1e-3, kLimit}, "m");
   list.add("depth.left_right_tolerance", o.depth.left_right_tolerance, {0, kLimit}, "px");
   list.add("depth.match_labels", o.depth.match_labels, "");

@@ -44,6 +44,10 @@ struct BuilderOptions {
   struct Segments {
     bool split_by_depth = false;  ///< things that cover several depths become several (not in the
                                   ///< paper); needs disparity
+    bool make_objects = false;  ///< parts of one object become one, and what covers several objects
+                                ///< known to move differently is split (not in the paper); needs
+                                ///< disparity and method overlap; an object has the class of most
+                                ///< of its segments so far
   } segments;
 
   struct Depth {

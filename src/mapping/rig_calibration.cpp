@@ -37,7 +37,7 @@ void describe(kys::OptionList& list, RigCalibrationOptions& o) {
 namespace {
 
 // Keyframes in the map at the estimates, over `keyframes`. Of an offset alone: as many as make it
-// certain. A rig that is bent changes disparities by half a pixel and more, and what a map keeps
+// certain. A miscalibrated rig changes disparities by half a pixel and more, and what a map keeps
 // is what agrees with them, so that a late estimate finds a part of the error only: the first comes
 // early. On rendered blocks the rest was 0.06-0.12 px with a first one at 20, 0.02-0.04 px at 8.
 constexpr std::array kOffsetLooks = {1.0, 2.0, 8.0};

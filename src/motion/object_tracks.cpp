@@ -28,6 +28,9 @@ void describe(kys::OptionList& list, ObjectTrackOptions& o) {
            "growth of the gate without observations");
   list.add("objects.restart_gate", o.restart_gate, {0, 1000}, "m",
            "gate for an observation of the same instance; its filter restarts");
+  list.add("objects.restart_observations", o.restart_observations, {1, 1000}, "",
+           "of the same instance one after the other outside of the gate, from which it restarts; "
+           "fewer are passed over");
   list.add("objects.restart_share", o.restart_share, {0, 1}, "",
            "share of the keypoints per frame below which a short part before or after a restart "
            "takes the motion of the other part");
@@ -48,7 +51,8 @@ constexpr int kRobustRounds = 10;
 constexpr double kQuarterWeight =
     9;  // chi-square at which an observation has a quarter of its weight
 
-constexpr double kFar = 100;  // m, standard deviation of a place before it is seen
+constexpr double kOtherVelocity = 16.3;  // chi-square of 3 degrees of freedom, 99.9 %
+constexpr double kFar = 100;             // m, standard deviation of a place before it is seen
 
 struct Gaussian {
   State mean = State::Zero();
@@ -107,14 +111,15 @@ struct Seen {
   bool used = true;  // for position and velocity
 };
 
-/// A thing that is followed. The first observations may be without place: they came before the one
+/// An object that is tracked. The first observations may be without place: they came before the one
 /// that started it.
 struct Track {
   std::int32_t identity = 0;
   std::int32_t instance = 0;  // the name under which it was seen last
   std::uint16_t label = 0;
   std::vector<Seen> seen;
-  double time = 0;                                   // s, of the last one
+  std::vector<Seen> astray;                          // after these, of its name, elsewhere
+  double time = 0;                                   // s, of the last one seen
   Gaussian state;                                    // then
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // m, seen last, in the world
 };
@@ -129,13 +134,15 @@ class Assigner {
     for (std::size_t k = 0; k < frames_.size(); ++k) {
       if (frames_[k].T_w_c) step(k);
     }
-    for (Track& track : active_) ended_.push_back(std::move(track));
+    for (Track& track : active_) end(std::move(track));
     return std::move(ended_);
   }
 
  private:
   /// How well an observation continues a track: nothing when it cannot; less is better. The middle
   /// of what is seen is compared with where it should be now; the same name is worth half the gate.
+  /// The gate grows with time without observation, with the uncertainty of the velocity (1 sigma)
+  /// and of the place (2 sigma): of a far car few keypoints are seen, and their middle jumps.
   [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
                                            const ObjectObservation& seen) const {
     if (!seen.place) return std::nullopt;
@@ -146,8 +153,23 @@ class Assigner {
     const double gate = options_.gate + options_.gate_growth * dt + dt * std::sqrt(P.trace()) +
                         2 * std::sqrt(seen.place->covariance.trace());
     const double distance = jump(track, frame, *seen.place);
-    if (distance > gate) return std::nullopt;
+    if (distance > gate || (!track.astray.empty() && contradicts(track, frame, seen))) {
+      return std::nullopt;
+    }
     return distance / gate - (named ? 0.5 : 0.0);
+  }
+
+  /// Whether an observation near where a track should be has another velocity: after others that
+  /// went astray, it is one of those.
+  [[nodiscard]] bool contradicts(const Track& track, const ObjectFrame& frame,
+                                 const ObjectObservation& seen) const {
+    if (!seen.velocity) return false;
+    const Gaussian state =
+        predict(track.state, frame.taken - track.time, options_.acceleration_density);
+    const Place velocity = world_velocity(frame, *seen.velocity, options_);
+    const Eigen::Vector3d away = velocity.value - state.mean.tail<3>();
+    const Eigen::Matrix3d S = velocity.covariance + state.covariance.bottomRightCorner<3, 3>();
+    return away.dot(S.ldlt().solve(away)) > kOtherVelocity;
   }
 
   /// m, from where the middle of what is seen of a track should be now.
@@ -158,6 +180,8 @@ class Assigner {
     return (*frame.T_w_c * seen.centre_c - expected).norm();
   }
 
+  /// Assigns greedily, the least cost first. Objects are few and metres apart; names decide where
+  /// two of a class pass each other.
   void step(std::size_t k) {
     const ObjectFrame& frame = frames_[k];
     end_old(frame.taken);
@@ -182,7 +206,10 @@ class Assigner {
     }
   }
 
-  /// An observation that no track expects where it is.
+  /// An observation that no track expects where it is. An object that comes out from behind another
+  /// shows the edge of that one first, then its own front: the middle jumps by metres, while the
+  /// priors keep its name. Up to `restart_gate` it keeps its identity with a new filter; farther
+  /// away the name is wrong.
   void go_by_name(std::size_t k, std::size_t o, std::vector<bool>& continued) {
     const ObjectFrame& frame = frames_[k];
     const ObjectObservation& seen = frame.observations[o];
@@ -192,20 +219,64 @@ class Assigner {
       seen.place ? start(k, o, free_identity(seen.instance)) : wait(k, o);
       return;
     }
+    continued[t] = true;
     if (!seen.place) {
-      continued[t] = true;
+      pass_over_astray(active_[t]);
       active_[t].seen.push_back({k, o});
-    } else if (jump(active_[t], frame, *seen.place) <= options_.restart_gate) {
-      const std::int32_t identity = active_[t].identity;
-      ended_.push_back(std::move(active_[t]));
-      active_[t] = started(k, o, identity);
-      continued[t] = true;
     } else {
-      start(k, o, free_identity(seen.instance));
+      go_astray(t, k, o);
     }
   }
 
-  /// Without a place nothing starts; kept for when the thing is seen better.
+  /// An object is elsewhere than it should be: once, because its keypoints are on something else,
+  /// or from now on. Only the latter starts its motion anew.
+  void go_astray(std::size_t t, std::size_t k, std::size_t o) {
+    Track& track = active_[t];
+    if (!track.astray.empty() && !follows(track.astray.back(), {k, o})) pass_over_astray(track);
+    track.astray.push_back({k, o});
+    if (track.astray.size() < static_cast<std::size_t>(options_.restart_observations)) return;
+    const std::vector<Seen> elsewhere = std::move(track.astray);
+    track.astray.clear();
+    const ObjectFrame& frame = frames_[elsewhere.front().frame];
+    const ObjectObservation& seen = frame.observations[elsewhere.front().observation];
+    const bool keeps = jump(track, frame, *seen.place) <= options_.restart_gate;
+    const std::int32_t identity = keeps ? track.identity : free_identity(seen.instance);
+    Track again = started(elsewhere.front().frame, elsewhere.front().observation, identity);
+    for (std::size_t i = 1; i < elsewhere.size(); ++i) {
+      note_next(again, elsewhere[i].frame, elsewhere[i].observation);
+    }
+    if (keeps) {
+      ended_.push_back(std::move(track));
+      active_[t] = std::move(again);
+    } else {
+      active_.push_back(std::move(again));
+    }
+  }
+
+  /// Whether an object can be at the two places.
+  [[nodiscard]] bool follows(const Seen& before, const Seen& now) const {
+    const auto place = [&](const Seen& s) {
+      return *frames_[s.frame].T_w_c * frames_[s.frame].observations[s.observation].place->centre_c;
+    };
+    const double dt = frames_[now.frame].taken - frames_[before.frame].taken;
+    return (place(now) - place(before)).norm() <= options_.gate + options_.start_speed * dt;
+  }
+
+  /// What was astray was so for a moment: it says that the object is there, not where.
+  static void pass_over_astray(Track& track) {
+    for (Seen& seen : track.astray) {
+      seen.used = false;
+      track.seen.push_back(seen);
+    }
+    track.astray.clear();
+  }
+
+  void end(Track track) {
+    pass_over_astray(track);
+    ended_.push_back(std::move(track));
+  }
+
+  /// Without a place nothing starts; kept for when the object is seen better.
   void wait(std::size_t k, std::size_t o) {
     auto& waiting = waiting_[frames_[k].observations[o].instance];
     if (!waiting.empty() &&
@@ -218,17 +289,25 @@ class Assigner {
   void end_old(double now) {
     std::vector<Track> kept;
     for (Track& track : active_) {
-      (now - track.time > options_.max_gap ? ended_ : kept).push_back(std::move(track));
+      if (now - track.time > options_.max_gap) {
+        end(std::move(track));
+      } else {
+        kept.push_back(std::move(track));
+      }
     }
     active_ = std::move(kept);
   }
 
   void extend(Track& track, std::size_t k, std::size_t o) {
+    waiting_.erase(frames_[k].observations[o].instance);  // what waited was in the track's place
+    pass_over_astray(track);
+    note_next(track, k, o);
+  }
+
+  void note_next(Track& track, std::size_t k, std::size_t o) {
     const ObjectFrame& frame = frames_[k];
-    const ObjectObservation& seen = frame.observations[o];
     track.state = predict(track.state, frame.taken - track.time, options_.acceleration_density);
-    waiting_.erase(seen.instance);  // the track stood there: what waited was in its place
-    note(track, k, o, frame, seen);
+    note(track, k, o, frame, frame.observations[o]);
   }
 
   void note(Track& track, std::size_t k, std::size_t o, const ObjectFrame& frame,
@@ -272,8 +351,8 @@ class Assigner {
     return track;
   }
 
-  /// The priors' own name, unless a thing that is followed has it: then one that priors never use
-  /// (those of the left camera are below 2^30, those of the right one are not looked at).
+  /// The priors' own name, unless a tracked object has it: then one that priors never use
+  /// (those of the left camera are below 2^30, those of the right one are not used).
   std::int32_t free_identity(std::int32_t instance) {
     const bool used = std::any_of(active_.begin(), active_.end(),
                                   [&](const Track& t) { return t.identity == instance; });
@@ -330,9 +409,9 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   return is_poor(after, before) ? &second : nullptr;
 }
 
-/// A thing that is observed too far from its expected position has a new identity. It keeps the old
-/// one when one of the two parts is poor: that part was wrong, and the identity in the priors is
-/// right.
+/// An object that is observed too far from its expected position has a new identity. It keeps the
+/// old one when one of the two parts is poor: that part was wrong, and the identity in the priors
+/// is right.
 void keep_names(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
                 std::vector<Track>& tracks) {
   for (Track& next : tracks) {

@@ -44,7 +44,7 @@ struct ObjectObservation {
 
 /// One frame of the recording, in order of time.
 struct ObjectFrame {
-  double taken = 0;             ///< s, when its picture was taken
+  double taken = 0;             ///< s, when its image was taken
   std::optional<Rigid3> T_w_c;  ///< final pose; nothing: the frame is skipped
   std::vector<ObjectObservation> observations;
 };
@@ -58,6 +58,9 @@ struct ObjectTrackOptions {
   double gate_growth = 3.0;           ///< m/s, growth of the gate without observations
   /// m, gate for an observation of the same instance; its filter restarts
   double restart_gate = 8.0;
+  /// of the same instance one after the other, outside of the gate, from which the filter restarts.
+  /// One or two are mostly a centre that is on the background for a moment
+  int restart_observations = 3;
   /// of two parts of a track with a restart between them, share of the other's keypoints per frame
   /// below which a short part takes the motion of the other
   double restart_share = 0.5;
@@ -70,7 +73,8 @@ struct ObjectTrackOptions {
 void describe(kys::OptionList& list, ObjectTrackOptions& options);
 
 /// Tracks moving objects over time. Observations are assigned to tracks by position and instance.
-/// An object that jumps but keeps its instance keeps its identity, with a new filter. A part of up
+/// An object that jumps for a moment keeps its motion, one that does for `restart_observations`
+/// and keeps its instance keeps its identity, with a new filter. A part of up
 /// to `max_extrapolation` before or after a jump that has few keypoints takes the motion of the
 /// other part: of an object that comes into view, the edge of what hides it is seen first. Each
 /// track is a Kalman filter of constant velocity (position and velocity with covariance), smoothed

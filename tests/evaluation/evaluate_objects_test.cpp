@@ -218,6 +218,23 @@ TEST(EvaluateObjects, LivesAreOfOneIdentity) {
   EXPECT_EQ(e.lives[0].followed, 12);
   EXPECT_EQ(e.lives[0].reported, 16);
   EXPECT_EQ(e.lives[0].identities, 2);
+  ASSERT_EQ(e.life_frames.size(), 19u);
+  EXPECT_EQ(e.life_frames[1].identity, std::nullopt);
+  EXPECT_EQ(e.life_frames[13].identity, 3);
+  EXPECT_EQ(e.life_frames[17].identity, 4);
+  EXPECT_EQ(e.life_frames[18].frame, 18);
+
+  options.first_frame = 10;
+  options.last_frame = 17;
+  const auto part = evaluate_objects(estimates, truth, frame_poses(20), options);
+  EXPECT_EQ(part.estimates, 8);
+  EXPECT_EQ(part.unassigned, 0);
+  EXPECT_EQ(part.standing, 0);
+  EXPECT_EQ(part.errors.size(), 8u);
+  ASSERT_EQ(part.lives.size(), 1u);
+  EXPECT_EQ(part.lives[0].frames, 8);
+  EXPECT_EQ(part.lives[0].followed, 4);
+  EXPECT_EQ(part.lives[0].reported, 8);
 }
 
 // Two cars pass each other: each estimate stays with its own while it is near enough.

@@ -23,7 +23,9 @@ try:
     import experiment_tables
     import figures
     import first_page
+    import forest
     import lose_pictures
+    import networks
     import paired
     import plan
     import report
@@ -100,11 +102,16 @@ class Statistics(unittest.TestCase):
         self.assertEqual(d.verdict, "no difference shown")
         self.assertEqual(paired.difference([1] * 6, [1] * 6).verdict, "no difference shown")
 
+    def test_an_interval_that_includes_no_change_and_is_wide_decides_nothing(self):
+        logs = np.log([4, 1 / 4, 3, 1 / 3, 2, 1 / 2])
+        self.assertEqual(paired.difference(np.zeros(6), logs).verdict, "too wide to say")
+        self.assertEqual(paired.difference(np.zeros(6), logs / 20).verdict, "no difference shown")
+
     def test_five_pairs_have_an_interval_and_no_verdict(self):
         d = paired.difference([1] * 5, [0.5, 0.6, 0.5, 0.4, 0.5])
         self.assertLess(d.high, 0)
         self.assertIsNone(d.wilcoxon_p, "five pairs cannot show anything")
-        self.assertEqual(d.verdict, "too few pairs")
+        self.assertEqual(d.verdict, "too wide to say")
 
     def test_where_there_is_no_difference_few_verdicts_say_one(self):
         random = np.random.default_rng(5)
@@ -115,7 +122,7 @@ class Statistics(unittest.TestCase):
             self.assertLess(wrong, 0.08, pairs)
 
     def test_two_pairs_say_nothing(self):
-        self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too few pairs")
+        self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too wide to say")
         self.assertEqual(paired.difference([], []).pairs, 0)
 
     def test_the_same_numbers_give_the_same_interval(self):
@@ -141,7 +148,7 @@ class Statistics(unittest.TestCase):
     def crashes(self):
         """stock does all of eight seeds, KYS six of them, twice as well; two origins."""
         rows = []
-        for origin, factor in (("stand-in", 0.5), ("simulated", 2.0)):
+        for origin, factor in (("substitute", 0.5), ("simulated", 2.0)):
             for seed in range(1, 9):
                 labels = {"input": origin, "seed": seed, "case": "exact", "variant": "", "repeat": 0,
                           "schedule": "pipelined", "origin": origin, "what": origin, "status": "done"}
@@ -154,11 +161,17 @@ class Statistics(unittest.TestCase):
     def test_runs_without_a_result_are_said(self):
         rows = self.crashes()
         experiment = {"name": "t", "title": "T", "paper": "", "baseline": "stock"}
-        said = first_page.in_words([(experiment, rows)])
-        self.assertIn("over 6 pairs, 2 without result (stock 0)", said)
-        self.assertIn("Frames tracked 75.0 %, stock 100.0 %", said)
-        self.assertIn("KYS, simulated worlds, with the default settings: it harms. ATE 2.00", said)
-        self.assertIn("KYS, simulated stand-ins, with the default settings: it helps. ATE 0.50", said)
+        substitutes, worlds = first_page.pooled([(experiment, rows)])
+        self.assertEqual(substitutes.about, "6 pairs, 2 without result (stock 0); tracked 75.0 % (stock 100.0 %)")
+        self.assertEqual(worlds.about, "8 pairs")
+        self.assertEqual([(r.group, r.label, r.verdict) for r in (substitutes, worlds)],
+                         [("simulated substitutes", "KYS", "smaller"), ("simulated worlds", "KYS", "larger")])
+        for row, ratio in ((substitutes, 0.5), (worlds, 2.0)):
+            self.assertAlmostEqual(row.ratio, ratio)
+            self.assertAlmostEqual(row.low, ratio)
+            self.assertAlmostEqual(row.high, ratio)
+        said = first_page.helps_in_words([substitutes, worlds], first_page.where([(experiment, rows)]))
+        self.assertIn("smaller 1, larger 1, no difference shown 0, too wide to say 0", said)
         column = lambda table, name: [r[table.header.index(name)] for r in table.rows]
         lost = experiment_tables.WITHOUT
         summary = first_page.helps(None, [(experiment, rows)])
@@ -180,9 +193,22 @@ class Statistics(unittest.TestCase):
             "ate")))
         self.assertEqual((row["pairs"], row[experiment_tables.WITHOUT], row["tracked %"]),
                          (0, "8 (0)", "0.0"))
-        self.assertIn("no pairs, 8 without result (stock 0)",
-                      first_page.in_words([({"name": "t"}, rows)]))
+        row, = first_page.pooled([({"name": "t"}, rows)])
+        self.assertEqual((row.ratio, row.verdict), (None, "too wide to say"))
+        self.assertEqual(row.about, "0 pairs, 8 without result (stock 0); tracked 0.0 % (stock 100.0 %)")
+        self.assertIn("KYS</span>", forest.forest([row]))
         first_page.where([({"name": "t"}, rows)])
+
+    def test_a_reason_of_many_runs_is_said_once(self):
+        row = lambda seed, status, reason: {"input": f"i{seed % 9}", "configuration": "KYS", "case": "exact",
+                                            "status": status, "reason": reason}
+        text = report.failures([row(s, "failed", "calib.txt: <none>") for s in range(20)]
+                               + [row(1, "lost", "dark"), row(2, "done", "")])
+        self.assertEqual(text.count("calib.txt: &lt;none&gt;"), 1)
+        self.assertLess(text.index("20 failed: calib.txt"), text.index("1 lost: dark"))
+        self.assertIn("i0, KYS, exact; i1, KYS, exact", text)
+        self.assertIn("; and 3 more", text)  # nine inputs, six are named
+        self.assertEqual(report.failures([row(1, "done", "")]), "")
 
     def test_what_failed_tracked_nothing(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -208,7 +234,7 @@ class Statistics(unittest.TestCase):
 
     def test_verified_over_the_others_by_exact_and_wrong_priors(self):
         row = lambda configuration, case, seed, ate: {
-            "input": "world/a", "seed": seed, "case": case, "variant": "votes", "schedule": "pipelined",
+            "input": "world/a", "seed": seed, "case": case, "variant": "matches", "schedule": "pipelined",
             "repeat": 0, "configuration": configuration, "ate": ate, "tracked": 100.0}
         rows = []
         for seed in range(1, 7):
@@ -226,10 +252,10 @@ class Statistics(unittest.TestCase):
     def test_schedules_are_not_pooled_when_variants_are_compared(self):
         row = lambda variant, schedule, seed, ate: {
             "input": "a", "seed": seed, "case": "exact", "variant": variant, "schedule": schedule,
-            "repeat": 0, "origin": "stand-in", "configuration": "KYS", "ate": ate, "tracked": 100.0}
+            "repeat": 0, "origin": "substitute", "configuration": "KYS", "ate": ate, "tracked": 100.0}
         rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
                 for schedule in ("pipelined", "realtime")
-                for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
+                for variant, ate in (("matches", 2.0), ("image area", 1.0))]
         tables = experiment_tables.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
         self.assertEqual([t.rows[0][2] for t in tables], [3, 3])  # pairs: seeds
         self.assertTrue("pipelined" in tables[0].title and "realtime" in tables[1].title)
@@ -264,6 +290,32 @@ class Statistics(unittest.TestCase):
         self.assertAlmostEqual(found["exposure_p95"], 19.05)
         self.assertAlmostEqual(found["exposure_mean"], 10.5)
         self.assertEqual(found["exposure_max"], 20)
+
+
+class ForestPlot(unittest.TestCase):
+    rows = [forest.Row("a", "x <", 0.1, 0.05, 0.2, "smaller", "6 pairs"),
+            forest.Row("a", "y", 1.0, 0.5, 2.0, "too wide to say", "6 pairs"),
+            forest.Row("b", "z", None, None, None, "too wide to say", "0 pairs")]
+
+    def test_the_axis_holds_all_values_and_1(self):
+        self.assertEqual(forest.axis_of(self.rows), (0.05, 2))
+        self.assertEqual(forest.axis_of([]), (0.5, 2))
+        self.assertEqual(forest.ticks_of(0.01, 10), [0.01, 0.1, 1, 10])
+        self.assertEqual(forest.ticks_of(0.5, 2), [0.5, 1, 2])
+
+    def test_places_are_logarithmic(self):
+        text = forest.forest([forest.Row("", "x", 0.1, 0.01, 1.0, "smaller", ""),
+                              forest.Row("", "y", 10.0, None, None, "too wide to say", "")])
+        self.assertIn('class="interval" style="left:0.00%;width:66.67%"', text)  # axis 0.01 to 10
+        self.assertIn('class="ratio" style="left:33.33%"', text)
+        self.assertIn('class="ratio" style="left:100.00%"', text)
+        self.assertIn("0.1 (0.01 to 1)", text)
+
+    def test_every_row_is_there_under_its_group(self):
+        text = forest.forest(self.rows)
+        self.assertEqual(text.count('class="group"'), 2)
+        self.assertIn("x &lt;", text)
+        self.assertEqual((text.count("row smaller"), text.count("row open")), (1, 2))
 
 
 class Tables(unittest.TestCase):
@@ -354,16 +406,16 @@ class DataSets(unittest.TestCase):
 class Experiments(unittest.TestCase):
     def test_every_file_names_configurations_cases_and_inputs_that_exist(self):
         configurations = plan.load_yaml("configurations.yaml")
-        cases, stand_ins = plan.load_yaml("cases.yaml"), plan.load_yaml("stand_ins.yaml")
+        cases, substitutes = plan.load_yaml("cases.yaml"), plan.load_yaml("substitutes.yaml")
         folder = SOURCE / "configs" / "experiments"
-        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "stand_ins.yaml")
+        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "substitutes.yaml")
         self.assertGreater(len(files), 8)
         for name in files:
             for spec in (e := plan.load_yaml(name), {**e, **e.get("quick", {})}):
                 self.assertLessEqual(set(spec["configurations"]), set(configurations), name)
                 self.assertLessEqual(set(spec.get("cases", [])), set(cases), name)
                 for given in spec["inputs"]:
-                    self.assertTrue(given.startswith(("world/", "drive/")) or given in stand_ins, given)
+                    self.assertTrue(given.startswith(("world/", "drive/")) or given in substitutes, given)
                 self.assertIn(spec["baseline"], spec["configurations"], name)
                 self.assertIn("input", [spec["rows"], spec["columns"], *spec.get("per", [])], name)
                 if "published" in spec:
@@ -486,8 +538,8 @@ class Plans(unittest.TestCase):
     EXPERIMENT = {"seeds": [4, 5], "schedules": ["pipelined", "realtime"], "repeats": {"realtime": 2}}
 
     def runs(self, experiment, seed):
-        rows = self.Planner().runs_of_input(experiment, (None, "", {}), "x", seed,
-                                            {"name": "stock", "settings": []})
+        rows = self.Planner().runs_of_input(experiment, ("input-x", "", {}), "x", seed,
+                                            {"name": "stock", "mode": "stock", "settings": []})
         return [row["job"] for row in rows]
 
     def test_runs_that_are_repeated_are_of_the_first_seed(self):
@@ -761,6 +813,234 @@ class GivenPriors(unittest.TestCase):
         self.assertEqual(times(), ({"segmentation_ms", "stereo_network_ms", "classical_ms"}, 2))
 
 
+class PerceptionByNetworks(unittest.TestCase):
+    """Of KITTI sequences without prior files and perception outputs."""
+
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+        self.root = self.folder / "data"
+        for k in range(5):
+            touch(self.root / "sequences" / "06" / "image_0" / f"{k:06}.png")
+            touch(self.root / "mh" / "MH01" / "mav0" / "cam0" / "data" / f"{k}.png")
+        self.model, self.weights = self.folder / "n" / "model.yaml", self.folder / "n" / "model.onnx"
+        touch(self.weights)
+        self.model.write_text("file: model.onnx\nlabel_space: cityscapes_19\n")
+
+    def options(self, **given):
+        names = [f"{kind}_{what}" for kind in networks.KINDS for what in ("model", "weights")]
+        return argparse.Namespace(**{**dict.fromkeys(names), **{k: str(v) for k, v in given.items()}})
+
+    def planner(self, **given):
+        planner = plan.Planner.__new__(plan.Planner)
+        planner.options = argparse.Namespace(scale="full", cores=2, data=str(self.root))
+        planner.networks = networks.given(self.options(**given))
+        planner.lengths = data_sets.lengths()
+        planner.given, planner.trajectories = data_sets.find(str(self.root)), {}
+        planner.jobs, planner.states, planner.left_out = {}, {}, {}
+        planner.cases = plan.load_yaml("cases.yaml")
+        planner.programs = unittest.mock.Mock(key=lambda name: name, settings=set(),
+                                              modes={"stock", "kys"})
+        planner.configurations = {"stock": {"mode": "stock"}, "KYS": {"mode": "kys"},
+                                  "literal": {"mode": "kys", "priors": "priors_paper.yaml"}}
+        return planner
+
+    def rows(self, planner, name="kitti/06", **more):
+        experiment = {"name": "x", "inputs": [name], "seeds": [1], "schedules": ["pipelined"],
+                      "configurations": ["stock", "KYS", "literal"], **more}
+        return planner.runs_of(experiment)
+
+    def of_kind(self, planner, kind):
+        return [job for job in planner.jobs.values() if job["kind"] == kind]
+
+    def test_without_a_network_what_needs_priors_is_left_out_with_one_sentence(self):
+        planner = self.planner()
+        rows = self.rows(planner, cases=["exact", "parked"])
+        self.assertEqual({row["configuration"] for row in rows}, {"stock"})
+        (what, why), = planner.left_out["x"].items()
+        self.assertIn("kitti/06", what)
+        self.assertIn("--segment-model", why)
+        self.assertEqual({job["kind"] for job in planner.jobs.values()}, {"run"})
+
+    def test_prior_files_or_outputs_that_are_there_come_first(self):
+        for place in ("priors/kitti/06/0.kysp", "perception/kitti/06/panoptic_left/0.png"):
+            touch(self.root / place)
+        touch(self.root / "perception/kitti/06/panoptic_right/0.png")
+        planner = self.planner(segment_model=self.model)
+        self.assertEqual(len(self.rows(planner)), 3)
+        self.assertEqual(planner.left_out, {})
+        self.assertEqual(self.of_kind(planner, "networks"), [])
+
+    def test_prior_files_alone_do_not_fit_literal_ones(self):
+        touch(self.root / "priors/kitti/06/0.kysp")
+        planner = self.planner()
+        self.assertEqual([row["configuration"] for row in self.rows(planner)], ["stock", "KYS"])
+        self.assertEqual(len(planner.left_out["x"]), 1)
+        planner = self.planner(segment_model=self.model)
+        self.assertEqual(len(self.rows(planner)), 3)
+        given, made = sorted(self.of_kind(planner, "priors"), key=lambda job: len(job["needs"]))
+        self.assertEqual(given["needs"], [])
+        self.assertEqual(planner.jobs[made["needs"][0]]["kind"], "networks")
+
+    def test_a_network_is_one_job_of_all_prior_files(self):
+        planner = self.planner(segment_model=self.model)
+        rows = self.rows(planner, cases=["exact", "parked", "sgbm+dis"])
+        network, = self.of_kind(planner, "networks")
+        self.assertEqual(network["spec"]["frames"], 0)
+        self.assertEqual(network["spec"]["arguments"],
+                         ["--model", str(self.model), "--weights", str(self.weights)])
+        for job in self.of_kind(planner, "priors"):
+            if "decision" in job["spec"]["case"]:
+                self.assertEqual(planner.jobs[job["needs"][0]]["needs"], [network["id"]])
+            else:
+                self.assertEqual(job["needs"], [network["id"]])
+                self.assertEqual(job["spec"]["perception"], ["networks", f"perception/{network['id']}"])
+                self.assertIn(job["spec"]["config"], ("priors_robust.yaml", "priors_paper.yaml"))
+        for row in rows:
+            arguments = planner.jobs[row["job"]]["spec"]["arguments"]
+            self.assertEqual("control.label_space=cityscapes_19" in arguments,
+                             row["configuration"] != "stock")
+
+    def test_first_frames_alone_are_segmented_where_no_more_run(self):
+        planner = self.planner(segment_model=self.model)
+        self.rows(planner, frames=3)
+        self.rows(planner, frames=60)
+        self.assertEqual([job["spec"]["frames"] for job in self.of_kind(planner, "networks")], [3, 0])
+
+    def test_another_network_is_another_job(self):
+        def job(**more):
+            planner = self.planner(segment_model=self.model, **more)
+            self.rows(planner)
+            return self.of_kind(planner, "networks")[0]["id"]
+
+        first = job()
+        self.assertEqual(job(), first)
+        self.weights.write_text("other")
+        second = job()
+        self.model.write_text(self.model.read_text() + "# other\n")
+        third = job()
+        touch(self.model.with_name("cityscapes_19.classes.csv"))
+        touch(self.model.with_name("cityscapes_19.table.csv"))
+        fourth = job()
+        flow = self.model.with_name("flow.yaml")
+        flow.write_text("file: model.onnx\n")
+        self.assertEqual(len({first, second, third, fourth, job(flow_model=flow)}), 5)
+        with unittest.mock.patch.object(networks, "CODE", networks.CODE[:1]):
+            self.assertNotEqual(job(), fourth)
+
+    def test_what_is_wrong_with_a_network_is_said(self):
+        broken = self.model.with_name("broken.yaml")
+        for content, message in (("[", "broken.yaml"), ("3", "list of settings"),
+                                 ("file: none.onnx\nlabel_space: a", "none.onnx: no such file"),
+                                 ("file: model.onnx", "label_space is missing")):
+            broken.write_text(content)
+            with self.assertRaisesRegex(plan.InputError, message):
+                networks.given(self.options(segment_model=broken))
+        for given, message in (({"segment_model": self.folder / "none.yaml"}, "none.yaml"),
+                               ({"segment_weights": self.weights}, "needs --segment-model"),
+                               ({"stereo_model": self.model}, "needs --segment-model")):
+            with self.assertRaisesRegex(plan.InputError, message):
+                networks.given(self.options(**given))
+        self.assertIsNone(networks.given(self.options()))
+
+    def test_images_that_are_not_rectified_are_left_out(self):
+        planner = self.planner(segment_model=self.model)
+        rows = self.rows(planner, "euroc/MH01")
+        self.assertEqual([row["configuration"] for row in rows], ["stock"])
+        self.assertEqual(list(planner.left_out["x"].values()), [networks.OTHER_LAYOUT])
+
+    def commands(self, planner, kind, config=None):
+        """Commands of the jobs of a kind, after make_priors.py would have written its folders."""
+        (self.folder / "plan.json").write_text(json.dumps(
+            {"bin": "bin", "source": str(SOURCE), "cores": 1, "jobs": [], "costs": []}))
+        found = []
+        for job in self.of_kind(planner, kind):
+            if config and job["spec"].get("config") != config:
+                continue
+            with unittest.mock.patch.object(step, "call", lambda c: found.append(c) or (0, "")):
+                step.KINDS[kind](step.Work(self.folder), job)
+        return found
+
+    def test_steps(self):
+        planner = self.planner(segment_model=self.model)
+        self.rows(planner, frames=3)
+        (command,), job = self.commands(planner, "networks"), self.of_kind(planner, "networks")[0]
+        output = str(self.folder / "perception" / job["id"])
+        after = lambda option: command[command.index(option) + 1]
+        self.assertEqual(command[1], str(SOURCE / "tools" / "perception" / "make_priors.py"))
+        self.assertEqual((after("--output"), after("--frames"), after("--model")),
+                         (output, "3", str(self.model)))
+        self.assertIn("--networks-only", command)
+        (command,) = self.commands(planner, "priors", "priors_robust.yaml")
+        self.assertEqual((after("--panoptic-right"), after("--label-space"), after("--frames")),
+                         (output + "/panoptic/right", "cityscapes_19", "3"))
+        self.assertEqual((after("--disparity"), after("--flow-left"), after("--flow")),
+                         ("sgbm", "dis", "keypoints"))
+        (command,) = self.commands(planner, "priors", "priors_paper.yaml")
+        self.assertNotIn("keypoints", command)
+
+    def test_outputs_of_all_networks_and_estimates_in_their_place(self):
+        for name in ("disparity", "flow"):
+            (self.folder / name / "left").mkdir(parents=True)
+        arguments = networks.builder_arguments(str(self.folder), "a", networks.CONFIG)
+        after = lambda option, words: words[words.index(option) + 1]
+        self.assertEqual(after("--disparity-right", arguments), str(self.folder / "disparity" / "right"))
+        self.assertEqual(after("--flow-back-left", arguments), str(self.folder / "flow_back" / "left"))
+        estimates = step.with_estimates(arguments, "sgbm", "dis")
+        self.assertEqual((after("--disparity", estimates), after("--flow-right", estimates)), ("sgbm", "dis"))
+        self.assertFalse([word for word in estimates if "back" in word or "disparity-right" in word])
+
+
+class Parts(unittest.TestCase):
+    """Sequences of which only the first frames are there, or run."""
+
+    def labels(self, here, frames=None, name="kitti/06"):
+        with tempfile.TemporaryDirectory() as folder:
+            for k in range(here):
+                touch(pathlib.Path(folder) / "06" / "image_2" / f"{k:06}.png")
+            planner = plan.Planner.__new__(plan.Planner)
+            planner.given = {name: data_sets.Sequence(name, os.path.join(folder, "06"))}
+            planner.lengths = {"kitti/06": 7}
+            return planner.given_labels(name, {"frames": frames} if frames else {})
+
+    def test_a_part_has_another_name_and_origin(self):
+        whole = {"origin": "given", "input": "kitti/06"}
+        self.assertEqual(self.labels(7), whole)
+        self.assertEqual(self.labels(7, 9), whole)
+        self.assertEqual(self.labels(5), {"origin": "partial", "input": "kitti/06 (5 of 7 frames)"})
+        self.assertEqual(self.labels(7, 3), {"origin": "partial", "input": "kitti/06 (3 of 7 frames)"})
+        self.assertEqual(self.labels(5, 3), {"origin": "partial", "input": "kitti/06 (3 of 7 frames)"})
+        # Of unknown length: what is there is taken for all of it.
+        self.assertEqual(self.labels(5, name="kitti/21")["origin"], "given")
+        self.assertEqual(self.labels(5, 3, "kitti/21")["input"], "kitti/21 (3 of 5 frames)")
+
+    def test_lengths_are_those_of_the_benchmark(self):
+        self.assertEqual(data_sets.lengths()["kitti/06"], 1101)
+
+    def test_no_table_has_both_or_published_figures_beside_a_part(self):
+        experiment = {**plan.load_yaml("table_1_kitti.yaml"), "name": "table_1_kitti"}
+
+        def row(configuration, **labels):
+            return {"seed": 1, "case": "exact", "variant": "votes", "schedule": "pipelined", "repeat": 0,
+                    "what": "", "status": "done", "tracked": 100.0, "ate": 1.0, "job": "",
+                    "configuration": configuration, **labels}
+
+        part, whole = ({"origin": "partial", "input": "kitti/06 (51 of 1101 frames)"},
+                       {"origin": "given", "input": "kitti/07"})
+        rows = [row(c, **labels) for c in ("stock", "KYS") for labels in (part, whole)]
+        tables = experiment_tables.value_tables(experiment, rows)
+        self.assertEqual(len(tables), 2)
+        for table in tables:
+            partial = part["input"] in table.header
+            self.assertNotEqual(partial, "kitti/07" in table.header)
+            self.assertEqual(bool(table.groups), not partial, "published figures")
+            self.assertEqual("parts of given sequences" in table.title, partial)
+            self.assertEqual("not to be compared" in table.note, partial)
+        for table in experiment_tables.paired_tables(experiment, rows):
+            self.assertFalse("kitti/06" in str(table.rows) and "kitti/07" in str(table.rows), table.title)
+
+
 class Refusals(unittest.TestCase):
     """One line and status 2."""
 
@@ -855,13 +1135,15 @@ class Scripts(unittest.TestCase):
         for name in ("data", "bin", "worlds"):
             (self.folder / name).mkdir()
         done = self.call(SOURCE / "tools" / "reproduce.sh", "--no-setup", "--data", "data", "--bin", "bin",
-                         "--output", "a b", "--worlds", "worlds", cwd=self.folder,
+                         "--output", "a b", "--worlds", "worlds", "--segment-model", "m.yaml",
+                         "--segment-weights", "w.onnx", "--flow-model", "f.yaml", cwd=self.folder,
                          env={**os.environ, "KYS_PYTHON": "./python"})
         self.addCleanup((SOURCE / "seen").unlink)
         self.assertEqual(done.returncode, 3, done.stderr)
         words = (SOURCE / "seen").read_text().splitlines()
         for option, name in (("--data", "data"), ("--bin", "bin"), ("--output", "a b"),
-                             ("--worlds", "worlds")):
+                             ("--worlds", "worlds"), ("--segment-model", "m.yaml"),
+                             ("--segment-weights", "w.onnx"), ("--flow-model", "f.yaml")):
             self.assertEqual(words[words.index(option) + 1], str(self.folder / name))
 
     def test_a_checkout_in_a_folder_with_a_space(self):

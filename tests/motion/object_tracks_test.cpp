@@ -305,6 +305,33 @@ TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
   EXPECT_NEAR(track_objects(film_behind_an_edge(10, 15)).front().velocity.z(), 8, 0.8);
 }
 
+// One or two observations elsewhere are passed over, whether near or far; three are a restart.
+TEST(ObjectTracks, AMomentElsewhereIsPassedOver) {
+  const Thing thing;
+  for (const double away : {5.0, 20.0}) {
+    std::vector<ObjectFrame> frames = film({thing}, 30);
+    const auto move = [&](std::size_t k) {
+      const Eigen::Matrix3d R_c_w = frames[k].T_w_c->R().transpose();
+      frames[k].observations[0].place->centre_c += R_c_w * Eigen::Vector3d(0, 0, away);
+    };
+    move(10);
+    move(11);
+    const auto estimates = track_objects(frames);
+    ASSERT_EQ(estimates.size(), 30u) << away;
+    for (const ObjectEstimate& e : estimates) {
+      EXPECT_EQ(e.instance, thing.instance);
+      EXPECT_LT((e.velocity - thing.velocity).norm(), 0.8) << e.frame;
+      EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+    }
+    for (std::size_t k = 12; k < 30; ++k) move(k);
+    const auto moved = track_objects(frames);
+    ASSERT_EQ(moved.size(), 30u) << away;
+    EXPECT_EQ(moved.back().instance == thing.instance, away < ObjectTrackOptions{}.restart_gate);
+    EXPECT_NEAR(moved.back().position.z(), thing.at(29).z() + away, 0.8);
+    EXPECT_NEAR(moved[10].position.z(), thing.at(10).z() + away, 0.8) << "from the first one on";
+  }
+}
+
 TEST(ObjectTracks, WrongObservationsAtItsStartDoNotBendATrack) {
   // The edge of what hides the thing gives way to it: four observations go over from one motion to
   // the other, near enough to each other that nothing restarts.

@@ -42,6 +42,16 @@ endforeach()
 set(frame "[a-z]+: [1-9][0-9]+ landmarks\n")
 run_example("^\n${frame}${frame}${frame}${frame}${frame}${frame}${frame}${frame}$"
             ${bin}/own_camera ${sequence}/camchain.yaml ${frames})
+set(late "frame 3: segments of frame 0\nframe 6: segments of frame 3\n8 frames tracked\n")
+run_example("^${late}$" ${bin}/live_segmentation ${sequence})
+if(EXISTS ${bin}/with_opencv_dnn)
+  run_example("^${late}$" ${bin}/live_segmentation ${sequence} ${CONSUMER}/road_and_wall.onnx)
+endif()
+execute_process(COMMAND env -i ${bin}/live_segmentation ${sequence} none.onnx RESULT_VARIABLE status
+                OUTPUT_QUIET ERROR_VARIABLE out)
+if(NOT status EQUAL 2 OR NOT out MATCHES "none.onnx")
+  message(FATAL_ERROR "a missing network: status ${status}, ${out}")
+endif()
 # What is not there is one line and status 2.
 execute_process(COMMAND env -i ${bin}/track_sequence ${WORK}/nothing out.tum RESULT_VARIABLE status
                 OUTPUT_QUIET ERROR_VARIABLE out)

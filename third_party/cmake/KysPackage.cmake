@@ -105,7 +105,7 @@ if(TARGET calibrate_rig)
   kys_debian_package(kys-slam-maps COMPONENTS map_programs SECTION science COPYRIGHT copyright.maps
     RECOMMENDS kys-slam
     DESCRIPTION "stereo visual SLAM with semantic priors - adjustment of maps
-Programs that calibrate a stereo rig, and refine and merge saved maps.
+Programs that calibrate a stereo rig, and refine, merge and evaluate maps.
 They are linked with SuiteSparse, of which parts are under the GNU General
 Public License: this package, unlike the others, is distributed under the
 terms of the GPL, version 3 or later.")

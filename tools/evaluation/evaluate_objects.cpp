@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // evaluate_objects: moving objects of a run against what is true: position, speed, heading, and how
 // long each was followed under one identity.
+#include <kys_slam/util/atomic_file.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -18,7 +21,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct Arguments {
-  std::string run, truth;
+  std::string run, truth, rows;
   ObjectEvaluationOptions options;
   bool json = false;
 };
@@ -28,9 +31,12 @@ struct Column {
   std::size_t count = 0;
   double median = 0, mean = 0, p90 = 0;
 };
-Column column(const std::vector<ObjectError>& errors, double (*value)(const ObjectError&)) {
+constexpr int kAllObjects = -1;
+Column column(const std::vector<ObjectError>& errors, double (*value)(const ObjectError&),
+              int object = kAllObjects) {
   std::vector<double> values;
   for (const ObjectError& e : errors) {
+    if (object != kAllObjects && e.object != object) continue;
     if (const double v = value(e); e.counts && std::isfinite(v)) values.push_back(v);
   }
   Column c;
@@ -101,6 +107,10 @@ void print_json(const ObjectEvaluation& e) {
                                {"followed", life.followed},
                                {"reported", life.reported},
                                {"identities", life.identities}});
+    for (const Named& named : kColumns) {
+      const Column c = column(e.errors, named.value, life.object);
+      json["objects"].back()[named.key] = {{"count", c.count}, {"median", c.median}};
+    }
   }
   std::printf("%s\n", json.dump(2).c_str());
 }
@@ -115,19 +125,37 @@ void print_table(const ObjectEvaluation& e, const Arguments& a) {
   }
   std::printf("(within %g m, at least %d stereo keypoints)\n\n", a.options.max_range,
               a.options.min_keypoints);
-  std::printf("%8s  %-12s %8s %10s %10s %12s\n", "object", "class", "frames", "followed",
-              "reported", "identities");
+  std::printf("%8s  %-12s %8s %10s %10s %12s %10s %8s %8s %8s\n", "object", "class", "frames",
+              "followed", "reported", "identities", "estimates", "m/s", "deg", "m");
   for (const ObjectLife& life : e.lives) {
-    std::printf("%8d  %-12s %8d %9.0f%% %9.0f%% %12d\n", life.object, printable(life.kind).c_str(),
-                life.frames, 100 * share(life.followed, life.frames),
-                100 * share(life.reported, life.frames), life.identities);
+    const auto median = [&](const Named& named) {
+      return column(e.errors, named.value, life.object).median;
+    };
+    std::printf("%8d  %-12s %8d %9.0f%% %9.0f%% %12d %10zu %8.3f %8.3f %8.3f\n", life.object,
+                printable(life.kind).c_str(), life.frames, 100 * share(life.followed, life.frames),
+                100 * share(life.reported, life.frames), life.identities,
+                column(e.errors, kColumns[0].value, life.object).count, median(kColumns[0]),
+                median(kColumns[2]), median(kColumns[3]));
   }
+  std::printf("(estimates that count, and medians of their errors of speed, heading, position)\n");
   const Follow f = sum_lives(e.lives);
   std::printf(
       "\n%d of %d objects followed under one identity over 90 %% of their life; %.1f %% of all "
       "their "
       "frames, %.1f %% under any\n",
       f.well, f.objects, 100 * share(f.followed, f.frames), 100 * share(f.reported, f.frames));
+}
+
+/// Frame by frame under which identity a moving object is followed; empty: under none.
+void write_rows(const std::string& path, const std::vector<ObjectLifeFrame>& rows) {
+  std::ostringstream text;
+  text << "object,frame,range_m,identity\n";
+  for (const ObjectLifeFrame& row : rows) {
+    text << row.object << ',' << row.frame << ',' << row.range << ',';
+    if (row.identity) text << *row.identity;
+    text << '\n';
+  }
+  write_file_atomic(path, text.str());
 }
 
 void add_options(CLI::App& app, Arguments& a) {
@@ -156,6 +184,11 @@ void add_options(CLI::App& app, Arguments& a) {
   app.add_option("--max-distance", o.max_distance,
                  "m, largest distance from an estimate to its box")
       ->capture_default_str();
+  app.add_option("--first-frame", o.first_frame, "earlier frames do not count")
+      ->capture_default_str();
+  app.add_option("--last-frame", o.last_frame, "later frames do not count");
+  app.add_option("--rows", a.rows,
+                 "CSV file to write: the frames of all lifetimes, each with the identity it has");
   app.add_flag("--json", a.json, "Print JSON");
 }
 
@@ -179,6 +212,7 @@ int run(int argc, char** argv) {
   }
   const ObjectEvaluation evaluation =
       evaluate_objects(objects.objects, truth, objects.frames, arguments.options);
+  if (!arguments.rows.empty()) write_rows(arguments.rows, evaluation.life_frames);
   arguments.json ? print_json(evaluation) : print_table(evaluation, arguments);
   return 0;
 }

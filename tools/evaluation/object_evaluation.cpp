@@ -23,6 +23,9 @@ void describe(kys::OptionList& list, ObjectEvaluationOptions& o) {
   list.add("--min-pixels", o.min_pixels, {0, 1e9}, "px");
   list.add("--max-distance", o.max_distance, {0, 1e6}, "m");
   list.add("min-life", o.min_life, {0, 1e9}, "frames");
+  list.add("--first-frame", o.first_frame, {0, 1e9});
+  list.add("--last-frame", o.last_frame, {0, 2e9});
+  list.require(o.first_frame <= o.last_frame, "--first-frame is after --last-frame");
 }
 namespace {
 
@@ -84,6 +87,10 @@ void assign_frame(std::vector<Moved>& moved, std::size_t begin, std::size_t end,
     moved[i].object = objects[j]->object;
     last_object[moved[i].row->instance] = objects[j]->object;
   }
+}
+
+bool in_frames(int frame, const ObjectEvaluationOptions& options) {
+  return frame >= options.first_frame && frame <= options.last_frame;
 }
 
 double median_of(std::vector<double> values) {
@@ -153,21 +160,24 @@ std::optional<ObjectError> error_of(const Moved& m, const Truth& truth,
   return e;
 }
 
-std::vector<ObjectLife> lives_of(const std::vector<Moved>& moved, const Truth& truth,
-                                 const std::map<int, FramePoses>& frames,
-                                 const ObjectEvaluationOptions& options) {
+void add_lives(const std::vector<Moved>& moved, const Truth& truth,
+               const std::map<int, FramePoses>& frames, const ObjectEvaluationOptions& options,
+               ObjectEvaluation& result) {
   std::map<Key, int> identity;  // by object and frame
   for (const Moved& m : moved) {
     if (m.object >= 0) identity[{m.object, m.row->frame}] = m.row->instance;
   }
-  std::vector<ObjectLife> lives;
+  std::vector<ObjectLife>& lives = result.lives;
   std::map<int, int> frames_of;  // by identity, of the present object
   const auto finish = [&] {
     if (lives.empty()) return;
     ObjectLife& life = lives.back();
     for (const auto& [name, count] : frames_of) life.followed = std::max(life.followed, count);
     life.identities = static_cast<int>(frames_of.size());
-    if (life.frames < options.min_life) lives.pop_back();
+    if (life.frames < options.min_life) {
+      std::erase_if(result.life_frames, [&](const auto& row) { return row.object == life.object; });
+      lives.pop_back();
+    }
     frames_of.clear();
   };
   int present = -1;
@@ -177,19 +187,21 @@ std::vector<ObjectLife> lives_of(const std::vector<Moved>& moved, const Truth& t
       present = key.first;
       lives.push_back({key.first, object->kind, 0, 0, 0, 0});
     }
-    if (!frames.contains(key.second) || !object->moving ||
+    if (!frames.contains(key.second) || !object->moving || !in_frames(key.second, options) ||
         range_of(*object, frames) > options.max_range ||
         (object->pixels >= 0 && object->pixels < options.min_pixels)) {
       continue;
     }
     ++lives.back().frames;
+    result.life_frames.push_back(
+        {object->object, object->frame, range_of(*object, frames), std::nullopt});
     if (const auto at = identity.find(key); at != identity.end()) {
+      result.life_frames.back().identity = at->second;
       ++lives.back().reported;
       ++frames_of[at->second];
     }
   }
   finish();
-  return lives;
 }
 
 }  // namespace
@@ -221,9 +233,12 @@ ObjectEvaluation evaluate_objects(const std::vector<EstimatedObject>& estimates,
   }
 
   ObjectEvaluation result;
-  result.estimates = static_cast<int>(estimates.size());
+  result.estimates = static_cast<int>(
+      std::count_if(estimates.begin(), estimates.end(),
+                    [&](const EstimatedObject& row) { return in_frames(row.frame, options); }));
   const auto points = attached_points(rows, truth);
   for (const Moved& m : rows) {
+    if (!in_frames(m.row->frame, options)) continue;
     if (m.object < 0) {
       ++result.unassigned;
       continue;
@@ -232,7 +247,7 @@ ObjectEvaluation evaluate_objects(const std::vector<EstimatedObject>& estimates,
     const auto error = error_of(m, truth, points.at({m.row->instance, m.object}), frames, options);
     if (error) result.errors.push_back(*error);
   }
-  result.lives = lives_of(rows, truth, frames, options);
+  add_lives(rows, truth, frames, options, result);
   return result;
 }
 

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -48,11 +49,13 @@ enum class RelativeTo {
 
 struct ObjectEvaluationOptions {
   RelativeTo relative_to = RelativeTo::kCamera;
-  double max_range = 25;    ///< m, from the true camera to the centre of the box
-  int min_keypoints = 30;   ///< of estimates used for errors
-  int min_pixels = 2000;    ///< visible pixels, where known, in frames that count as its lifetime
-  double max_distance = 2;  ///< m, from an estimate to the box it is assigned to
-  int min_life = 5;         ///< frames; shorter lifetimes do not count
+  double max_range = 25;     ///< m, from the true camera to the centre of the box
+  int min_keypoints = 30;    ///< of estimates used for errors
+  int min_pixels = 2000;     ///< visible pixels, where known, in frames that count as its lifetime
+  double max_distance = 2;   ///< m, from an estimate to the box it is assigned to
+  int min_life = 5;          ///< frames; shorter lifetimes do not count
+  int first_frame = 0;       ///< earlier frames do not count
+  int last_frame = 1 << 30;  ///< later frames do not count
 };
 /// For check_options().
 void describe(kys::OptionList& list, ObjectEvaluationOptions& options);
@@ -80,12 +83,20 @@ struct ObjectLife {
   int identities = 0;
 };
 
+/// A frame of an object's lifetime.
+struct ObjectLifeFrame {
+  int object = 0, frame = 0;
+  double range = 0;             ///< m
+  std::optional<int> identity;  ///< of its estimate, if there is one
+};
+
 struct ObjectEvaluation {
-  std::vector<ObjectError> errors;  ///< of all assigned estimates
-  std::vector<ObjectLife> lives;    ///< by object
-  int estimates = 0;
-  int unassigned = 0;  ///< estimates without an object
-  int standing = 0;    ///< estimates on static objects
+  std::vector<ObjectError> errors;           ///< of all assigned estimates
+  std::vector<ObjectLife> lives;             ///< by object
+  std::vector<ObjectLifeFrame> life_frames;  ///< of these, by object and frame
+  int estimates = 0;                         ///< in the frames that count
+  int unassigned = 0;                        ///< estimates without an object
+  int standing = 0;                          ///< estimates on static objects
 };
 
 /// Assigns estimates to objects and compares them.

@@ -5,6 +5,13 @@ import hashlib
 import os
 import re
 
+import yaml
+
+FACTS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "recordings.yaml")
+IMAGES = (".png", ".jpg", ".jpeg")
+# Folders of left images, by layout.
+LEFT = {"kitti": ("image_0", "image_2"), "tracking": (".",), "euroc": (os.path.join("mav0", "cam0", "data"),),
+        "vkitti": (os.path.join("frames", "rgb", "Camera_0"),)}
 DEPTH = 7  # of folders below the root that are looked into
 PERCEPTION = ("panoptic_left", "panoptic_right")
 
@@ -28,6 +35,22 @@ class Sequence:
                   "tracking": [f"image_03/{name}", f"calib/{name}.txt", f"oxts/{name}.txt"]}
         return [self.folder, *(os.path.join(root, place)
                                for place in beside.get(self.name.partition("/")[0], []))]
+
+    def frames(self):
+        """Number of its left images."""
+        for place in LEFT[self.name.partition("/")[0]]:
+            try:
+                with os.scandir(os.path.join(self.folder, place)) as entries:
+                    return sum(e.name.lower().endswith(IMAGES) for e in entries)
+            except OSError:
+                continue
+        return 0
+
+
+def lengths():
+    """Frames of whole recordings, by name, where they are known."""
+    with open(FACTS, encoding="utf-8") as file:
+        return yaml.safe_load(file)["lengths"]
 
 
 def name_of(folder):

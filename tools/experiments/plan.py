@@ -3,8 +3,10 @@
 """Turns the experiments of configs/experiments into jobs of the workflow.
 
     plan.py --output DIR [--data ROOT] [--scale full|quick|miniature] [--only NAME ...]
+            [--segment-model NETWORK.yaml] [--stereo-model NETWORK.yaml] [--flow-model NETWORK.yaml]
 
-A job is a file DIR/jobs/ID.json: an input to simulate, prior files to make, or a run. ID names what
+A job is a file DIR/jobs/ID.json: an input to simulate, perception of a recording by networks, prior
+files to make, or a run. ID names what
 it is and digests all that its result depends on: programs, the code of step.py, arguments, given
 data, the jobs it needs. What is done already (DIR/done/ID.json) is therefore never stale.
 DIR/plan.json lists the jobs, and by experiment the labels of its runs.
@@ -22,20 +24,20 @@ import sys
 import yaml
 
 import data_sets
+import networks
+from prior_plans import CONFIGS, LOST_PICTURES, NO_PRIORS, SOURCE, PriorPlans
 from runs import FAILED, InputError, digest, find_program, read_json, remove, write_text
 from inputs import whole  # runs knows where it is
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-SOURCE = os.path.dirname(os.path.dirname(HERE))
-CONFIGS = os.path.join(SOURCE, "configs")
 # What does the jobs.
 STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall.py",
-                                              "lose_pictures.py", "town_path.py", "tier_picture.py")]
+                                              "lose_pictures.py", "networks.py", "town_path.py",
+                                              "tier_picture.py")]
 STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
-NO_PRIORS = ("stock", "scaled")  # modes that look at none
-LOST_PICTURES = {"missing", "repeated", "late"}  # keys of a case about pictures, not perception
-SEED_STEP = 1000  # from one seed of a stand-in to the next
+DEFAULT_LABEL_SPACE = "coco_panoptic_133"  # of the programs
+SEED_STEP = 1000  # from one seed of a substitute to the next
 
 # The miniature: enough to go through every step, far too little to say anything.
 MINIATURE = {"size": "414x126", "frames": 16, "seeds": [1]}
@@ -105,15 +107,19 @@ def schedules_of(experiment, seed):
             if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
 
 
-class Planner:
+class Planner(PriorPlans):
+    lengths = {}     # frames of whole recordings, by name
+
     def __init__(self, options):
         self.options = options
         self.programs = Programs(options.bin)
         self.configurations = load_yaml("configurations.yaml")
         self.cases = load_yaml("cases.yaml")
-        self.stand_ins = load_yaml("stand_ins.yaml")
+        self.substitutes = load_yaml("substitutes.yaml")
         self.given = data_sets.find(options.data) if options.data else {}
         self.trajectories = data_sets.find_trajectories(options.data) if options.data else {}
+        self.networks = networks.given(options)
+        self.lengths = data_sets.lengths()
         self.states = {}
         self.jobs = {}
         self.left_out = {}
@@ -132,15 +138,15 @@ class Planner:
             self.states[places] = data_sets.state_of(*places)
         return self.states[places]
 
-    def given_perception(self, name):
-        """Parts of a spec: a recording, its prior files and perception outputs, where they are and in
-        what state."""
-        sequence = self.given[name]
-        prior_files = data_sets.prior_files_of(sequence, self.options.data)
-        perception = data_sets.perception_of(sequence, self.options.data)
-        return {"state": self.state_of(*sequence.places), "prior_files": prior_files,
-                "prior_files_state": prior_files and self.state_of(prior_files), "perception": perception,
-                "perception_state": perception and self.state_of(perception[1])}
+    def given_labels(self, name, experiment):
+        """Labels of a recording: a part of it has another name and origin than the whole, and so never
+        stands beside figures of the whole."""
+        here = self.given[name].frames()
+        total, ran = self.lengths.get(name, here), min(experiment.get("frames") or here, here)
+        if ran >= total:
+            return {"origin": "given", "input": name}
+        part = f"{name} ({ran} of {total} frames)"
+        return {"origin": "partial", "input": part}
 
     # --- input ---------------------------------------------------------------------------------
 
@@ -149,30 +155,30 @@ class Planner:
         if name in self.given:
             if seed != experiment["seeds"][0]:
                 return None  # a recording has no seeds
-            return None, self.given[name].folder, {"origin": "given", "input": name}
+            return None, self.given[name].folder, self.given_labels(name, experiment)
         spec, _, size = name.partition("@")
         if spec.startswith("world/"):
-            stand_in = {"world": spec.removeprefix("world/"), "seed": 0}
+            substitute = {"world": spec.removeprefix("world/"), "seed": 0}
             what, steps = "simulated", 1
         else:
-            if spec not in self.stand_ins:
+            if spec not in self.substitutes:
                 raise InputError(f"{name}: no such sequence")
-            stand_in = self.stand_ins[spec]
+            substitute = self.substitutes[spec]
             if self.options.scale == "miniature":
-                stand_in = {**stand_in, "seed": 1}  # few worlds for all experiments
-            what, steps = "stand-in", SEED_STEP
+                substitute = {**substitute, "seed": 1}  # few worlds for all experiments
+            what, steps = "substitute", SEED_STEP
         size = size or experiment.get("size", "620x188")
-        number = stand_in["seed"] + (seed if steps == 1 else steps * (seed - 1))
-        frames = experiment.get("frames", stand_in.get("frames", 0))
-        arguments = [stand_in["world"], "--seed", str(number), "--size", size]
+        number = substitute["seed"] + (seed if steps == 1 else steps * (seed - 1))
+        frames = experiment.get("frames", substitute.get("frames", 0))
+        arguments = [substitute["world"], "--seed", str(number), "--size", size]
         if frames:
             arguments += ["--frames", str(frames)]
         width, height = (int(x) for x in size.split("x"))
         cost = (frames or 250) * width * height / 480e3
-        job = self.add("input", [stand_in["world"], number, size, frames or "all"],
+        job = self.add("input", [substitute["world"], number, size, frames or "all"],
                        {"program": self.programs.key("simulate_sequence"), "arguments": arguments},
                        [], 2, cost)
-        label = f"{what}: {stand_in['world']}, seed {number}"
+        label = f"{what}: {substitute['world']}, seed {number}"
         return job, f"inputs/{job}", {"origin": what, "input": name, "what": label}
 
     def drive_of(self, name, seed, experiment, perception):
@@ -192,35 +198,6 @@ class Planner:
         where = f"real trajectory {real}" if real else "round a block"
         return job, f"inputs/{job}/drive.features", {
             "origin": "drive", "input": name, "what": f"drive: {where}, traffic {traffic}, seed {seed}"}
-
-    # --- priors --------------------------------------------------------------------------------
-
-    def priors_of(self, source, name, case, config, seed):
-        """Job id of prior files of an input."""
-        job, folder, labels = source
-        recipe = dict(self.cases[case])
-        spec = {"program": self.programs.key("build_priors"), "input": folder, "case": recipe,
-                "config": config, "seed": seed}
-        if config:
-            spec["config_digest"] = digest(os.path.join(CONFIGS, config))
-        if job is None:
-            spec.update(label_space=self.given[name].label_space, **self.given_perception(name))
-        needs = [job] if job else []
-        if recipe:
-            spec["perturb"] = self.programs.key("perturb_priors")
-        if "relabel" in recipe or "flow_relative" in recipe:  # step.py measures the exposure
-            spec["compare"] = self.programs.key("compare_priors")
-        if "decision" in recipe:
-            needs.append(self.priors_of(source, name, "exact", config, seed))
-        words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]
-        return self.add("priors", words, spec, needs, 1, 4 if not recipe.get("disparity") else 60)
-
-    def with_lost_pictures(self, source, case, priors, seed):
-        """Job id of an input without some of its pictures, and of the prior files of the others."""
-        job, folder, labels = source
-        return self.add("lost", [labels["input"].replace("/", ""), seed, case],
-                        {"input": folder, "priors": priors, "case": dict(self.cases[case]), "seed": seed},
-                        [j for j in (job, priors) if j], 1, 1)
 
     # --- runs ----------------------------------------------------------------------------------
 
@@ -249,10 +226,6 @@ class Planner:
             spec["state"] = self.state_of(*self.given[name].places)
             if experiment.get("frames"):
                 arguments += ["--frames", str(experiment["frames"])]
-            if self.given[name].label_space != "coco_panoptic_133":
-                settings = [*settings, f"control.label_space={self.given[name].label_space}"]
-        for setting in settings:
-            arguments += ["--set", setting]
         config = configuration.get("config")
         if config:
             spec["config"] = config
@@ -260,8 +233,14 @@ class Planner:
         priors = None
         if mode not in NO_PRIORS and not drive:
             perceived = "exact" if loses else case
-            priors = self.priors_of(source, name, perceived, configuration.get("priors"), seed)
+            priors = self.priors_of(source, name, perceived, configuration.get("priors"), seed,
+                                    experiment.get("frames") or 0)
             needs.append(priors)
+            label_space = self.jobs[priors]["spec"].get("label_space", DEFAULT_LABEL_SPACE)
+            if label_space != DEFAULT_LABEL_SPACE:
+                settings = [*settings, f"control.label_space={label_space}"]
+        for setting in settings:
+            arguments += ["--set", setting]
         if loses:
             lost = self.with_lost_pictures(source, case, priors, seed)
             needs, priors, spec["input"] = [lost], priors and lost, f"inputs/{lost}"
@@ -313,10 +292,11 @@ class Planner:
         self.leave_out(experiment["name"], name, f"no trajectory of {real} given (--data)")
         return False
 
-    def survey_of(self, source, name, seed):
-        """Job that looks at the prior files of an input; gates show against files without motion."""
+    def survey_of(self, source, name, seed, frames=0):
+        """Job that reads the prior files of an input; gates show against files without motion."""
         job, folder, labels = source
-        exact, still = (self.priors_of(source, name, case, None, seed) for case in ("exact", "blind"))
+        exact, still = (self.priors_of(source, name, case, None, seed, frames)
+                        for case in ("exact", "blind"))
         package = os.path.join(os.path.dirname(self.options.bin), "python", "kys_slam")
         spec = {"input": folder, "priors": exact, "still": still,
                 "python": [digest(e.path) for e in os.scandir(package)
@@ -324,21 +304,18 @@ class Planner:
                 if os.path.isdir(package) else [],
                 "compare": self.programs.key("compare_priors"),
                 "build": self.programs.key("build_priors")}
-        if job is None:
-            spec.update(self.given_perception(name))
-        ident = self.add("survey", [name.replace("/", ""), seed], spec,
-                         ([job] if job else []) + [exact, still], 1, 10)
+        given, needs = self.perceived(name, frames, True) if job is None else ({}, [job])
+        spec.update(given)
+        ident = self.add("survey", [name.replace("/", ""), seed], spec, [*needs, exact, still], 1, 10)
         return {**labels, "job": ident, "seed": seed, "variant": "", "configuration": "KYS",
                 "case": "exact", "schedule": "", "repeat": 0}
 
-    def perception_of(self, source, name):
+    def perception_of(self, source, name, frames=0):
         """Job that measures what perception takes."""
         job, folder, _ = source
-        spec = {"input": folder, "frames": 6, "build": self.programs.key("build_priors")}
-        if job is None:
-            spec.update(self.given_perception(name))
-        return self.add("perception", [name.replace("/", "")], spec, [job] if job else [],
-                        self.options.cores, 10)
+        given, needs = self.perceived(name, frames, True) if job is None else ({}, [job])
+        spec = {"input": folder, **given, "frames": 6, "build": self.programs.key("build_priors")}
+        return self.add("perception", [name.replace("/", "")], spec, needs, self.options.cores, 10)
 
     def runs_of(self, experiment):
         """All runs of an experiment as rows of labels."""
@@ -355,13 +332,25 @@ class Planner:
                 if source is None:
                     continue
                 if experiment.get("kind") == "costs":
-                    experiment.setdefault("perception", {})[name] = self.perception_of(source, name)
+                    experiment.setdefault("perception", {})[source[2]["input"]] = self.perception_of(
+                        source, name, experiment.get("frames") or 0)
                 if experiment.get("kind") == "survey":
-                    rows.append(self.survey_of(source, name, seed))
+                    if not self.leaves_out(experiment, source, name, "exact", None):
+                        rows.append(self.survey_of(source, name, seed, experiment.get("frames") or 0))
                     continue
                 for configuration in configurations:
                     rows += self.runs_of_input(experiment, source, name, seed, configuration)
         return rows
+
+    def leaves_out(self, experiment, source, name, case, config):
+        """Whether a recording has no prior files and none can be made: said once."""
+        if source[0] is not None:
+            return False
+        perceived = "exact" if LOST_PICTURES & self.cases[case].keys() else case
+        why = self.why_no_priors(name, perceived, config)
+        if why is not None:
+            self.leave_out(experiment["name"], f"{source[2]['input']} with priors", why)
+        return why is not None
 
     def runs_of_input(self, experiment, source, name, seed, configuration):
         rows = []
@@ -371,6 +360,9 @@ class Planner:
                 self.leave_out(experiment["name"], variant, "a setting this program does not have")
                 continue
             for case in experiment.get("cases", ["exact"]):
+                if configuration["mode"] not in NO_PRIORS and self.leaves_out(
+                        experiment, source, name, case, configuration.get("priors")):
+                    continue
                 for schedule, repeats in schedules_of(experiment, seed):
                     for repeat in range(repeats):
                         job = self.run_of(source, name, configuration, settings, case, schedule,
@@ -434,7 +426,7 @@ class Planner:
         experiments.sort(key=lambda e: e.get("order", 99))
         return {"scale": self.options.scale, "source": SOURCE, "bin": self.options.bin,
                 "data": self.options.data, "worlds": self.options.worlds, "cores": self.options.cores,
-                "given": {n: s.folder for n, s in self.given.items()},
+                "given": {self.given_labels(n, {})["input"]: s.folder for n, s in self.given.items()},
                 "jobs": list(self.jobs),
                 "costs": [job["cost"] * min(job["threads"], self.options.cores)
                           for job in self.jobs.values()],  # s of a core, as expected
@@ -473,6 +465,7 @@ def main():
     parser.add_argument("--worlds", default="", metavar="DIR",
                         help="worlds rendered before by this simulator: taken where the command in "
                              "their README is the same")
+    networks.add_arguments(parser)
     parser.add_argument("--cores", type=whole(1), default=2)
     parser.add_argument("--bin", default=os.path.join(SOURCE, "build", "release", "bin"),
                         metavar="DIR")
@@ -490,8 +483,12 @@ def main():
     except (InputError, OSError, subprocess.CalledProcessError) as error:
         print(f"plan.py: {error}", file=sys.stderr)
         return 2
-    for name, sequence in sorted(planner.given.items()):
-        print(f"found {name} in {sequence.folder}")
+    for name, folder in sorted(plan["given"].items()):
+        print(f"found {name} in {folder}")
+    for experiment in plan["experiments"]:
+        for what, why in experiment["left_out"].items():
+            if why in (networks.WITHOUT, networks.OTHER_LAYOUT):
+                print(f"{experiment['name']}: left out {what}: {why}")
     left = [cost for j, cost in zip(plan["jobs"], plan["costs"])
             if not os.path.exists(os.path.join(options.output, "done", j + ".json"))]
     runs = sum(len(e["runs"]) for e in plan["experiments"])

@@ -20,6 +20,8 @@ import numpy as np
 
 from loop_recall import recall_of
 from lose_pictures import lose
+from networks import PERCEPTION as ADAPTERS
+from networks import builder_arguments
 from runs import (DONE, FAILED, TRACKING_FAILED, Failure, InputError, call, perception_arguments,
                   read_json, read_plan, remove, shares, tier_counts, write_text)
 from town_path import write_drive
@@ -117,7 +119,17 @@ def simulate_drive(work, job):
 # --- priors ------------------------------------------------------------------------------------
 
 
-def perception(spec, folder):
+def run_networks(work, job):
+    """Perception outputs of a recording. What an interrupted job made is kept."""
+    spec, output = job["spec"], work.path("perception", job["id"])
+    frames = ["--frames", str(spec["frames"])] if spec["frames"] else []
+    call([sys.executable, os.path.join(ADAPTERS, "make_priors.py"), spec["input"], "--output", output,
+          *spec["arguments"], "--builder", work.program("build_priors"), "--jobs", str(job["threads"]),
+          "--networks-only", *frames])
+    return network_times(read_json(os.path.join(output, "times.json")) or {})
+
+
+def perception(work, spec, folder):
     """Options of build_priors: where perception outputs are."""
     if "state" not in spec:
         return perception_arguments(folder)
@@ -125,6 +137,8 @@ def perception(spec, folder):
         what = "given prior files do not fit, and" if spec["prior_files"] else "no prior files and"
         raise Failure(f"{what} no perception outputs (tools/perception makes them)")
     kind, place = spec["perception"]
+    if kind == "networks":
+        return builder_arguments(work.path(place), spec["label_space"], spec.get("config"))
     if kind == "vkitti":
         arguments = ["--label-space", "vkitti2", "--disparity-encoding", "vkitti",
                      "--flow-encoding", "vkitti"]
@@ -152,18 +166,29 @@ def with_estimates(arguments, disparity, flow):
             at = arguments.index("--disparity-right")
             del arguments[at:at + 2]
     if flow:
-        replace(arguments, "--flow-left", flow)
-        replace(arguments, "--flow-right", flow)
+        for side in ("left", "right"):
+            replace(arguments, f"--flow-{side}", flow)
+            if f"--flow-back-{side}" in arguments:  # that of another estimator
+                at = arguments.index(f"--flow-back-{side}")
+                del arguments[at:at + 2]
     return arguments
+
+
+def own_label_space(spec):
+    """Option of perturb_priors for a label space that is none of the built-in ones: a path."""
+    name = spec.get("label_space", "")
+    return ["--label-space", name] if os.sep in name else []
 
 
 def relabel(work, arguments, case, seed, scratch):
     """Nested errors of the segmentation, the same share in both cameras."""
+    at = arguments.index("--label-space") if "--label-space" in arguments else len(arguments)
+    space = arguments[at:at + 2]
     for side in ("left", "right"):
         out = os.path.join(scratch, f"panoptic_{side}")
         source = arguments[arguments.index(f"--panoptic-{side}") + 1]
         call([work.program("perturb_priors"), "segments", source, "--output", out, "--share",
-              str(case["relabel"]), "--seed", str(seed)])
+              str(case["relabel"]), "--seed", str(seed), *space])
         replace(arguments, f"--panoptic-{side}", out)
 
 
@@ -212,9 +237,10 @@ def make_priors(work, job):
     if "decision" in case:
         clean = work.path("priors", job["needs"][-1])
         call([work.program("perturb_priors"), "decisions", clean, "--output", output, "--case",
-              case["decision"], "--seed", str(spec["seed"])])
+              case["decision"], "--seed", str(spec["seed"]), *own_label_space(spec)])
         return results
-    arguments = perception(spec, folder)
+    part = ["--frames", str(spec["frames"])] if spec.get("frames") else []
+    arguments = perception(work, spec, folder) + part
     arguments = with_estimates(arguments, case.get("disparity"), case.get("flow"))
     if "relabel" in case:
         relabel(work, arguments, case, spec["seed"], scratch)
@@ -232,7 +258,7 @@ def make_priors(work, job):
         config = ["--config", work.config(spec["config"])] if spec["config"] else []
         clean = os.path.join(scratch, "clean")
         call([work.program("build_priors"), folder, "--output", clean, "--quiet",
-              *perception(spec, folder), *config])
+              *perception(work, spec, folder), *part, *config])
         results.update(exposure(work, clean, output, folder, scratch))
     remove(scratch)
     return results
@@ -342,7 +368,7 @@ def pipeline_picture(work, spec, folder, scratch):
     names = sorted(f[:-5] for f in os.listdir(priors) if f.endswith(".kysp"))
     out = os.path.join(scratch, "stages")
     call([work.program("build_priors"), folder, "--output", out, "--start", str(len(names) // 2),
-          "--frames", "2", "--debug-images", "--quiet", *perception(spec, folder)])
+          "--frames", "2", "--debug-images", "--quiet", *perception(work, spec, folder)])
     return os.path.join(out, "debug", sorted(f for f in os.listdir(os.path.join(out, "debug"))
                                              if f.endswith("_left.png"))[0])
 
@@ -380,12 +406,14 @@ def perception_times(work, job):
     folder = work.path(spec["input"])
     remove(scratch)
     results, seconds, given = {}, [], spec.get("perception")
-    for made in filter(None, (given and given[1], spec.get("prior_files"))):
+    for made in filter(None, (given and work.path(given[1]), spec.get("prior_files"))):
         for place in (made, os.path.dirname(os.path.realpath(made))):
             results.update(network_times(read_json(os.path.join(place, "times.json")) or {}))
     if "state" in spec and not given:
         return results
-    files = perception(spec, folder)
+    files = perception(work, spec, folder)
+    if given and given[0] == "networks" and "sgbm" in files:
+        return results  # no files to compare with
     for k, arguments in enumerate((files, with_estimates(files, "sgbm", "dis"))):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         call([work.program("build_priors"), folder, "--output", os.path.join(scratch, str(k)),
@@ -419,7 +447,7 @@ def survey(work, job):
 
 # --- one job -----------------------------------------------------------------------------------
 
-KINDS = {"input": simulate, "drive": simulate_drive, "priors": make_priors, "lost": lose_pictures, "run": run,
+KINDS = {"input": simulate, "drive": simulate_drive, "networks": run_networks, "priors": make_priors, "lost": lose_pictures, "run": run,
          "survey": survey, "perception": perception_times}
 
 
@@ -436,7 +464,7 @@ def do(work, job):
 
 def time_left(work, sample=40):
     """Jobs done, all jobs, and the seconds the rest takes if it goes on like those done: like a sample
-    of them, for a plan has thousands and this is asked after each."""
+    of them, for a plan has thousands and this is called after each."""
     costs = dict(zip(work.plan["jobs"], work.plan["costs"]))
     done = sorted(costs.keys() & {f[:-5] for f in os.listdir(work.path("done"))})
     rest = sum(costs.values()) - sum(costs[ident] for ident in done)

@@ -2,55 +2,36 @@
 #include "cloud_tree.h"
 
 #include <array>
-#include <cstdint>
-#include <nanoflann.hpp>
+#include <opencv2/flann.hpp>
 
 namespace kys_slam {
-namespace {
-
-/// What nanoflann asks a set of points for.
-struct CloudPoints {
-  [[nodiscard]] std::size_t kdtree_get_point_count() const { return values.size(); }
-  [[nodiscard]] float kdtree_get_pt(std::size_t i, std::size_t axis) const {
-    return values[i][static_cast<Eigen::Index>(axis)];
-  }
-  template <typename Box>
-  bool kdtree_get_bbox(Box& /*box*/) const {
-    return false;  // it computes it
-  }
-
-  std::vector<Eigen::Vector3f> values;
-};
-
-std::vector<Eigen::Vector3f> relative_to(const Eigen::Vector3d& origin,
-                                         const std::vector<Eigen::Vector3d>& points) {
-  std::vector<Eigen::Vector3f> values;
-  values.reserve(points.size());
-  for (const Eigen::Vector3d& p : points) values.push_back((p - origin).cast<float>());
-  return values;
-}
-
-}  // namespace
 
 struct CloudTree::Impl {
-  using Metric = nanoflann::L2_Simple_Adaptor<float, CloudPoints>;
-  using Tree = nanoflann::KDTreeSingleIndexAdaptor<Metric, CloudPoints, 3, std::uint32_t>;
+  using Metric = cvflann::L2_Simple<float>;
+  using Vector = Eigen::Vector3f;
 
-  explicit Impl(const std::vector<Eigen::Vector3d>& given)
-      : origin(given.front()), points{relative_to(origin, given)}, tree(3, points) {}
+  explicit Impl(const std::vector<Eigen::Vector3d>& points) : origin(points.front()) {
+    values.reserve(points.size());
+    for (const Eigen::Vector3d& p : points) values.push_back((p - origin).cast<float>());
+    tree = std::make_unique<cvflann::KDTreeSingleIndex<Metric>>(
+        cvflann::Matrix<float>(values.front().data(), values.size(), 3));
+    tree->buildIndex();
+  }
 
   template <int kCount>
   [[nodiscard]] std::size_t find(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3f at = (p - origin).cast<float>();
-    std::array<std::uint32_t, kCount> indices{};
+    const Vector at = (p - origin).cast<float>();
+    std::array<int, kCount> indices{};
     std::array<float, kCount> distances{};
-    tree.knnSearch(at.data(), kCount, indices.data(), distances.data());
-    return indices.back();
+    cvflann::KNNResultSet<float> found(kCount);
+    found.init(indices.data(), distances.data());
+    tree->findNeighbors(found, at.data(), cvflann::SearchParams(-1));
+    return static_cast<std::size_t>(indices.back());
   }
 
   Eigen::Vector3d origin;
-  CloudPoints points;
-  Tree tree;
+  std::vector<Vector> values;
+  std::unique_ptr<cvflann::KDTreeSingleIndex<Metric>> tree;
 };
 
 CloudTree::CloudTree(const std::vector<Eigen::Vector3d>& points)
@@ -61,7 +42,7 @@ std::size_t CloudTree::nearest(const Eigen::Vector3d& p) const {
   return impl_->find<1>(p);
 }
 std::size_t CloudTree::second(const Eigen::Vector3d& p) const {
-  return impl_->points.values.size() < 2 ? 0 : impl_->find<2>(p);
+  return impl_->values.size() < 2 ? 0 : impl_->find<2>(p);
 }
 
 }  // namespace kys_slam

@@ -8,7 +8,7 @@
 
 namespace kys_slam {
 
-/// Nearest neighbours in a point cloud, exact to 1e-6 of its size (nanoflann's kd-tree).
+/// Nearest neighbours in a point cloud, exact to 1e-6 of its size (FLANN's kd-tree).
 class CloudTree {
  public:
   /// \param points at least one; must outlive the tree

@@ -3,14 +3,14 @@
 
     make_priors.py SEQUENCE --model NETWORK.yaml --output DIR [--weights FILE.onnx] \\
         [--stereo-model STEREO.yaml] [--flow-model FLOW.yaml] [--builder PATH/build_priors] \\
-        [--frames N] [-- further arguments of build_priors]
+        [--frames N] [--networks-only] [-- further arguments of build_priors]
 
 Segments both images of the pair that is tracked (image_0 and image_1 where the sequence has them,
 else image_2 and image_3), builds the prior files with disparity, flow and stereo keypoints from the
 images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files
 are given, else sgbm and dis. What is there already is kept if it was made of the same images, network
 and settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
-DIR/decisions.html shows with pictures which things were judged to move, and why (decision_page.py).
+DIR/decisions.html shows with pictures which objects were judged to move, and why (decision_page.py).
 """
 
 import argparse
@@ -98,6 +98,8 @@ def parse_arguments():
     parser.add_argument("--frames", type=common.whole(1), help="number of frames (default: all)")
     add_jobs(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
+    parser.add_argument("--networks-only", action="store_true", help="no prior files: the outputs of the "
+                        "networks and their times")
     return parser.parse_args(arguments), further
 
 
@@ -114,7 +116,7 @@ def field_networks(options):
 
 
 def field_arguments(networks, output):
-    """What build_priors is told of disparity and flow."""
+    """Arguments of build_priors for disparity and flow."""
     arguments = ["--disparity", CLASSICAL["stereo"]]
     if "stereo" in networks:
         left, right = (str(output / "disparity" / side) for side in SIDES)
@@ -190,7 +192,8 @@ def main():
     options, further = parse_arguments()
     common.need("onnxruntime", "yaml", "cv2")
     builder = program(options.builder, "build_priors")
-    validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
+    if not options.networks_only:
+        validator = program(str(Path(builder).with_name("validate_priors")), "validate_priors")
 
     folders = common.image_pair(options.sequence, options.pair)
     if not folders[1].is_dir():
@@ -213,6 +216,9 @@ def main():
     times = segment(network, images, options)
     times.update(make_fields(networks, images, pairs, options))
     times_file = options.output / "times.json"
+    if options.networks_only:
+        common.write_atomic(times_file, json.dumps(times, indent=2).encode("ascii"))
+        return
     times["build"] = time_of_build(build, times_file)
     times["validate"], _ = timed([validator, str(priors), "--sequence", str(options.sequence),
                                   "--label-space", network.label_space, *which])
