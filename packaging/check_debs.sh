@@ -31,6 +31,10 @@ absent() {  # packages that must not be there: absent WHY PATTERN
     exit 1
   fi
 }
+needed_by() {  # all that a package depends on
+  inside "$root" apt-cache depends --recurse --installed --no-recommends --no-suggests --no-conflicts --no-breaks \
+    --no-replaces --no-enhances "$1" | grep '^[a-z]'
+}
 : >"$roots/debs.sizes"
 add() {  # PACKAGE: installs it, starts each of its programs
   local before program
@@ -48,21 +52,23 @@ run() { inside "$root" sh -c "cd /check && $*"; }
 
 add kys-slam
 add python3-kys-slam
-absent "OpenCV, which only kys-slam-priors needs" '^libopencv'
+absent "OpenCV, which neither needs" '^libopencv'
 run kys-slam demo
 run python3 check_installed.py work
 run "run_stereo_kitti work/grey --output run --set orb.features=600 --save-map run.map --quiet &&
   cmp run/trajectory.tum work/run-grey/trajectory.tum && map_info run.map"
 add kys-slam-simulator
 run "simulate_sequence traffic --size 310x94 --frames 4 --output world"
-add kys-slam-priors
-run "build_priors world --output priors --panoptic-left world/panoptic_left --panoptic-right world/panoptic_right \
-  --disparity sgbm --flow-left dis && validate_priors priors --sequence world"
 absent "SuiteSparse, parts of which are under the GPL and which only kys-slam-maps needs" '^lib(cholmod|cxsparse|suitesparse)'
 add kys-slam-maps
 inside "$root" grep -q 'GPL-3' /usr/share/doc/kys-slam-maps/copyright
+needed_by kys-slam-maps | grep ^libcholmod >/dev/null
 run "refine_map run.map --output refined.map && run_stereo_kitti work/grey --load-map refined.map --localize-only \
   --set orb.features=600 --output again --quiet"
+add kys-slam-priors
+if needed_by kys-slam-priors | grep ^libcholmod; then exit 1; fi
+run "build_priors world --output priors --panoptic-left world/panoptic_left --panoptic-right world/panoptic_right \
+  --disparity sgbm --flow-left dis && validate_priors priors --sequence world"
 absent "a compiler" '^(gcc|clang)-[0-9]+$'
 add libkys-slam-dev
 cat "$roots/debs.sizes"

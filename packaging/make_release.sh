@@ -22,6 +22,8 @@ shopt -s nullglob
 
 fail() { echo "make_release.sh: $*" >&2; exit 2; }
 
+changes_of() { awk -v heading="[$1]" '/^## / {inside = ($2 == heading); next} inside' CHANGELOG.md; }
+
 check_version() {  # [TAG]
   local file found
   while read -r file found; do
@@ -31,12 +33,13 @@ pyproject.toml $(sed -n 's/^version = "\(.*\)"$/\1/p' pyproject.toml)
 CITATION.cff $(sed -n 's/^version: //p' CITATION.cff)
 kys/CMakeLists.txt $(sed -n 's/^project(kys VERSION \([0-9.]*\).*/\1/p' kys/CMakeLists.txt)
 ros/package.xml $(sed -n 's/.*<version>\(.*\)<\/version>.*/\1/p' ros/package.xml)
-CHANGELOG.md $(sed -n 's/^## \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head -1)
+CHANGELOG.md $(sed -n 's/^## \[\([0-9][0-9.]*\)\].*/\1/p' CHANGELOG.md | head -1)
 FOUND
   if [ $# -gt 0 ]; then
     [ "$1" = "v$version" ] || fail "the tag is $1, the version $version"
-    grep -qE "^## ${version//./\\.} .*[0-9]{4}-[0-9]{2}-[0-9]{2}" CHANGELOG.md ||
+    grep -qE "^## \\[${version//./\\.}\\] - [0-9]{4}-[0-9]{2}-[0-9]{2}\$" CHANGELOG.md ||
       fail "CHANGELOG.md has no date for $version"
+    [ -z "$(changes_of Unreleased)" ] || fail "CHANGELOG.md has changes under [Unreleased]"
   fi
   echo "version $version"
 }
@@ -55,7 +58,7 @@ make_source() {
 
 make_notes() {
   mkdir -p "$dist"
-  awk -v version="$version" '/^## / {inside = ($2 == version); next} inside' CHANGELOG.md >"$dist/notes.md"
+  changes_of "$version" >"$dist/notes.md"
   grep -q . "$dist/notes.md" || fail "CHANGELOG.md has nothing for $version"
 }
 

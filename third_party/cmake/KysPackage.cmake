@@ -20,7 +20,7 @@ find_package(Python3 QUIET COMPONENTS Interpreter)
 find_program(GZIP_PROGRAM gzip)
 
 # What Debian asks every package for: copyright, and a changelog that is compressed without a date. And
-# the list of what is compiled in (packaging/sbom.py): doc_files(PACKAGE COMPONENT COPYRIGHT)
+# the list of what is compiled in (packaging/sbom.py): kys_package_documents(PACKAGE COMPONENT COPYRIGHT)
 function(kys_package_documents package component copyright)
   set(folder ${CMAKE_INSTALL_DATAROOTDIR}/doc/${package})
   install(FILES ${PROJECT_SOURCE_DIR}/third_party/debian/${copyright} RENAME copyright
