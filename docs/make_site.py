@@ -46,7 +46,17 @@ NAVIGATION = [
     ]),
     ("Results", [
         ("Results", "docs/results.md"),
+        ("How it is measured", "docs/results/measuring.md"),
         ("Real recordings", "docs/real.md"),
+        ("Cost", "docs/results/cost.md"),
+        ("Wrong priors", "docs/results/wrong_priors.md"),
+        ("Traffic", "docs/results/traffic.md"),
+        ("Tables 1 and 2", "docs/results/paper_tables_1_2.md"),
+        ("Tables 3 to 5, S1 to S4", "docs/results/paper_tables_3_5.md"),
+        ("Calibration", "docs/results/calibration.md"),
+        ("Keyframes", "docs/results/keyframes.md"),
+        ("Dropped frames", "docs/results/dropped_frames.md"),
+        ("Segments and objects", "docs/results/segments.md"),
         ("Differences from the paper", "docs/differences.md"),
         ("Experiments", "tools/experiments/README.md"),
         ("Simulated worlds", "tools/simulator/README.md"),
@@ -128,6 +138,7 @@ def main():
         sys.exit(f"README.md: {words} words, at most {MAX_README_WORDS}; the rest belongs to docs")
     if arguments.check:
         return 0
+    copy("docs/site.css", folder)
     if arguments.api:
         shutil.copytree(arguments.api, os.path.join(folder, "api"))
     named = {page for _, content in NAVIGATION
@@ -136,7 +147,7 @@ def main():
     configuration = os.path.join(arguments.output, "mkdocs.yml")
     with open(configuration, "w", encoding="utf-8") as file:
         file.write("site_name: KYS-SLAM\ndocs_dir: pages\nsite_dir: html\nuse_directory_urls: false\n"
-                   "theme: {name: readthedocs, highlightjs: false}\n"
+                   "theme: {name: readthedocs, highlightjs: false}\nextra_css: [docs/site.css]\n"
                    "validation: {links: {not_found: warn, anchors: warn}}\nnav:\n"
                    + "\n".join(navigation(others, arguments.api)) + "\n")
     return subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-f",

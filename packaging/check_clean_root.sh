@@ -1,31 +1,25 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Do the examples build and run on a new Debian 12 that has nothing but what libkys-slam-dev depends on,
-# and the installed package? As root; needs debootstrap and 2 GB.
-#   packaging/check_clean_root.sh BUILD ROOT      ROOT: folder of the new system, kept for a next time
+# Do the examples build and run on a new Debian 12 that has a compiler, libkys-slam-dev and what it depends on, and
+# nothing else? As root; needs mmdebstrap and 2 GB.
+#   packaging/check_clean_root.sh DEBS ROOTS      DEBS: folder of packages (make_debs.sh); ROOTS: of the new system
 set -euo pipefail
-build=$(realpath "$1")
-root=$(realpath -m "$2")
-cd "$(dirname "$0")/.."
-inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive "$@"; }
-
-depends=$(sed -n 's/^  "\(libeigen3-dev, .*\)")$/\1/p' third_party/cmake/KysPackage.cmake | tr -d ,)
-[ -n "$depends" ] || { echo "check_clean_root.sh: no dependencies in KysPackage.cmake" >&2; exit 2; }
-if [ ! -x "$root/usr/bin/apt-get" ]; then
-  debootstrap --variant=minbase bookworm "$root"
+if [ $# -ne 2 ] || [ ! -d "$1" ]; then
+  sed -n '2,/^set/{/^# SPDX/d;/^#/s/^# \{0,1\}//p}' "$0" >&2
+  exit 2
 fi
-cp /etc/resolv.conf "$root/etc/"
-inside apt-get update -qq
-# shellcheck disable=SC2086  # a list of packages
-inside apt-get install -y -qq --no-install-recommends g++ cmake make $depends >/dev/null
-
-rm -rf "$root/opt/kys-slam" "$root/project"
-for component in kys kys_slam; do
-  DESTDIR= cmake --install "$build" --prefix "$root/opt/kys-slam" --component $component >/dev/null
-done
-mkdir -p "$root/project/tests/system"
+debs=$(realpath "$1")
+root=$(realpath -m "$2")/development
+cd "$(dirname "$0")/.."
+# shellcheck source=packaging/clean_root.sh
+. packaging/clean_root.sh
+make_root bookworm "$root" g++ cmake make
+mkdir -p "$root/debs" "$root/project/tests/system"
+cp "$debs"/libkys-slam-dev_*.deb "$root/debs/"
+inside "$root" apt-get update -qq
+inside "$root" sh -c 'apt-get install -y -qq --no-install-recommends /debs/*.deb >/dev/null && dpkg -x /debs/*.deb /package'
 cp -r examples "$root/project/"
 cp -r tests/support "$root/project/tests/"
 cp -r tests/system/consumer tests/system/consumer.cmake "$root/project/tests/system/"
-inside cmake -DINSTALLED=/opt/kys-slam -DCONSUMER=/project/tests/system/consumer -DWORK=/tmp/consumer \
+inside "$root" cmake -DINSTALLED=/package/usr -DCONSUMER=/project/tests/system/consumer -DWORK=/tmp/consumer \
   "-DGENERATOR=Unix Makefiles" -DCOMPILER=/usr/bin/c++ -DFLAGS= -P /project/tests/system/consumer.cmake

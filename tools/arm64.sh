@@ -27,7 +27,7 @@ setup() {
       apt-get install -y -qq --no-install-recommends "${packages[@]}" >/dev/null
   fi
   if [ -d "$sysroot" ]; then return; fi
-  # Made beside its place: a broken download leaves nothing that looks complete.
+  # Made beside its place: a broken download leaves nothing that seems complete.
   local part=$sysroot.part
   as_root rm -rf "$part"
   mkdir -p build

@@ -10,6 +10,7 @@
 #                      [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
 #                   of them, anywhere in it; what is not there is simulated, and marked so
+#                   (complete: about 14 hours of two cores, 9 with --schedules pipelined; times by --dry-run)
 #   --segment-model YAML  a segmentation network (tools/perception/README.md): perception of KITTI odometry
 #                   becomes jobs; without it recordings without prior files run without priors only
 #   --segment-weights FILE  its ONNX file, if the YAML file does not name it

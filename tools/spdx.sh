@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # The licence line (SPDX) of source files, below a #! line. Status 1, and their names, when some have none.
-#   tools/spdx.sh          looks
+#   tools/spdx.sh          checks
 #   tools/spdx.sh --add    adds it where it is missing
 set -euo pipefail
 cd "$(dirname "$0")/.."

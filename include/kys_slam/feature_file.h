@@ -27,7 +27,7 @@ struct FeatureFileInfo {
 
 /// How a descriptor was generated: the bits of a base descriptor, some of them flipped. A file that
 /// stores this need not store all 256 bits.
-struct FeatureLook {
+struct DescriptorOrigin {
   enum class Kind : std::uint8_t {
     kRaw,     ///< not known: all bits are stored
     kOwn,     ///< the base descriptor of the landmark
@@ -40,17 +40,18 @@ struct FeatureLook {
 };
 
 /// The 256 bits generated from the state of a random generator.
-kys::Descriptor expand_look(std::uint64_t key);
+kys::Descriptor expand_descriptor(std::uint64_t key);
 
 /// The base descriptor of a feature, before any bit flips; zero for kRaw.
-kys::Descriptor base_descriptor(const FeatureLook& look, std::int32_t landmark, std::uint64_t seed);
+kys::Descriptor base_descriptor(const DescriptorOrigin& origin, std::int32_t landmark,
+                                std::uint64_t seed);
 
 /// The features of one frame, and the landmark that each one observes (-1: none, an outlier).
 struct FeatureFrame {
   FeatureSet left, right;
   std::vector<std::int32_t> left_landmarks, right_landmarks;
   // The members below are in files of version 2 only.
-  std::vector<FeatureLook> left_looks, right_looks;  ///< empty: all kRaw
+  std::vector<DescriptorOrigin> left_origins, right_origins;  ///< empty: all kRaw
   bool has_priors = false;
   /// one per feature; motion quantised to 256 codes
   std::vector<kys::Prior> left_priors, right_priors;

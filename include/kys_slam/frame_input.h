@@ -31,10 +31,10 @@ struct FrameInput {
   double scale_factor = 0;              ///< of a feature file, between two octaves
   int levels = 0;                       ///< of a feature file
   std::string label_space;              ///< of the priors in a feature file; "": no priors
-  /// Tells recordings of one name apart: "frame I: DIGEST" of the first frame of the part that is
+  /// Distinguishes recordings of one name: "frame I: DIGEST" of the first frame of the part that is
   /// used, its time stamp and left image. "": not known.
   std::string recording;
-  std::vector<std::string> notes;                ///< what the user should be told (Sequence::notes)
+  std::vector<std::string> notes;                ///< warnings for the user (Sequence::notes)
   std::map<std::string, std::int64_t> left_out;  ///< counts of what was not used, by what it is
 };
 

@@ -10,7 +10,8 @@
 #include <string>
 #include <vector>
 
-/// Reading and writing of image files. The content decides the format, not the name. Every reader
+/// Reading and writing of image files: PNG and JPEG; of images as 8-bit grey and colour also binary
+/// PGM and PPM. The content decides the format, not the name. Every reader
 /// throws InputError naming the file when it is missing, truncated, corrupt (checksums are
 /// verified), of another kind than requested, or larger than kMaxImageSide on a side. Sizes are
 /// checked before memory is allocated.
@@ -37,11 +38,11 @@ struct ImageInfo {
 /// Reads only the header.
 ImageInfo read_image_info(const std::filesystem::path& path);
 
-/// PNG or JPEG as 8-bit grey: grey as it is, colour by ITU-R BT.601 weights, alpha dropped.
+/// An image as 8-bit grey: grey as it is, colour by ITU-R BT.601 weights, alpha dropped.
 /// \param bits  of 16-bit samples that the camera uses, 8 to 16: the upper 8 of these count
 GrayImage read_gray(const std::filesystem::path& path, int bits = 16);
 
-/// PNG or JPEG as 8-bit R, G, B: grey is repeated, palettes are looked up, alpha dropped.
+/// An image as 8-bit R, G, B: grey is repeated, palettes are looked up, alpha dropped.
 RgbImage read_rgb(const std::filesystem::path& path);
 
 /// 16-bit grey PNG, host byte order. Other kinds throw InputError.
@@ -51,14 +52,14 @@ Image16 read_u16(const std::filesystem::path& path);
 Rgb16Image read_rgb16(const std::filesystem::path& path);
 
 /// Palette indices of an indexed PNG (not its colours), or the values of a grey PNG of at most 8
-/// bits. Other kinds throw InputError.
+/// bits, or of a PNG whose three colours are equal. Other kinds throw InputError.
 ImageOf<std::uint8_t> read_indexed(const std::filesystem::path& path);
 
 /// The same from the bytes of a file; `name` is used in messages.
 ImageInfo decode_image_info(std::span<const std::uint8_t> file, const std::string& name);
 GrayImage decode_gray(std::span<const std::uint8_t> file, const std::string& name, int bits = 16);
-/// Bits that a 16-bit PNG uses, by its largest sample: 8, 10, 12, 14 or 16. 0: of another kind, or
-/// black.
+/// Bits that an image of 16 bits uses, by its largest sample: 8, 10, 12, 14 or 16. 0: of another
+/// kind, or black.
 int used_bits(std::span<const std::uint8_t> file, const std::string& name);
 RgbImage decode_rgb(std::span<const std::uint8_t> file, const std::string& name);
 Image16 decode_u16(std::span<const std::uint8_t> file, const std::string& name);

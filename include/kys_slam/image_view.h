@@ -36,7 +36,7 @@ struct ImageView {
 /// formats, or black.
 int used_bits(const ImageView& view);
 
-/// What a user should be told about images that use this many of 16 bits; "" for 16 and 0.
+/// A warning for the user about images that use this many of 16 bits; "" for 16 and 0.
 std::string note_of_bits(int bits);
 
 /// Converts a view to 8-bit grey: the upper byte of the bits in use, ITU-R BT.601 weights for

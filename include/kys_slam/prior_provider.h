@@ -23,7 +23,7 @@ class PriorProvider {
                        std::span<const Keypoint> right, std::vector<kys::Prior>& left_priors,
                        std::vector<kys::Prior>& right_priors) = 0;
 
-  /// The segments of the left image of the frame looked up last, with or without keypoints; nothing
+  /// The segments of the left image of the frame read last, with or without keypoints; nothing
   /// if they are not known. Valid until the next look_up().
   [[nodiscard]] virtual std::span<const kys::Prior> segments() const { return {}; }
 };

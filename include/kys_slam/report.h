@@ -23,7 +23,7 @@ const char* to_string(FrameStatus status);
 enum class Integrity : std::uint8_t {
   kOk,
   kDegraded,      ///< little supports the pose
-  kContradicted,  ///< something else in the picture or in the motion speaks against the pose
+  kContradicted,  ///< something else in the image or in the motion contradicts the pose
 };
 const char* to_string(Integrity integrity);
 
@@ -31,7 +31,7 @@ const char* to_string(Integrity integrity);
 enum class IntegrityReason : std::uint8_t {
   kNone,
   kImpossibleMotion,  ///< contradicted: no camera accelerates like that
-  kTwoMotions,        ///< contradicted: a large part of the picture moves otherwise
+  kTwoMotions,        ///< contradicted: a large part of the image moves otherwise
   kOnlyObjects,       ///< degraded: only objects that can move support it
   kWeakGeometry,      ///< degraded: few or far points leave the position uncertain
   kFewPoints,         ///< degraded: few landmarks support it
@@ -50,9 +50,9 @@ enum class LoopEvent : std::uint8_t {
 const char* to_string(LoopEvent event);
 
 /// Time of the stages of one frame, ms. `total` is the time from the frame to its pose: `feed`
-/// without a stall that was asked for and, in the schedule `sequential`, without the back end.
-/// Times of the back end are those of the keyframe made from this frame, in whichever thread it
-/// ran.
+/// without a requested stall (`control.stall_ms`) and, in the schedule `sequential`, without the
+/// back end. Times of the back end are those of the keyframe made from this frame, in whichever
+/// thread it ran.
 struct StageTimes {
   double total = 0;
   double extract = 0;  ///< both images
@@ -93,6 +93,9 @@ struct FrameReport {
   IntegrityReason integrity_reason = IntegrityReason::kNone;
   bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
   Rigid3 T_w_c;              ///< as estimated at this frame; undefined when lost
+  /// Number of the sub-map in whose world frame T_w_c is, as known when tracked; -1: lost. The same
+  /// numbers as FrameEstimate::submap.
+  std::int64_t submap = -1;
   /// The same relative to the reference keyframe, to which its uncertainty refers; when tracked.
   std::optional<RelativePose> local;
   /// Relative to the last frame with a pose; when tracked, but not after a relocalisation. When

@@ -19,7 +19,7 @@ struct RowObservation {
   float scale = 1;  ///< px of level 0 per px of its octave: standard deviations grow with it
 };
 
-/// What the rows of stereo matches tell about a rig.
+/// What the rows of stereo matches show about a rig.
 struct RowFit {
   RigEstimate rig;
   std::size_t observations = 0;

@@ -47,7 +47,7 @@ struct MergeReport {
   std::vector<Place> places;
 };
 
-/// A map that a run has saved (System::save_map), to be looked at, adjusted and written again. A
+/// A map that a run has saved (System::save_map), to be read, adjusted and written again. A
 /// value that can be moved. Not thread-safe.
 class SavedMap {
  public:

@@ -60,7 +60,7 @@ class Sequence : public FrameSource {
     std::int64_t missing = 0;        ///< images that a list of images has, and no file
     bool paired_by_time = false;     ///< false: by number, without a tolerance
     int bits = 16;                   ///< that 16-bit images use
-    std::vector<std::string> notes;  ///< what the user should know of how the images are read
+    std::vector<std::string> notes;  ///< warnings about how the images are read
   };
 
   /// \param first_index  index of content.frames[0] in the whole sequence
@@ -79,6 +79,13 @@ class Sequence : public FrameSource {
   [[nodiscard]] const Frame& frame(std::int64_t position) const {
     return content_.frames.at(static_cast<std::size_t>(position));
   }
+  /// The same of a StereoFrame of this sequence, by its index; null: it is of another part.
+  [[nodiscard]] const Frame* find(std::int64_t index) const {
+    const std::int64_t position = index - first_index_;
+    return position >= 0 && position < frame_count() ? &frame(position) : nullptr;
+  }
+  /// What images in the files go through; null: they are rectified.
+  [[nodiscard]] const StereoRectifier* rectifier() const { return content_.rectifier.get(); }
   /// Poses of the (rectified) left camera; empty when the sequence has none. KITTI layouts: one
   /// per frame. EuRoC: the recorder's own stamps, the whole recording.
   [[nodiscard]] const std::vector<TimedPose>& ground_truth() const { return content_.ground_truth; }
@@ -86,7 +93,7 @@ class Sequence : public FrameSource {
   [[nodiscard]] const std::optional<Rigid3>& T_b_c() const { return content_.T_b_c; }
   /// Number of images left out because the other camera has no image of that time.
   [[nodiscard]] std::int64_t dropped() const { return content_.dropped; }
-  /// What a user should be told about how the images are read.
+  /// Warnings for the user about how the images are read.
   [[nodiscard]] const std::vector<std::string>& notes() const { return content_.notes; }
   /// Number of images that are listed (EuRoC's data.csv), but not there.
   [[nodiscard]] std::int64_t missing() const { return content_.missing; }

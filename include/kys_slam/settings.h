@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -38,12 +39,16 @@ class Settings {
   ///         loaded if it was there already at its end.
   void check() const;
 
+  enum class Type : std::uint8_t { kTruth, kInteger, kReal, kText, kChoice };
   struct Description {
     std::string key;
     std::string value;  ///< current value
     std::string unit;   ///< "" for plain numbers
     std::string meaning;
     std::string range;  ///< "1 to 60000"; "" when the value is not a number
+    Type type = Type::kText;
+    double least = 0, most = 0;        ///< of numbers, both allowed
+    std::vector<std::string> choices;  ///< of kChoice
   };
   [[nodiscard]] std::vector<Description> describe() const;
   /// The effective settings as annotated YAML text, which `load` reads.

@@ -60,6 +60,9 @@ class StereoRectifier {
   /// `raw` differs from that of the raw cameras.
   [[nodiscard]] GrayImage rectify_left(const GrayImage& raw) const;
   [[nodiscard]] GrayImage rectify_right(const GrayImage& raw) const;
+  /// A map of numbers of the raw left image: those of the nearest pixels. \throws InputError as
+  /// above
+  [[nodiscard]] ImageOf<std::uint16_t> rectify_left_map(const ImageOf<std::uint16_t>& raw) const;
 
  private:
   struct Maps;

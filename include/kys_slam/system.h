@@ -67,7 +67,8 @@ class System {
   /// is not a map, or a map of another camera, extractor, pyramid or label space
   /// \throws LogicError after the first frame or another map
   void load_map(const std::filesystem::path& file, bool localize_only = false);
-  /// Saves the whole map for `load_map`. Call it after `finish`. \throws InputError when the file
+  /// Saves the whole map for `load_map`; after `finish` with the last corrections. Before, it waits
+  /// as the functions below do, and may be called from any thread. \throws InputError when the file
   /// cannot be written.
   void save_map(const std::filesystem::path& file) const;
 
@@ -87,7 +88,7 @@ class System {
   /// The segmentation of the left image of a frame, which may come late and for some frames only.
   /// From any thread. It takes effect when frame `frame` + control.segment_lag is fed, or the next
   /// one where that is past; in the schedule `realtime` with the next one fed. Later frames get its
-  /// priors, moved with the scene and its things, until the next segmentation; frames since its
+  /// priors, moved with the scene and its instances, until the next segmentation; frames since its
   /// own, their keyframes and landmarks get theirs. A frame with priors of its own keeps these.
   ///
   /// Frames are kept for it from the first call on, or from the first frame with

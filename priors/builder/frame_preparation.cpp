@@ -34,7 +34,7 @@ std::vector<std::int32_t> instances_of(std::size_t c, const PanopticMap& panopti
 struct FramePreparation::Reading {
   PreparedFrame frame;
   std::vector<std::vector<SegmentShape>> shapes;  // by camera
-  std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not asked for
+  std::shared_ptr<const FrameFeatures> features;  // null: keypoints are not used
   BuildTimes times;
 };
 

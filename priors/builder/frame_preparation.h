@@ -79,7 +79,7 @@ class FramePreparation {
   std::optional<ObjectClasses> classes_;         ///< segments become objects
   std::vector<InstanceAssociator> associators_;  ///< by camera
   std::optional<MaskAssociator> overlap_;
-  std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not asked for
+  std::unique_ptr<KeypointMotion> keypoints_;  ///< null: keypoints are not used
   std::deque<DisparityPair> earlier_;          ///< latest first
   std::deque<PreparedFrame> waiting_;
   std::size_t read_ = 0;  ///< frames

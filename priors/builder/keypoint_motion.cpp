@@ -24,7 +24,7 @@ constexpr int kFewMatches = 40;           // below this the wider search is trie
 constexpr int kFewestInliers = 15;        // below this the camera's motion is not known
 constexpr double kPointShare = 0.5;       // of a point's information: it has noise in both frames
 constexpr double kSearchRadius = 4;       // px at octave 0, around a prediction
-constexpr double kMaxSearch = 80;         // px, where a thing of unknown motion is looked for
+constexpr double kMaxSearch = 80;         // px, in which a thing of unknown motion is searched
 constexpr double kSameShift = 0.35;       // m, between keypoints of one thing; and
 constexpr double kSameShiftDepth = 0.02;  // of their depth
 constexpr double kKeptShare = 0.6;  // of the matches to the next frame that a longer span keeps
@@ -202,7 +202,7 @@ std::vector<SearchMatch> KeypointMotion::search(const Frame& now,
   return search_features(*now.features, scales_, queries, options, model_, statistics);
 }
 
-/// Links keypoints of things to the last frame. Each is looked for where it is if it stands still,
+/// Links keypoints of things to the last frame. Each is searched where it is if it stands still,
 /// and where it is if it moves as most of its thing's keypoints do; those are found by a search
 /// around all places it can have gone to.
 void KeypointMotion::follow(Frame& now) const {

@@ -41,7 +41,7 @@ ClassRow row_of(const ClassImage* image, int y) {
   return {image->segment_map->row(y), image->class_of.data()};
 }
 
-/// A row of the right view being filled: columns 0..width-1, and room for what is looked at beside
+/// A row of the right view being filled: columns 0..width-1, and space for what is read beside
 /// them. kNone is farther than every surface.
 class WarpedRow {
  public:

@@ -49,7 +49,7 @@ struct Pixel {
   float disparity;  // px
 };
 
-/// Pixels of a thing that have a disparity, and how many were looked at.
+/// Pixels of a thing that have a disparity, and how many were compared.
 struct ThingSamples {
   std::vector<Pixel> known;
   int looked_at = 0;

@@ -47,7 +47,7 @@ class MaskAssociator {
       : options_(options), pooled_(std::move(pooled)) {}
 
   /// The next frame. \param cameras left, and right if there is one
-  /// \param c the camera whose things are looked at: after an error, the one at fault
+  /// \param c the camera whose things are assigned: after an error, the one at fault
   /// \return identities 0, 1, 2, ... by camera and segment; -1 of stuff
   /// \throws InputError as check_assignment() does
   std::vector<std::vector<std::int32_t>> next_frame(std::span<const PanopticMap* const> cameras,

@@ -34,6 +34,9 @@ def evaluate(args) -> int:
     ate, rpe = figures["ate_m"], figures["rpe_translation_m"]
     print(f"  poses compared    {figures['pairs']}")
     print(f"  path length       {figures['reference_length_m']:.2f} m")
+    note = _other_unit(figures["reference_length_m"], estimate[1])
+    if note:
+        print(f"  note: {note}")
     print(f"  ATE, rmse         {ate['rmse']:.4f} m (median {ate['median']:.4f}, "
           f"max {ate['max']:.4f})")
     print(f"  RPE, rmse         {rpe['rmse']:.4f} m, {figures['rpe_rotation_deg']['rmse']:.4f} deg")
@@ -41,6 +44,15 @@ def evaluate(args) -> int:
         print(f"  KITTI             {figures['kitti_translation_percent']:.3f} %, "
               f"{figures['kitti_rotation_deg_per_100m']:.4f} deg per 100 m")
     return 0
+
+
+def _other_unit(reference_length: float, poses: np.ndarray) -> str:
+    """What to suspect where two paths differ by a factor that no estimate is wrong by; else ""."""
+    length = float(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum())
+    if length <= 0 or reference_length <= 0 or 0.1 < reference_length / length < 10:
+        return ""
+    return (f"the reference is {reference_length / length:.3g} times as long as the estimate, "
+            f"{length:.2f} m: is it in m?")
 
 
 def _span(times: np.ndarray) -> str:

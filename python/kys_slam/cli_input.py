@@ -9,6 +9,7 @@ from kys_slam import InputError
 
 from kys_slam.cli_segment import set_options
 
+_IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff"}
 INDOOR_LAYOUTS = {"EuRoC", "TUM-VI", "image pair", "video pair", "bag"}
 
 
@@ -74,6 +75,7 @@ def open_recording(args):
     inside = _pair_inside(path)
     if inside:
         return _open_folders(args, inside, part)
+    _refuse_loose_images(path)
     _check_options(args, path, "a sequence of a known layout")
     if args.calibration and not correction_of(args):
         raise InputError(f"{path}: contains its calibration: --calibration takes a correction of it "
@@ -116,6 +118,20 @@ def _pair_inside(path: Path):
         if all(p.is_dir() for p in pair):
             return pair
     return None
+
+
+def _refuse_loose_images(path: Path) -> None:
+    """A folder with images is no sequence: how to make a pair of it."""
+    if not path.is_dir():
+        return
+    names = [p.name.lower() for p in path.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES]
+    if not names:
+        return
+    if all("left" in name or "right" in name for name in names):
+        raise InputError(f"{path}: images of both cameras in one folder; move those of the left one to a "
+                         "folder left, those of the right one to a folder right")
+    raise InputError(f"{path}: one folder of images; give two, LEFT and RIGHT (both images of a pair in one "
+                     "file: make a video of the files, which is divided in the middle)")
 
 
 def make_settings(args, recording, label_space: str = "") -> kys_slam.Settings:

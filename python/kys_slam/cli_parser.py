@@ -114,6 +114,9 @@ def _add_run(commands) -> None:
     slam.add_argument("--segment-lag", type=_whole(0), metavar="K",
                       help="with --segment: segments take effect K frames after their own (default: 0); not "
                       "with --schedule realtime")
+    slam.add_argument("--segment-provider", metavar="NAME",
+                      help="with --segment: what runs the network: cpu, cuda, tensorrt, openvino, coreml or "
+                           "directml (default: what MODEL.yaml says, else the first there is)")
     slam.add_argument("--segment-threads", type=_whole(1), default=1, metavar="T",
                       help="with --segment: threads of the network (default: 1)")
     slam.add_argument("--save-priors", metavar="DIR",

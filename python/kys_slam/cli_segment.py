@@ -2,18 +2,18 @@
 """The options --segment... of `kys-slam run`: a network beside the tracker, or its stored results."""
 
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import Any, Optional
 
 import numpy as np
 
 import kys_slam
 from kys_slam import InputError, PriorCamera, PriorFrame
+from kys_slam.colour import left_colour
 from kys_slam.kysp import SEGMENT, THING
 from kys_slam.segment_network import NetworkError, SegmentNetwork, need
 from kys_slam._core import _label_space_of_priors
 from kys_slam.segmenter import Function, Segmenter, from_folder
 
-_IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 _FIRST_THING = 65536  # instances of things in prior files
 
 
@@ -32,48 +32,26 @@ def to_priors(space: "kys_slam.LabelSpace", ids: np.ndarray, segments: list,
     return PriorFrame(space.name, [PriorCamera(np.array(rows, SEGMENT), number[ids])], calibration_hash)
 
 
-def _colour_files(args, recording) -> Optional[Callable[[str], Optional[Path]]]:
-    """The colour image of a frame by its name, of sequences whose rectified images are colour files."""
-    sequence = Path(args.input[0])
-    is_colour = args.pair == "colour" or not (sequence / "image_0").is_dir()
-    if recording.layout != "KITTI odometry" or not is_colour or not (sequence / "image_2").is_dir():
-        return None
-
-    def find(name: str) -> Optional[Path]:
-        files = (sequence / "image_2" / f"{name}{ending}" for ending in _IMAGE_ENDINGS)
-        return next((file for file in files if file.exists()), None)
-
-    return find
-
-
 class _NetworkFunction:
     """Left images to segments, by a network."""
 
     def __init__(self, args, recording) -> None:
         need()
         self._network = SegmentNetwork(args.segment, args.segment_weights,
-                                       threads=args.segment_threads)
+                                       threads=args.segment_threads, provider=args.segment_provider)
         self.label_space = str(self._network.label_space)
-        self._find = _colour_files(args, recording)
+        self._recording = recording
+        if hasattr(recording, "keep_colour"):
+            recording.keep_colour = True
         self._space = kys_slam.LabelSpace(self.label_space)
         self._hash = recording.camera.calibration_hash()
         # What the file says wrongly of the network shows here, before the run.
         self(np.zeros((recording.camera.height, recording.camera.width, 3), np.uint8))
 
     def __call__(self, frame: Any) -> PriorFrame:
-        image = frame if isinstance(frame, np.ndarray) else self._image_of(frame)
+        image = frame if isinstance(frame, np.ndarray) else left_colour(self._recording, frame)
         ids, segments = self._network.segment(image)
         return to_priors(self._space, ids, segments, self._hash)
-
-    def _image_of(self, frame: Any) -> np.ndarray:
-        """(H, W, 3) RGB: in colour where there is a file of it."""
-        file = self._find(frame.name) if self._find else None
-        if file is not None:
-            import cv2
-            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-            if image is not None and image.shape[:2] == frame.left.shape:
-                return np.ascontiguousarray(image[:, :, ::-1])
-        return np.repeat(np.asarray(frame.left)[:, :, None], 3, axis=2)
 
 
 class _FolderFunction:
@@ -90,7 +68,7 @@ class _FolderFunction:
 def check_options(args) -> None:
     """Raises InputError for options that contradict each other."""
     if not args.segment:
-        for name in ("weights", "every", "lag", "threads"):
+        for name in ("weights", "every", "lag", "threads", "provider"):
             if getattr(args, f"segment_{name}") not in (None, 1 if name == "threads" else None):
                 raise InputError(f"--segment-{name} needs --segment")
         if args.save_priors:

@@ -37,7 +37,7 @@ def class_name(label: int, classes: List[str]) -> str:
 
 
 def object_paths(objects: Objects, classes: List[str]) -> Iterator[Tuple[str, np.ndarray]]:
-    """Of each moving thing: a name without blanks, with its instance, and its positions, (N, 3) m."""
+    """Of each moving object: a name without blanks, with its instance, and its positions, (N, 3) m."""
     for instance in np.unique(objects.instances):
         at = objects.instances == instance
         name = class_name(int(objects.labels[at][0]), classes)
@@ -67,7 +67,7 @@ def quaternion(r: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Box:
-    """A thing of the priors in the image."""
+    """An instance of the priors in the image."""
 
     low: np.ndarray  #: (2,) px
     high: np.ndarray  #: (2,) px

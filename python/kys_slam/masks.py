@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Masks of moving or unwanted things, as plain 8-bit PNG files.
+"""Masks of moving or unwanted objects, as plain 8-bit PNG files.
 
 DIR/left/NAME.png and DIR/right/NAME.png, NAME being the stem of the left image; or DIR/NAME.png for
 both cameras' masks when there is a right one as NAME_right.png, for the left camera alone when not.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, is_same_picture,
                     note_of_bits, to_gray, used_bits)
+from .colour import rectified
 
 #: pairs that tell how many of 16 bits a camera uses
 _FIRST_PAIRS = 10
@@ -28,6 +29,7 @@ class PairFrame(NamedTuple):
     timestamp: float  #: s
     left: np.ndarray  #: (H, W) uint8
     right: np.ndarray  #: (H, W) uint8
+    colour: Optional[np.ndarray] = None  #: left, (H, W, 3) uint8 RGB, with Recording.keep_colour
 
 
 class Recording:
@@ -38,13 +40,15 @@ class Recording:
                  why_none: Callable[[], str]) -> None:
         """
         rig: the calibration, or a function that returns it for a size (width, height) of images.
-        pairs: those from number `start` on.
+        pairs: those from number `start` on: name, time (s), left, right image, and a function that
+            returns the left image as (H, W, 3) RGB, None: it has no colour.
         why_none: what to say when there are none.
         """
         self.name, self.layout = name, layout
         self.ground_truth = None
         self.has_images = True
         self.counts = counts  #: images that were left out, by why
+        self.keep_colour = False  #: frames have `colour` where their images have
         self._pairs, self._size, self._start = pairs, size, start
         self._first = list(islice(pairs, 1))
         if not self._first:
@@ -52,9 +56,9 @@ class Recording:
                              (f" at {start} (start)" if start else "") + why_none())
         if self._first[0][2].dtype == np.uint16:  # the first image of a camera that wakes up may be dark
             self._first += islice(pairs, _FIRST_PAIRS - 1)
-        self._bits = max(_bits_of(image) for pair in self._first for image in pair[2:]) or 16
+        self._bits = max(_bits_of(image) for pair in self._first for image in pair[2:4]) or 16
         note = note_of_bits(self._bits)
-        self.notes = [f"{name}: {note}"] if note else []  #: what a user should be told
+        self.notes = [f"{name}: {note}"] if note else []  #: warnings for the user
         height, width = self._first[0][2].shape[:2]
         if callable(rig):
             rig = rig((width, height))
@@ -73,7 +77,7 @@ class Recording:
             yield self._rectified(index, pair)
 
     def _rectified(self, index: int, pair) -> PairFrame:
-        name, stamp, left, right = pair
+        name, stamp, left, right, colour = pair
         left, right = (to_gray(i, bits=self._bits) if i.dtype == np.uint16 else i for i in (left, right))
         size = (self.camera.height, self.camera.width)
         for side, image in (("left", left), ("right", right)):
@@ -86,4 +90,8 @@ class Recording:
             same = is_same_picture(left, right)
             left = self._rectifier.rectify_left(left)
             right = left if same else self._rectifier.rectify_right(right)
-        return PairFrame(index, name, stamp, left, right)
+        return PairFrame(index, name, stamp, left, right, self._colour(colour, size))
+
+    def _colour(self, colour, size: Tuple[int, int]) -> Optional[np.ndarray]:
+        image = colour() if self.keep_colour else None
+        return rectified(self._rectifier, image) if image is not None and image.shape[:2] == size else None

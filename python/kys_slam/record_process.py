@@ -101,7 +101,7 @@ def _record(stream: BinaryIO, say) -> float:
 
 
 def main() -> int:
-    """The process. Returns its exit status: 0, 2 for what the user can mend, 70."""
+    """The process. Returns its exit status: 0, 2 for what the user can correct, 70."""
     status = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print
 

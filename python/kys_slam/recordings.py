@@ -10,6 +10,7 @@ Needs opencv-python-headless for videos, rosbags for bags.
 
 import contextlib
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import Deque, Dict, Iterator, List, Optional, Sequence, Tuple
 
@@ -124,6 +125,26 @@ _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4,
 
 def _decode_image(message, topic: str) -> np.ndarray:
     """(H, W) uint8, or uint16 of an Image message with 16 bits."""
+    pixels, is_bgr = _pixels(message, topic)
+    return pixels if pixels.ndim == 2 else to_gray(pixels, bgr=is_bgr)
+
+
+def _colour_of(connection, message) -> Optional[np.ndarray]:
+    """(H, W, 3) uint8 RGB of an image message that was read; None: it is grey."""
+    if connection.msgtype == _COMPRESSED:
+        cv2 = _cv2()
+        pixels, is_bgr = cv2.imdecode(np.frombuffer(bytes(message.data), np.uint8), cv2.IMREAD_UNCHANGED), True
+        if pixels is None or pixels.dtype != np.uint8 or pixels.ndim != 3:
+            return None
+    else:
+        pixels, is_bgr = _pixels(message, connection.topic)
+    if pixels.ndim == 2:
+        return None
+    return pixels[:, :, 2::-1] if is_bgr else pixels[:, :, :3]
+
+
+def _pixels(message, topic: str) -> Tuple[np.ndarray, bool]:
+    """(H, W) uint8 or uint16, or (H, W, 3) uint8 and whether blue comes first."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     encoding, data = str(message.encoding), np.asarray(message.data, np.uint8)
     if height < 1 or step < 1 or data.size < height * step:
@@ -134,13 +155,12 @@ def _decode_image(message, topic: str) -> np.ndarray:
             raise InputError(f"{topic}: an image message with too few bytes")
         pixels = np.ascontiguousarray(rows[:, :2 * width]).view(
             ">u2" if message.is_bigendian else "<u2")
-        return pixels.astype(np.uint16)
+        return pixels.astype(np.uint16), False
     if encoding.startswith("bayer_") and encoding.endswith("8"):
         cv2 = _cv2()
         code = {"bayer_rggb8": cv2.COLOR_BayerBG2BGR, "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
                 "bayer_gbrg8": cv2.COLOR_BayerGR2BGR, "bayer_grbg8": cv2.COLOR_BayerGB2BGR}
-        return to_gray(cv2.cvtColor(np.ascontiguousarray(rows[:, :width]), code[encoding]),
-                       bgr=True)
+        return cv2.cvtColor(np.ascontiguousarray(rows[:, :width]), code[encoding]), True
     channels = _CHANNELS.get(encoding)
     if channels is None:
         raise InputError(f"{topic}: image encoding '{encoding}' is not supported")
@@ -148,8 +168,8 @@ def _decode_image(message, topic: str) -> np.ndarray:
         raise InputError(f"{topic}: an image message with too few bytes")
     pixels = rows[:, :channels * width].reshape(height, width, channels)
     if channels == 1:
-        return pixels[:, :, 0]
-    return to_gray(pixels[:, :, :3], bgr=not encoding.startswith("rgb"))
+        return pixels[:, :, 0], False
+    return pixels[:, :, :3], not encoding.startswith("rgb")
 
 
 class _InOrder:
@@ -310,7 +330,7 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
                 continue
             if frames is not None and index >= start + frames:
                 return
-            yield str(stamp), stamp * 1e-9, image(a), image(b)
+            yield str(stamp), stamp * 1e-9, image(a), image(b), partial(_colour_of, *a[1:])
 
     def why_none() -> str:
         text = f": {messages[0]} images of {left}, {messages[1]} of {right}"

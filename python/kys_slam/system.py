@@ -37,7 +37,7 @@ class Observation(NamedTuple):
     motions: Optional[np.ndarray]  #: (N,) float32, 0..100
     #: (N,) uint8: how a keypoint compares with its landmark, an index of TIERS; 6: no landmark
     tiers: np.ndarray
-    #: things of the priors (mode `verified`): (instance, label, p_moving 0..1, stereo keypoints)
+    #: instances of the priors (mode `verified`): (instance, label, p_moving 0..1, stereo keypoints)
     instances_seen: List[Tuple[int, int, float, int]]
 
 
@@ -45,7 +45,7 @@ TIERS = ("same instance", "cross instance", "cross class", "bypassed", "gated", 
 
 
 class Objects(NamedTuple):
-    """Moving things, one entry per frame and thing; in the frame of the trajectory."""
+    """Moving objects, one entry per frame and object; in the frame of the trajectory."""
 
     frames: np.ndarray  #: (N,) int64
     instances: np.ndarray  #: (N,) int32, identity over time
@@ -129,7 +129,7 @@ class System(_core.System):
     features: in place of ORB a Features, or a function from an image (H, W) uint8 to its features as
         Features takes it; called for the left, then for the right image, in the thread that feeds.
 
-    Poses, trajectory, map and snapshot may be asked for from any thread at any time.
+    Poses, trajectory, map and snapshot may be requested from any thread at any time.
     """
 
     def __init__(self, camera: _core.StereoCamera,
@@ -185,7 +185,7 @@ class System(_core.System):
 
         It takes effect when frame `frame` + control.segment_lag is fed, or the next one where that is
         past; with the schedule "realtime" with the next one fed. From then on frames get its priors,
-        moved with the scene and its things, until the next segmentation. Numbers of instances need not
+        moved with the scene and its instances, until the next segmentation. Numbers of instances need not
         persist over time. With control.segment_every = n frames 0, n, 2n, ... have one, and feed() waits
         for it where it takes effect (not "realtime"); so it has to come before, or from another thread.
         After control.segment_timeout the run goes on without any.

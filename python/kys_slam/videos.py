@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stereo videos: two files, or one with both images side by side."""
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Dict, Iterator, Optional, Tuple
@@ -109,6 +110,10 @@ class _Video:
         return stamp if self.variable else constant
 
 
+def _rgb(image: np.ndarray) -> np.ndarray:
+    return image[:, :, ::-1]
+
+
 def _pairs_of(videos, counts: Dict[str, int]) -> Iterator[Tuple[int, float, list]]:
     """(number and time of the left frame, images). Frames are paired by number, from the first one on
     whose time is not that of a constant rate by time after the first frame."""
@@ -161,7 +166,8 @@ def open_videos(left: PathLike, right: Optional[PathLike], rig: StereoRig, *, st
     def pairs():
         end = None if frames is None else start + frames
         for number, time, images in islice(_pairs_of(videos, counts), start, end):
-            yield (f"{number:06d}", time, *(to_gray(i, bgr=True) for i in images))
+            yield (f"{number:06d}", time, *(to_gray(i, bgr=True) for i in images),
+                   partial(_rgb, images[0]))
         for video in videos:
             if video.ended:
                 check_end(video)

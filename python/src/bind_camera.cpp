@@ -295,12 +295,13 @@ void bind_camera(nb::module_& m) {
         return is_same_picture(to_gray(l), to_gray(r));
       },
       "left"_a, "right"_a, "Whether two images are one picture, also when one was encoded again.");
-  nb::class_<PairHistory>(m, "PairHistory",
-                          "Looks at some pairs of a drive; tells when left and right image do not "
-                          "belong together: swapped, not rectified, not of the same moment.")
+  nb::class_<PairHistory>(
+      m, "PairHistory",
+      "Compares some pairs of a drive; reports when left and right image do not "
+      "belong together: swapped, not rectified, not of the same moment.")
       .def(nb::init<>())
       .def("count_frame", &PairHistory::count_frame,
-           "The next frame; whether its pair is to be looked at.")
+           "The next frame; whether its pair is to be compared.")
       .def(
           "check",
           [](PairHistory& history, const AnyArray& left, const AnyArray& right, std::int64_t index,
@@ -331,7 +332,7 @@ void bind_camera(nb::module_& m) {
       "Bits that a uint16 image uses, by its largest pixel: 8, 10, 12, 14 or 16; 0: black, or "
       "uint8.");
   m.def("note_of_bits", &note_of_bits, "bits"_a,
-        "What a user should be told about images that use this many of 16 bits, or \"\".");
+        "A warning for the user about images that use this many of 16 bits, or \"\".");
 }
 
 }  // namespace kys_slam

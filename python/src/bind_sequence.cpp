@@ -253,7 +253,7 @@ void bind_sequence(nb::module_& m) {
           "Images that were left out, by why.")
       .def_prop_ro(
           "notes", [](const Input& s) { return s.input.notes; },
-          "What a user should be told about how the images are read.")
+          "Warnings for the user about how the images are read.")
       .def("__len__", [](const Input& s) { return s.input.frames->size().value_or(0); })
       .def(
           "read",
@@ -268,6 +268,26 @@ void bind_sequence(nb::module_& m) {
             return sequence->read(position);
           },
           "position"_a, "The frame at a position, 0 to len - 1; from any thread.")
+      .def(
+          "left_file",
+          [](const Input& s, std::int64_t index) -> std::optional<std::filesystem::path> {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            const Sequence::Frame* frame = sequence != nullptr ? sequence->find(index) : nullptr;
+            if (frame == nullptr) return std::nullopt;
+            return frame->left;
+          },
+          "index"_a,
+          "The file of the left image of the frame of this index (StereoFrame.index), as it is; "
+          "None: there is none.")
+      .def_prop_ro(
+          "rectifier",
+          [](const Input& s) -> const StereoRectifier* {
+            const auto* sequence = dynamic_cast<const Sequence*>(s.input.frames.get());
+            return sequence != nullptr ? sequence->rectifier() : nullptr;
+          },
+          nb::rv_policy::reference_internal,
+          nb::for_getter(nb::sig("def rectifier(self) -> StereoRectifier | None")),
+          "What images of the files go through; None: they are rectified.")
       .def(
           "check_features",
           [](const Input& s, const Settings& settings) {

@@ -542,6 +542,8 @@ void bind_report(nb::module_& m) {
           "why it is not \"ok\", \"\" it is")
       .def_ro("relocalised", &FrameReport::relocalised,
               "tracking had lost it, but it was recognised in the map")
+      .def_ro("submap", &FrameReport::submap,
+              "number of the sub-map in whose frame `pose` is, as known when tracked; -1: lost")
       .def_prop_ro(
           "pose", [](const FrameReport& r) { return pose_to_numpy(r.T_w_c); }, nb::rv_policy::move,
           "(4, 4) left camera to world, m, as estimated at this frame; meaningless when lost")
@@ -685,7 +687,7 @@ void bind_system(nb::module_& m) {
            })
       .def(
           "interrupt", [](Slam& s) { s.system().interrupt(); },
-          "Asks optimisation under way to stop early. From any thread.")
+          "Requests that running optimisation stops early. From any thread.")
       .def("start_rig", &Slam::start_rig, "file"_a,
            "Before the first frame and any map: begins with the correction of the calibration that "
            "is in the file, as `kys-slam calibrate` writes it.")

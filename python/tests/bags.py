@@ -27,9 +27,12 @@ def ros_image(typestore, image, stamp, encoding, ros1):
     height, width = pixels.shape
     if encoding == "bgr8":
         pixels = np.repeat(pixels[:, :, None], 3, 2)
+    elif encoding == "rgb8":  # of a colour file
+        cv2 = pytest.importorskip("cv2")
+        pixels = np.ascontiguousarray(cv2.imread(str(image))[:, :, ::-1])
     return t["sensor_msgs/msg/Image"](
         header=header, height=height, width=width, encoding=encoding, is_bigendian=0,
-        step=width * (3 if encoding == "bgr8" else 1), data=pixels.ravel())
+        step=width * (1 if pixels.ndim == 2 else 3), data=pixels.ravel())
 
 
 def ros_camera_info(typestore, info, stamp, ros1):

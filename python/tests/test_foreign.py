@@ -419,3 +419,22 @@ def test_a_recording_in_pieces_says_so(tmp_path, corridor, corridor_camera):
     pytest.importorskip("matplotlib")
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     assert "12 of 12, 4 connected, 3 sub-maps" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_loose_images_and_units_of_a_reference(tmp_path, corridor, corridor_camera, capsys):
+    cv2 = pytest.importorskip("cv2")
+    for i, (left, right, _, _) in enumerate(corridor[:2]):
+        for folder, name, image in (("one", f"left_{i}", left), ("one", f"right_{i}", right),
+                                    ("both", f"{i}", np.hstack([left, right]))):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            cv2.imwrite(str(tmp_path / folder / f"{name}.png"), image)
+    for folder, words in (("one", "folder left"), ("both", "LEFT and RIGHT")):
+        assert cli.main(["run", str(tmp_path / folder), "--rate", "10"]) == 2
+        assert words in capsys.readouterr().err
+    times, poses = np.arange(5.0), np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = times
+    kys_slam.write_tum(tmp_path / "m.tum", times, poses)
+    poses[:, 0, 3] *= 1000
+    kys_slam.write_tum(tmp_path / "mm.tum", times, poses)
+    assert cli.main(["evaluate", str(tmp_path / "m.tum"), "--reference", str(tmp_path / "mm.tum")]) == 0
+    assert "1e+03 times as long" in capsys.readouterr().out

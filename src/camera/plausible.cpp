@@ -40,7 +40,10 @@ void require_plausible(const StereoCamera& camera, const std::string& name,
     throw InputError(name + ": " + text);
   }
   if (!(std::abs(camera.cx) < 10 * side && std::abs(camera.cy) < 10 * side)) {
-    throw InputError(name + ": the principal point is far outside the image");
+    throw InputError(
+        name +
+        ": the principal point is far outside the image (coefficients of a lens are k1, "
+        "k2, p1, p2, k3; intrinsics fx, fy, cx, cy)");
   }
   require_baseline(camera.baseline, name, remedy);
 }
@@ -64,6 +67,24 @@ std::string other_image_size(double cx, double cy, int width, int height) {
       "cy "
       "by {:.3g}",
       factor * width, factor * height, width, height, cx, cy, 1 / factor);
+}
+
+bool is_other_order(double fx, double fy, double cx, double cy, int width) {
+  constexpr double kDiffers = 1.1, kAgrees = 1.05;  // of two focal lengths
+  constexpr double kMiddle = 0.2;                   // of the width, around the middle
+  const auto ratio = [](double a, double b) { return std::max(a, b) / std::min(a, b); };
+  if (!(fx > 0 && fy > 0 && cx > 0 && cy > 0) || ratio(fx, fy) < kDiffers) return false;
+  return ratio(fx, cx) < kAgrees && std::abs(2 * fy + 1 - width) < kMiddle * width;
+}
+
+std::string unequal_focal_lengths(double fx, double fy) {
+  constexpr double kMost = 1.25;
+  if (std::max(fx, fy) <= kMost * std::min(fx, fy)) return "";
+  return fmt::format(
+      "fx and fy are {:.1f} and {:.1f} px: pixels are nearly square in most cameras; is one of "
+      "them "
+      "wrong, or were the images stretched?",
+      fx, fy);
 }
 
 }  // namespace kys_slam

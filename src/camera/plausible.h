@@ -30,4 +30,10 @@ double size_factor(double cx, double cy, int width, int height);
 /// such sign.
 std::string other_image_size(double cx, double cy, int width, int height);
 
+/// Whether four intrinsics are fx, cx, fy, cy by their values, not fx, fy, cx, cy.
+bool is_other_order(double fx, double fy, double cx, double cy, int width);
+
+/// One sentence about pixels that are far from square; "" when they are not.
+std::string unequal_focal_lengths(double fx, double fy);
+
 }  // namespace kys_slam

@@ -36,7 +36,7 @@ RigCorrection::Covariance rig_prior() {
                                RigParameter::kRightP2}) {
     set(p, 0.003);
   }
-  // Lenses of one rig are of one kind, and their calibrations come from the same pictures.
+  // Lenses of one rig are of one kind, and their calibrations come from the same images.
   prior(at(RigParameter::kLeftK1), at(RigParameter::kRightK1)) =
       prior(at(RigParameter::kRightK1), at(RigParameter::kLeftK1)) = 0.7 * 0.01 * 0.01;
   set(RigParameter::kYaw, 0.01);

@@ -68,6 +68,19 @@ struct StereoRectifier::Maps {
     }
     return rectified;
   }
+
+  [[nodiscard]] ImageOf<std::uint16_t> nearest(const ImageOf<std::uint16_t>& raw) const {
+    if (raw.width() != width || raw.height() != height) {
+      throw InputError("a map of a raw image of another size than its calibration");
+    }
+    ImageOf<std::uint16_t> rectified(width, height);
+    for (std::size_t i = 0; i < offset.size(); ++i) {
+      const int right = (weights[i] & 0xffU) >= 16 ? 1 : 0;
+      const int lower = (weights[i] >> 8U) >= 16 ? width : 0;
+      rectified.data()[i] = raw.data()[offset[i] + right + lower];
+    }
+    return rectified;
+  }
 };
 
 namespace {
@@ -215,6 +228,10 @@ GrayImage StereoRectifier::rectify_left(const GrayImage& raw) const {
 
 GrayImage StereoRectifier::rectify_right(const GrayImage& raw) const {
   return maps_[1]->apply(raw);
+}
+
+ImageOf<std::uint16_t> StereoRectifier::rectify_left_map(const ImageOf<std::uint16_t>& raw) const {
+  return maps_[0]->nearest(raw);
 }
 
 }  // namespace kys_slam

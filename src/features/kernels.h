@@ -38,7 +38,7 @@ struct Kernels {
   /// contiguous circle pixels are all > I + t or all < I - t, or 0 where that is below
   /// `min_threshold`. Reads three pixels beyond on each side and three rows above and below.
   /// `groups[i]` is non-zero when the i-th group of kScoreGroup pixels has a non-zero score.
-  /// `score` must have room for whole groups; scores beyond `count` are set to 0.
+  /// `score` must have capacity for whole groups; scores beyond `count` are set to 0.
   void (*fast_score)(const std::uint8_t* row, std::ptrdiff_t stride, int count, int min_threshold,
                      std::uint8_t* score, std::uint8_t* groups);
 

@@ -98,7 +98,7 @@ void OrbExtractor::extract(const GrayImage& image, FeatureSet& features) {
   features.clear();
   if (image.empty()) return;
   const OrbOptions& options = impl_->options;
-  // Features of keyframes are kept as they are: without room for more. The last split of a tree
+  // Features of keyframes are kept as they are: without capacity for more. The last split of a tree
   // may leave three too many.
   const auto most = static_cast<std::size_t>(options.features + 3 * options.levels);
   features.keypoints.reserve(most);

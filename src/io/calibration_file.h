@@ -11,7 +11,7 @@
 
 namespace kys_slam {
 
-/// A calibration in YAML whose numbers are asked for by key, of every format. All functions throw
+/// A calibration in YAML whose numbers are read by key, of every format. All functions throw
 /// InputError naming the file and the key.
 class CalibrationFile {
  public:

@@ -5,6 +5,7 @@
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/stereo_rig.h>
 #include <kys_slam/trajectory_file.h>
+#include <kys_slam/util/parse_number.h>
 #include <kys_slam/util/paths.h>
 #include <kys_slam/util/text_table.h>
 
@@ -13,6 +14,7 @@
 #include <set>
 #include <string_view>
 
+#include "io/frame_times.h"
 #include "io/sequence_parts.h"
 
 namespace kys_slam {
@@ -33,19 +35,44 @@ struct Shots {
   std::int64_t missing = 0;  // listed, but not there
 };
 
+/// Time stamps of the first column in ns: they are, or in the only other unit that makes them times
+/// of a camera. \throws InputError naming the row of a stamp that is no number
+std::vector<std::int64_t> nanoseconds_of(const TextTable& table) {
+  std::vector<std::int64_t> whole;
+  std::vector<double> stamps;
+  for (const TextRow& row : table.rows()) {
+    stamps.push_back(table.number(row, 0));
+    if (const auto number = parse_int(row.fields[0])) whole.push_back(*number);
+  }
+  const bool all_whole = whole.size() == stamps.size();
+  const std::vector<std::int64_t> units = units_of_stamps(stamps);
+  constexpr std::int64_t kPerSecond = 1'000'000'000;
+  const bool is_other = units.size() == 1 && units[0] != kPerSecond;
+  if (all_whole && !is_other) return whole;
+  if (!is_other && !stamps.empty() && units.empty()) {
+    table.fail(table.rows().front(), "no unit makes the first column time stamps of a camera");
+  }
+  const auto unit = static_cast<double>(is_other ? units[0] : kPerSecond);
+  std::vector<std::int64_t> rounded;
+  for (const double stamp : stamps) rounded.push_back(std::llround(stamp / unit * 1e9));
+  return rounded;
+}
+
 /// The rows "timestamp,file name" of one camera, without those whose image is missing.
 /// \throws InputError naming the first of these when they are most
 Shots read_shots(const fs::path& camera) {
   constexpr std::int64_t kLeastInterval = 100000;  // ns; seconds since 1970 have steps of 238 ns
-  const TextTable table(camera / "data.csv");
+  const TextTable table(camera / "data.csv", TableStyle::kSpreadsheet);
+  const std::vector<std::int64_t> stamps = nanoseconds_of(table);
   std::vector<Shot> shots;
   std::size_t first_missing = 0;
   std::set<std::string_view> names;
   for (const TextRow& row : table.rows()) {
     if (row.fields.size() != 2) table.fail(row, "expected 'timestamp,file name'");
-    const fs::path name(row.fields[1]);
+    fs::path name(row.fields[1]);
+    if (name.parent_path() == "data") name = name.filename();
     if (name.has_parent_path()) table.fail(row, "file name with a folder");
-    shots.push_back({table.integer(row, 0), camera / "data" / name});
+    shots.push_back({stamps[shots.size()], camera / "data" / name});
     if (shots.back().nanoseconds < 0) table.fail(row, "negative time stamp");
     if (!names.insert(row.fields[1]).second) {
       table.fail(row, "the image " + name.string() + " is listed twice");

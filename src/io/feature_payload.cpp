@@ -79,7 +79,7 @@ const std::array<float, 256>& motion_of_code() {
 struct CameraColumns {
   const FeatureSet& set;
   const std::vector<std::int32_t>& landmarks;
-  const std::vector<FeatureLook>& looks;
+  const std::vector<DescriptorOrigin>& origins;
   const std::vector<kys::Prior>& priors;
 };
 
@@ -110,31 +110,32 @@ std::vector<std::uint8_t> flip_gaps(const kys::Descriptor& a, const kys::Descrip
   return gaps;
 }
 
-void encode_looks(ByteWriter& w, const CameraColumns& c, std::uint64_t seed) {
+void encode_origins(ByteWriter& w, const CameraColumns& c, std::uint64_t seed) {
   const std::size_t n = c.set.size();
-  std::vector<FeatureLook> looks = c.looks;
-  looks.resize(n);  // kRaw
+  std::vector<DescriptorOrigin> origins = c.origins;
+  origins.resize(n);  // kRaw
   std::vector<std::uint8_t> counts, gaps;
   std::vector<std::uint64_t> families, states, raw;
   std::uint64_t last = 0;
   for (std::size_t i = 0; i < n; ++i) {
-    FeatureLook& look = looks[i];
-    const auto flips = flip_gaps(base_descriptor(look, c.landmarks[i], seed), c.set.descriptors[i]);
-    if (flips.size() > 200) look = {};
-    if (look.kind == FeatureLook::Kind::kRaw) {
+    DescriptorOrigin& origin = origins[i];
+    const auto flips =
+        flip_gaps(base_descriptor(origin, c.landmarks[i], seed), c.set.descriptors[i]);
+    if (flips.size() > 200) origin = {};
+    if (origin.kind == DescriptorOrigin::Kind::kRaw) {
       const auto& words = c.set.descriptors[i].words;
       raw.insert(raw.end(), words.begin(), words.end());
       continue;
     }
-    if (look.kind == FeatureLook::Kind::kFamily) families.push_back(look.value);
-    if (look.kind == FeatureLook::Kind::kState) {
-      states.push_back(look.value - last);
-      last = look.value;
+    if (origin.kind == DescriptorOrigin::Kind::kFamily) families.push_back(origin.value);
+    if (origin.kind == DescriptorOrigin::Kind::kState) {
+      states.push_back(origin.value - last);
+      last = origin.value;
     }
     counts.push_back(static_cast<std::uint8_t>(flips.size()));
     gaps.insert(gaps.end(), flips.begin(), flips.end());
   }
-  put_planes(w, n, 1, [&](std::size_t i) { return static_cast<std::uint8_t>(looks[i].kind); });
+  put_planes(w, n, 1, [&](std::size_t i) { return static_cast<std::uint8_t>(origins[i].kind); });
   put_planes(w, families.size(), 2, [&](std::size_t i) { return families[i]; });
   put_planes(w, states.size(), 8, [&](std::size_t i) { return states[i]; });
   put_planes(w, counts.size(), 1, [&](std::size_t i) { return counts[i]; });
@@ -200,41 +201,42 @@ void flip(kys::Descriptor& d, const std::uint8_t* gaps, std::size_t count) {
   }
 }
 
-void decode_looks(ByteReader& r, std::uint64_t seed, FeatureSet& set,
-                  const std::vector<std::int32_t>& landmarks, std::vector<FeatureLook>& looks) {
+void decode_origins(ByteReader& r, std::uint64_t seed, FeatureSet& set,
+                    const std::vector<std::int32_t>& landmarks,
+                    std::vector<DescriptorOrigin>& origins) {
   const std::size_t n = set.size();
-  looks.resize(n);
+  origins.resize(n);
   std::array<std::size_t, 4> count{};
   take_planes(r, n, 1, [&](std::size_t i, std::uint64_t v) {
     require(v < count.size(), "an unknown kind of descriptor");
-    looks[i].kind = static_cast<FeatureLook::Kind>(v);
+    origins[i].kind = static_cast<DescriptorOrigin::Kind>(v);
     ++count[v];
   });
-  const auto of_kind = [&](FeatureLook::Kind kind) {
+  const auto of_kind = [&](DescriptorOrigin::Kind kind) {
     return count[static_cast<std::size_t>(kind)];
   };
-  std::vector<std::uint64_t> families(of_kind(FeatureLook::Kind::kFamily));
-  std::vector<std::uint64_t> states(of_kind(FeatureLook::Kind::kState));
+  std::vector<std::uint64_t> families(of_kind(DescriptorOrigin::Kind::kFamily));
+  std::vector<std::uint64_t> states(of_kind(DescriptorOrigin::Kind::kState));
   take_planes(r, families.size(), 2, [&](std::size_t i, std::uint64_t v) { families[i] = v; });
   std::uint64_t last = 0;
   take_planes(r, states.size(), 8, [&](std::size_t i, std::uint64_t v) { states[i] = last += v; });
-  const std::size_t keyed = n - of_kind(FeatureLook::Kind::kRaw);
+  const std::size_t keyed = n - of_kind(DescriptorOrigin::Kind::kRaw);
   const std::uint8_t* counts = r.raw(keyed).data();
   std::size_t gap_count = 0;
   for (std::size_t i = 0; i < keyed; ++i) gap_count += counts[i];
   const std::uint8_t* gaps = r.raw(gap_count).data();
-  std::vector<std::uint64_t> raw(4 * of_kind(FeatureLook::Kind::kRaw));
+  std::vector<std::uint64_t> raw(4 * of_kind(DescriptorOrigin::Kind::kRaw));
   take_planes(r, raw.size(), 8, [&](std::size_t i, std::uint64_t v) { raw[i] = v; });
   std::size_t family = 0, state = 0, word = 0;
   for (std::size_t i = 0; i < n; ++i) {
     kys::Descriptor& d = set.descriptors[i];
-    if (looks[i].kind == FeatureLook::Kind::kRaw) {
+    if (origins[i].kind == DescriptorOrigin::Kind::kRaw) {
       for (std::uint64_t& w : d.words) w = raw[word++];
       continue;
     }
-    if (looks[i].kind == FeatureLook::Kind::kFamily) looks[i].value = families[family++];
-    if (looks[i].kind == FeatureLook::Kind::kState) looks[i].value = states[state++];
-    d = base_descriptor(looks[i], landmarks[i], seed);
+    if (origins[i].kind == DescriptorOrigin::Kind::kFamily) origins[i].value = families[family++];
+    if (origins[i].kind == DescriptorOrigin::Kind::kState) origins[i].value = states[state++];
+    d = base_descriptor(origins[i], landmarks[i], seed);
     flip(d, gaps, *counts);
     gaps += *counts++;
   }
@@ -268,22 +270,22 @@ void decode_priors(ByteReader& r, std::size_t n, std::vector<kys::Prior>& priors
 
 }  // namespace
 
-kys::Descriptor expand_look(std::uint64_t key) {
+kys::Descriptor expand_descriptor(std::uint64_t key) {
   kys::Descriptor d;
   for (std::size_t i = 0; i < 4; ++i) d.words[i] = hash_of(key, 0xdec0de, i);
   return d;
 }
 
-kys::Descriptor base_descriptor(const FeatureLook& look, std::int32_t landmark,
+kys::Descriptor base_descriptor(const DescriptorOrigin& origin, std::int32_t landmark,
                                 std::uint64_t seed) {
-  switch (look.kind) {
-    case FeatureLook::Kind::kOwn:
-      return expand_look(hash_of(seed, 3, static_cast<std::uint64_t>(landmark)));
-    case FeatureLook::Kind::kFamily:
-      return expand_look(hash_of(seed, 4, look.value));
-    case FeatureLook::Kind::kState:
-      return expand_look(mix(look.value));
-    case FeatureLook::Kind::kRaw:
+  switch (origin.kind) {
+    case DescriptorOrigin::Kind::kOwn:
+      return expand_descriptor(hash_of(seed, 3, static_cast<std::uint64_t>(landmark)));
+    case DescriptorOrigin::Kind::kFamily:
+      return expand_descriptor(hash_of(seed, 4, origin.value));
+    case DescriptorOrigin::Kind::kState:
+      return expand_descriptor(mix(origin.value));
+    case DescriptorOrigin::Kind::kRaw:
       break;
   }
   return {};
@@ -296,15 +298,16 @@ std::vector<std::uint8_t> encode_frame(const FeatureFrame& frame, std::uint64_t 
   w.u8(frame.has_priors ? kHasPriors : 0);
   w.f32(frame.mover_share);
   for (const CameraColumns& c :
-       {CameraColumns{frame.left, frame.left_landmarks, frame.left_looks, frame.left_priors},
-        CameraColumns{frame.right, frame.right_landmarks, frame.right_looks, frame.right_priors}}) {
+       {CameraColumns{frame.left, frame.left_landmarks, frame.left_origins, frame.left_priors},
+        CameraColumns{frame.right, frame.right_landmarks, frame.right_origins,
+                      frame.right_priors}}) {
     if (c.set.keypoints.size() != c.set.descriptors.size() || c.landmarks.size() != c.set.size() ||
-        (!c.looks.empty() && c.looks.size() != c.set.size()) ||
+        (!c.origins.empty() && c.origins.size() != c.set.size()) ||
         (frame.has_priors && c.priors.size() != c.set.size())) {
       throw std::logic_error("columns of a frame's features differ in length");
     }
     encode_keypoints(w, c);
-    encode_looks(w, c, seed);
+    encode_origins(w, c, seed);
     if (frame.has_priors) encode_priors(w, c);
   }
   return std::move(w.bytes());
@@ -320,15 +323,15 @@ FeatureFrame decode_frame(std::span<const std::uint8_t> bytes, std::uint64_t see
   require(flags <= kHasPriors, "unknown flags");
   f.has_priors = flags != 0;
   f.mover_share = r.f32();
-  require(f.mover_share >= 0 && f.mover_share <= 1, "the movers' share makes no sense");
+  require(f.mover_share >= 0 && f.mover_share <= 1, "the share of moving objects makes no sense");
   const auto camera = [&](std::size_t n, FeatureSet& set, std::vector<std::int32_t>& landmarks,
-                          std::vector<FeatureLook>& looks, std::vector<kys::Prior>& priors) {
+                          std::vector<DescriptorOrigin>& origins, std::vector<kys::Prior>& priors) {
     decode_keypoints(r, n, set, landmarks);
-    decode_looks(r, seed, set, landmarks, looks);
+    decode_origins(r, seed, set, landmarks, origins);
     if (f.has_priors) decode_priors(r, n, priors);
   };
-  camera(left, f.left, f.left_landmarks, f.left_looks, f.left_priors);
-  camera(right, f.right, f.right_landmarks, f.right_looks, f.right_priors);
+  camera(left, f.left, f.left_landmarks, f.left_origins, f.left_priors);
+  camera(right, f.right, f.right_landmarks, f.right_origins, f.right_priors);
   r.expect_end();
   return f;
 }

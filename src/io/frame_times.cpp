@@ -35,21 +35,32 @@ std::optional<std::vector<double>> increasing_column(const TextTable& table, std
   return values;
 }
 
+/// What to say where all rows look like the two halves of a number.
+std::string decimal_commas(const TextTable& table) {
+  const auto is_cut = [](const TextRow& row) {
+    return row.fields.size() == 2 && parse_int(row.fields[0]) && parse_int(row.fields[1]);
+  };
+  const bool all = std::all_of(table.rows().begin(), table.rows().end(), is_cut);
+  return all ? " (numbers have a decimal point here, no comma)" : "";
+}
+
 /// The column of time stamps.
 std::vector<double> stamps_of(const TextTable& table) {
   const bool more = std::any_of(table.rows().begin(), table.rows().end(),
                                 [](const TextRow& row) { return row.fields.size() > 1; });
   if (more && counts_rows(table)) {
     if (auto second = increasing_column(table, 1)) return *std::move(second);
-    throw InputError(table.path().string() +
-                     ": the first column counts the images, and the second one is no time that "
-                     "increases; give a file with one time stamp per line");
+    throw InputError(
+        table.path().string() +
+        ": the first column counts the images, and the second one is no time that "
+        "increases (decimal points, no commas?); give a file with one time stamp per line");
   }
   std::vector<double> stamps;
   for (const TextRow& row : table.rows()) {
     stamps.push_back(table.number(row, 0));
     if (stamps.size() > 1 && stamps.back() <= stamps[stamps.size() - 2]) {
-      table.fail(row, "time stamps do not increase");
+      table.fail(row, "time stamps do not increase" + decimal_commas(table) +
+                          "; --rate in their place gives all frames the same distance");
     }
   }
   return stamps;
@@ -89,7 +100,7 @@ const char* unit_name(std::int64_t per_second) {
 }
 
 std::vector<double> read_time_file(const std::filesystem::path& file) {
-  const TextTable table(file);
+  const TextTable table(file, TableStyle::kSpreadsheet);
   std::vector<double> stamps = stamps_of(table);
   if (stamps.size() < 2) return stamps;
   const std::vector<std::int64_t> units = units_of_stamps(stamps);

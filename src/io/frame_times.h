@@ -20,7 +20,8 @@ const char* unit_name(std::int64_t per_second);
 
 /// Times (s) of a text file, one row per image: the first column, or the second one behind a column
 /// of consecutive numbers. A column that can be s is s, else ms, us or ns.
-/// \throws InputError naming file and row: no increasing numbers, or column or unit cannot be told
+/// \throws InputError naming file and row: no increasing numbers, or column or unit cannot be
+/// determined
 std::vector<double> read_time_file(const std::filesystem::path& file);
 
 }  // namespace kys_slam

@@ -11,6 +11,7 @@
 #include "io/luma.h"
 #include "io/png_decoder.h"
 #include "io/png_encoder.h"
+#include "io/pnm_codec.h"
 
 namespace kys_slam {
 namespace fs = std::filesystem;
@@ -24,10 +25,14 @@ using Bytes = std::span<const std::uint8_t>;
                    (info.indexed ? " with a palette" : "") + (info.jpeg ? " (JPEG)" : ""));
 }
 
+bool is_png(Bytes file) {
+  return PngDecoder::is_png(file);
+}
+
 void require_image(Bytes file, const std::string& name) {
   if (file.empty()) throw InputError(name + ": empty file");
-  if (!PngDecoder::is_png(file) && !is_jpeg(file)) {
-    throw InputError(name + ": neither a PNG nor a JPEG image");
+  if (!is_png(file) && !is_jpeg(file) && !is_pnm(file)) {
+    throw InputError(name + ": neither a PNG nor a JPEG image, nor PGM or PPM");
   }
 }
 
@@ -82,11 +87,13 @@ void write_pixels(const fs::path& path, const ImageOf<T>& image, int channels, i
 
 ImageInfo decode_image_info(Bytes file, const std::string& name) {
   require_image(file, name);
+  if (is_pnm(file)) return pnm_info(file, name);
   return is_jpeg(file) ? jpeg_info(file, name) : PngDecoder(file, name).info();
 }
 
 GrayImage decode_gray(Bytes file, const std::string& name, int bits) {
   require_image(file, name);
+  if (is_pnm(file)) return decode_pnm_gray(file, name, bits);
   return is_jpeg(file) ? decode_jpeg_gray(file, name)
                        : decode_png_gray(PngDecoder(file, name), bits);
 }
@@ -94,12 +101,14 @@ GrayImage decode_gray(Bytes file, const std::string& name, int bits) {
 int used_bits(Bytes file, const std::string& name) {
   const ImageInfo info = decode_image_info(file, name);
   if (info.bits != 16) return 0;
+  if (is_pnm(file)) return bits_of_largest(largest_pnm_sample(file, name));
   const std::vector<std::uint16_t> samples = decode_samples(PngDecoder(file, name));
   return bits_of_largest(*std::max_element(samples.begin(), samples.end()));
 }
 
 RgbImage decode_rgb(Bytes file, const std::string& name) {
   require_image(file, name);
+  if (is_pnm(file)) return decode_pnm_rgb(file, name);
   if (is_jpeg(file)) return decode_jpeg_rgb(file, name);
   const PngDecoder png(file, name);
   RgbImage image(png.info().width, png.info().height);
@@ -109,7 +118,8 @@ RgbImage decode_rgb(Bytes file, const std::string& name) {
 
 Image16 decode_u16(Bytes file, const std::string& name) {
   const ImageInfo info = decode_image_info(file, name);
-  if (info.jpeg || info.channels != 1 || info.bits != 16) fail_kind(name, info, "16-bit grey PNG");
+  if (!is_png(file) || info.channels != 1 || info.bits != 16)
+    fail_kind(name, info, "16-bit grey PNG");
   Image16 image(info.width, info.height);
   PngDecoder(file, name).decode(reinterpret_cast<std::uint8_t*>(image.data()));
   return image;
@@ -118,16 +128,37 @@ Image16 decode_u16(Bytes file, const std::string& name) {
 Rgb16Image decode_rgb16(Bytes file, const std::string& name) {
   static_assert(sizeof(Rgb16Pixel) == 6);
   const ImageInfo info = decode_image_info(file, name);
-  if (info.jpeg || info.channels != 3 || info.bits != 16) fail_kind(name, info, "16-bit RGB PNG");
+  if (!is_png(file) || info.channels != 3 || info.bits != 16)
+    fail_kind(name, info, "16-bit RGB PNG");
   Rgb16Image image(info.width, info.height);
   PngDecoder(file, name).decode(reinterpret_cast<std::uint8_t*>(image.data()));
   return image;
 }
 
+namespace {
+
+/// A grey picture that was saved with colour channels, as painting programs do.
+ImageOf<std::uint8_t> decode_equal_channels(Bytes file, const std::string& name) {
+  const PngDecoder png(file, name);
+  RgbImage rgb(png.info().width, png.info().height);
+  png.decode_rgb8(rgb.data());
+  ImageOf<std::uint8_t> image(rgb.width(), rgb.height());
+  for (std::size_t i = 0; i < image.size(); ++i) {
+    const RgbPixel& p = rgb.data()[i];
+    if (p[0] != p[1] || p[0] != p[2]) fail_kind(name, png.info(), "grey or indexed 8-bit PNG");
+    image.data()[i] = p[0];
+  }
+  return image;
+}
+
+}  // namespace
+
 ImageOf<std::uint8_t> decode_indexed(Bytes file, const std::string& name) {
   const ImageInfo info = decode_image_info(file, name);
-  if (info.jpeg || info.channels != 1 || info.bits > 8) {
-    fail_kind(name, info, "indexed or 8-bit grey PNG");
+  if (is_png(file) && info.channels >= 3 && info.bits == 8)
+    return decode_equal_channels(file, name);
+  if (!is_png(file) || info.channels != 1 || info.bits > 8) {
+    fail_kind(name, info, "grey or indexed 8-bit PNG");
   }
   ImageOf<std::uint8_t> image(info.width, info.height);
   PngDecoder(file, name).decode(image.data());

@@ -14,7 +14,7 @@ namespace {
 
 GrayImage read_image(const std::filesystem::path& path, const StereoCamera& camera, int bits) {
   const std::vector<std::uint8_t> bytes = read_bytes(path);
-  // Before memory for an image of any other size is asked for.
+  // Before memory for an image of any other size is allocated.
   const ImageInfo info = decode_image_info(bytes, path.string());
   if (info.width != camera.width || info.height != camera.height) {
     throw InputError(path.string() + ": image is " + std::to_string(info.width) + "x" +

@@ -11,6 +11,7 @@
 #include <kys_slam/util/text_table.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <limits>
@@ -38,13 +39,23 @@ fs::path sequence_folder(const fs::path& folder) {
 
 std::vector<fs::path> list_images(const fs::path& folder) {
   std::vector<fs::path> images;
+  std::string other;  // extension of images that are not read
   for (const fs::path& path : list_folder(folder)) {
     std::string extension = path.extension().string();
     std::transform(extension.begin(), extension.end(), extension.begin(),
                    [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
-    if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") images.push_back(path);
+    constexpr std::array kRead{".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm"};
+    constexpr std::array kOthers{".bmp", ".tif", ".tiff", ".webp", ".raw", ".gif", ".exr"};
+    if (std::find(kRead.begin(), kRead.end(), extension) != kRead.end()) {
+      images.push_back(path);
+    } else if (std::find(kOthers.begin(), kOthers.end(), extension) != kOthers.end()) {
+      other = extension;
+    }
   }
-  if (images.empty()) throw InputError(folder.string() + ": no PNG or JPEG images");
+  if (images.empty()) {
+    throw InputError(folder.string() + ": no PNG, JPEG or PGM images" +
+                     (other.empty() ? "" : ", but others (" + other + "): convert them to PNG"));
+  }
   sort_frames(images);
   for (std::size_t i = 1; i < images.size(); ++i) {
     if (compare_names(images[i - 1].stem().native(), images[i].stem().native()) == 0) {

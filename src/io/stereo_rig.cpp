@@ -236,6 +236,12 @@ void StereoRig::set_image_size(int width, int height) {
       camera->width = width;
       camera->height = height;
     }
+    if (is_other_order(camera->fx, camera->fy, camera->cx, camera->cy, width)) {
+      throw InputError(fmt::format(
+          "{}: intrinsics {:.6g}, {:.6g}, {:.6g}, {:.6g} are in the order fx, cx, fy, cy by their "
+          "values; the order is fx, fy, cx, cy",
+          name, camera->fx, camera->fy, camera->cx, camera->cy));
+    }
     if (camera->width == width && camera->height == height) continue;
     throw InputError(fmt::format("{}: made for images of {}x{} px, these are {}x{}{}", name,
                                  camera->width, camera->height, width, height,

@@ -79,7 +79,7 @@ std::vector<Rigid3> read_kitti_poses(const fs::path& path) {
 }
 
 std::vector<TimedPose> read_tum_poses(const fs::path& path, Stamps stamps) {
-  const TextTable table(path);
+  const TextTable table(path, TableStyle::kSpreadsheet);
   std::vector<TimedPose> poses;
   for (const TextRow& row : table.rows()) {
     require_columns(table, row, 8, 8);
@@ -89,7 +89,7 @@ std::vector<TimedPose> read_tum_poses(const fs::path& path, Stamps stamps) {
 }
 
 std::vector<TimedPose> read_euroc_poses(const fs::path& path) {
-  const TextTable table(path);
+  const TextTable table(path, TableStyle::kSpreadsheet);
   std::vector<TimedPose> poses;
   for (const TextRow& row : table.rows()) {
     require_columns(table, row, 8, 17);

@@ -73,6 +73,9 @@ std::vector<KeyFrameId> covisibility_neighbourhood(const Map& map, KeyFrameId cu
 
 }  // namespace
 
+/// For `min_gap` keyframes after a loop none is searched within the sub-map: they see the place
+/// that has just been joined, and its correction is not adjusted yet (FullBundle). Sub-maps are
+/// joined where no loop is found: one keyframe that is verified alone is the stronger evidence.
 LoopReport LoopCloser::process(Map& map, KeyFrameId current, const PlaceIndex& index,
                                const std::atomic<bool>* stop) {
   LoopReport report;
@@ -136,7 +139,7 @@ void LoopCloser::apply(Map& map, KeyFrameId current, const Confirmed& loop, Loop
   report.correct = watch.lap_ms();
 }
 
-/// The best joint with another sub-map. Their places are asked for apart from those of the own
+/// The best joint with another sub-map. Their places are requested apart from those of the own
 /// one, which would take the first ranks.
 std::optional<LoopCloser::Confirmed> LoopCloser::detect_joint(const Map& map, KeyFrameId current,
                                                               const PlaceIndex& index,
@@ -161,6 +164,9 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect_joint(const Map& map, Ke
   return Confirmed{std::move(best->place), std::move(best->neighbours)};
 }
 
+/// The confirmed place with most inliers. Each test costs more than the one before it and sees
+/// fewer places: votes, geometry of one keyframe, length of the path, geometry of its neighbours
+/// (ORB-SLAM, Sec. VII-A and B, with covisibility in place of consecutive keyframes).
 std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrameId current,
                                                         const PlaceIndex& index,
                                                         LoopReport& report) const {
@@ -186,7 +192,9 @@ std::optional<LoopCloser::Confirmed> LoopCloser::detect(const Map& map, KeyFrame
   return best;
 }
 
-/// Whether odometry can be as wrong as a loop says. Two sub-maps may lie anywhere.
+/// Whether odometry can be as wrong as a loop says. Two equal facades, or a truck followed through
+/// two streets, verify as one place; the correction then is a large part of the path, true ones are
+/// far below 2 % (README). Two sub-maps may lie anywhere.
 bool LoopCloser::is_plausible(const Map& map, KeyFrameId current,
                               const VerifiedPlace& place) const {
   const KeyFrameId submap = map.keyframe(current).submap;
@@ -269,7 +277,8 @@ void LoopCloser::close(Map& map, KeyFrameId current, const Confirmed& loop,
   map.add_loop_edge(place, current);
 }
 
-/// The younger of two sub-maps moves into the frame of the older one.
+/// The younger of two sub-maps moves into the frame of the older one, whose world frame stays as
+/// it is.
 void LoopCloser::merge(Map& map, KeyFrameId current, const Confirmed& loop) const {
   const KeyFrameId place = loop.place.keyframe;
   const KeyFrameId ours = map.keyframe(current).submap;

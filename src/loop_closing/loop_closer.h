@@ -29,7 +29,7 @@ struct LoopOptions {
   double max_neighbour_shift = 0.1;  ///< m, and share of its distance from the keyframe
   double max_neighbour_turn = 2;     ///< deg, between its verified and its expected orientation
   /// Largest error of the path since the place, as a share of its length; a loop with a larger one
-  /// is of another place that looks the same. Stereo odometry drifts by 0.02 at most.
+  /// is of another place that appears the same. Stereo odometry drifts by 0.02 at most.
   double max_drift = 0.1;
   double min_allowed_drift = 0.5;  ///< m, allowed for short paths too
   int essential_weight = 100;      ///< shared landmarks of an edge of the essential graph
@@ -72,7 +72,7 @@ class LoopCloser {
   /// \param index of the landmarks of the map
   LoopReport process(Map& map, KeyFrameId current, const PlaceIndex& index,
                      const std::atomic<bool>* stop = nullptr);
-  /// Looks for the place of a keyframe in the other sub-maps alone; call it when all keyframes
+  /// Searches the place of a keyframe in the other sub-maps alone; call it when all keyframes
   /// around it are known.
   LoopReport join(Map& map, KeyFrameId current, const PlaceIndex& index,
                   const std::atomic<bool>* stop = nullptr);

@@ -152,7 +152,8 @@ int refine(const Map& map, const FrameFeatures& features, Rigid3& T_c_w,
   return result.inliers;
 }
 
-/// Share of the cells in view that have a matched feature.
+/// Share of the cells in view that have a matched feature. Many inliers on one object in a corner,
+/// as on a vehicle ahead that was there at the place too, cover little of the view.
 double area_share(const FrameFeatures& features, const std::vector<LandmarkId>& landmarks,
                   const ImageCells& cells, const std::vector<std::uint8_t>& in_view) {
   std::vector<std::uint8_t> matched(cells.size(), 0);
@@ -228,6 +229,8 @@ std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& f
   const std::vector<LandmarkId> around = landmarks_around(map, place, options.window);
   VerifiedPlace found;
   found.T_c_w = *aligned;
+  // The alignment rests on few matches and is some pixels off: the wide search corrects it, and the
+  // narrow one drops matches with repeated texture beside the right place.
   for (const float radius : {options.wide_radius, options.narrow_radius}) {
     found = match_place(map, features, found.T_c_w, around, radius, options.search_distance, model,
                         statistics);

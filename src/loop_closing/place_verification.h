@@ -51,7 +51,7 @@ std::vector<LandmarkId> landmarks_around(const Map& map, KeyFrameId keyframe,
 /// SE(3) by its stereo points. Then the landmarks around are searched at their projections and the
 /// pose is refined. The place is accepted when enough landmarks are inliers: in number, as a share
 /// of the landmarks predicted in view, and as a share of the image area these cover (a vehicle
-/// ahead looks the same in every place). Several keyframes of the place must observe them.
+/// ahead appears the same in every place). Several keyframes of the place must observe them.
 std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& features,
                                           KeyFrameId place, const PlaceVerificationOptions& options,
                                           const kys::DistanceModel& model,

@@ -8,7 +8,7 @@ namespace kys_slam {
 
 void describe(kys::OptionList& list, RelocalizationOptions& o) {
   list.add("relocalization.enabled", o.enabled,
-           "look for lost frames in the whole map, start a new sub-map when that fails");
+           "search the whole map for lost frames, start a new sub-map when that fails");
   list.add("relocalization.candidates", o.candidates, {0, 100}, "", "places verified per frame");
   list.add("relocalization.patience", o.patience, {1, 1e9}, "frames",
            "for which a new sub-map is provisional, and unrecognised ones after which a doubtful "

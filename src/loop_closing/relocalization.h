@@ -22,7 +22,7 @@ void describe(kys::OptionList& list, RelocalizationOptions& options);
 
 /// Relocalises a frame in the map: the verified candidate of the index with most inliers (ORB-SLAM,
 /// Sec. V-C). Nothing when no candidate is verified.
-/// \param except sub-map in which it is not looked for; invalid: none
+/// \param except sub-map that is not searched; invalid: none
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
                                         const FrameFeatures& features, KeyFrameId except,
                                         const RelocalizationOptions& options,

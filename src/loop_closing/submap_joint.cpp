@@ -18,7 +18,7 @@ void describe(kys::OptionList& list, JointOptions& o) {
   list.add("joint.min_aligned", o.min_aligned, {3, 60000}, "",
            "inliers of the alignment below which the place is rejected");
   list.add("joint.neighbours", o.neighbours, {0, 1000}, "",
-           "covisible keyframes asked besides the keyframe");
+           "covisible keyframes compared besides the keyframe");
   list.add("joint.min_inliers", o.min_inliers, {3, 60000}, "",
            "landmarks that a keyframe must match to count");
   list.add("joint.min_share", o.min_share, {0, 1}, "", "... as a share of those it has in view");
@@ -58,6 +58,8 @@ struct Evidence {
   int keyframes = 0;
   double area = 0;  // sum
 
+  /// A keyframe counts only with enough inliers of its own: chance matches of many keyframes do not
+  /// add up to a place.
   bool add(const VerifiedPlace& seen, const JointOptions& o) {
     if (seen.inliers < o.min_inliers || seen.inliers < o.min_share * seen.in_view) return false;
     for (const LandmarkId id : seen.landmarks) {
@@ -68,6 +70,8 @@ struct Evidence {
     return true;
   }
   [[nodiscard]] int total() const { return static_cast<int>(landmarks.size()); }
+  /// Different landmarks are counted as well: keyframes that stand close together match the same
+  /// few again and again.
   [[nodiscard]] bool is_enough(const JointOptions& o) const {
     if (keyframes < o.min_keyframes || total() < o.min_total) return false;
     if (area < o.min_area * keyframes) return false;

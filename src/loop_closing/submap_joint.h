@@ -17,7 +17,7 @@ struct JointOptions {
   std::size_t candidates = 5;  ///< places of other sub-maps tried per keyframe
   int min_matches = 8;         ///< without prediction; fewer: no alignment is tried
   int min_aligned = 6;         ///< inliers of the alignment
-  std::size_t neighbours = 9;  ///< covisible keyframes asked besides the keyframe
+  std::size_t neighbours = 9;  ///< covisible keyframes compared besides the keyframe
   int min_inliers = 12;        ///< landmarks that a keyframe must match to count
   double min_share = 0.1;      ///< ... as a share of those it has in view
   int min_keyframes = 3;       ///< keyframes that count

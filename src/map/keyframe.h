@@ -3,6 +3,7 @@
 
 #include <kys_slam/rigid3.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -43,6 +44,14 @@ struct KeyFrame {
   std::vector<KeyFrameId> children;      ///< by id
   std::vector<KeyFrameId> loop_edges;    ///< by id
   std::optional<ExpectedMotion> motion;  ///< not stored in map files
+
+  /// Landmarks that this keyframe shares with another one; 0: none.
+  [[nodiscard]] int shared_with(KeyFrameId other) const {
+    const auto at =
+        std::lower_bound(covisible.begin(), covisible.end(), other,
+                         [](const Covisible& c, KeyFrameId wanted) { return c.keyframe < wanted; });
+    return at != covisible.end() && at->keyframe == other ? at->weight : 0;
+  }
 };
 
 }  // namespace kys_slam

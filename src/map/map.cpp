@@ -97,7 +97,7 @@ int Map::observation_weight(LandmarkId id) const {
 }
 
 std::optional<Rigid3> Map::pose(KeyFrameId id) const {
-  Rigid3 T_c_k;  // from the keyframe reached so far to the one asked for
+  Rigid3 T_c_k;  // from the keyframe reached so far to the requested one
   while (!keyframes_.contains(id)) {
     const CulledKeyFrame* culled = culled_.find(id);
     if (culled == nullptr) return std::nullopt;

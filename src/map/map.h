@@ -145,7 +145,7 @@ class Map {
     return keeps_beliefs_ ? kys::p_static(landmark.prior) : 1.0f;
   }
 
-  /// One past the largest instance number of things, without the bit of the right camera.
+  /// One past the largest instance number of thing classes, without the bit of the right camera.
   /// \param is_thing by label
   [[nodiscard]] std::int32_t instance_end(std::span<const std::uint8_t> is_thing) const;
 

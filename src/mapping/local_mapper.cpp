@@ -86,7 +86,7 @@ void LocalMapper::map_in_full(Map& map, KeyFrameId id, LocalMapperReport& report
     report.keyframes_culled += sparsification_.update(map, report.bundle_report.window);
   }
   report.cull = watch.lap_ms();
-  calibration_.update(map, sparsification_.culled(), stop);
+  calibration_.update(map, keyframes_seen(map), stop);
   report.calibrate = watch.lap_ms();
 }
 

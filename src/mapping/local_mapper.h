@@ -75,7 +75,7 @@ class LocalMapper {
   /// At the end of a run: the last estimate of the disparity offset. The newest keyframes stay, for
   /// a run that continues the map.
   void finish(Map& map, const std::atomic<bool>* stop = nullptr) {
-    calibration_.finish(map, sparsification_.culled(), stop);
+    calibration_.finish(map, keyframes_seen(map), stop);
   }
   void start_rig(const RigEstimate& rig) { calibration_.start_rig(rig); }
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const {
@@ -83,6 +83,9 @@ class LocalMapper {
   }
 
  private:
+  [[nodiscard]] std::size_t keyframes_seen(const Map& map) const {
+    return map.keyframes().size() + sparsification_.culled();
+  }
   [[nodiscard]] bool is_mapped_in_full(const Map& map, const KeyFrameMessage& message,
                                        bool behind) const;
   void map_in_full(Map& map, KeyFrameId id, LocalMapperReport& report,

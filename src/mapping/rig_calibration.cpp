@@ -37,7 +37,7 @@ void describe(kys::OptionList& list, RigCalibrationOptions& o) {
 namespace {
 
 // Keyframes in the map at the estimates, over `keyframes`. Of an offset alone: as many as make it
-// certain. A rig that is bent changes disparities by half a pixel and more, and what a map keeps
+// certain. A miscalibrated rig changes disparities by half a pixel and more, and what a map keeps
 // is what agrees with them, so that a late estimate finds a part of the error only: the first comes
 // early. On rendered blocks the rest was 0.06-0.12 px with a first one at 20, 0.02-0.04 px at 8.
 constexpr std::array kOffsetLooks = {1.0, 2.0, 8.0};
@@ -147,20 +147,18 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
   return solve(view, prior, stop);
 }
 
-bool RigCalibration::update(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
+bool RigCalibration::update(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
   const std::span<const double> looks = looks_of(map);
   if (!options_.enabled || looks_ >= looks.size()) return false;
-  const std::size_t seen = map.keyframes().size() + culled;
   const auto keyframes = static_cast<double>(seen);
   if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
   ++looks_;
   return look(map, seen, looks_ == looks.size(), stop);
 }
 
-bool RigCalibration::finish(Map& map, std::size_t culled, const std::atomic<bool>* stop) {
+bool RigCalibration::finish(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
   const std::size_t all = looks_of(map).size();
   if (looks_ == 0 || looks_ >= all) return false;
-  const std::size_t seen = map.keyframes().size() + culled;
   const auto keyframes = static_cast<double>(seen);
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
   looks_ = all;

@@ -52,12 +52,12 @@ class RigCalibration {
   /// The correction before anything is seen, and what it is worth, in place of none.
   void start_rig(const RigEstimate& rig) { prior_ = rig; }
   /// Returns whether the map was changed.
-  /// \param culled keyframes that have been seen and left the map for their age
-  bool update(Map& map, std::size_t culled = 0, const std::atomic<bool>* stop = nullptr);
+  /// \param seen keyframes so far, with those that left the map for their age
+  bool update(Map& map, std::size_t seen, const std::atomic<bool>* stop = nullptr);
   /// At the end of a run: one more estimate, unless the third was made or the map has hardly grown
   /// since the one before. What was not significant in a few keyframes may be now. Returns whether
   /// the map was changed.
-  bool finish(Map& map, std::size_t culled = 0, const std::atomic<bool>* stop = nullptr);
+  bool finish(Map& map, std::size_t seen, const std::atomic<bool>* stop = nullptr);
   /// The latest estimate of the offset alone, applied or not.
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const { return offset_; }
 

@@ -26,14 +26,6 @@ KeyFrameId neighbour_in_time(const Map& map, KeyFrameId id, int direction) {
   return {};
 }
 
-int shared_landmarks(const Map& map, KeyFrameId a, KeyFrameId b) {
-  const std::vector<Covisible>& all = map.keyframe(a).covisible;
-  const auto at =
-      std::lower_bound(all.begin(), all.end(), b,
-                       [](const Covisible& c, KeyFrameId wanted) { return c.keyframe < wanted; });
-  return at != all.end() && at->keyframe == b ? at->weight : 0;
-}
-
 bool is_between(const Map& map, KeyFrameId id, double overlap) {
   const KeyFrameId before = neighbour_in_time(map, id, -1);
   const KeyFrameId after = neighbour_in_time(map, id, +1);
@@ -41,13 +33,12 @@ bool is_between(const Map& map, KeyFrameId id, double overlap) {
   const std::vector<LandmarkId>& landmarks = map.keyframe(id).landmarks;
   const auto own =
       std::count_if(landmarks.begin(), landmarks.end(), [](LandmarkId l) { return l.valid(); });
-  return shared_landmarks(map, before, after) > overlap * static_cast<double>(own);
+  return map.keyframe(before).shared_with(after) > overlap * static_cast<double>(own);
 }
 
 }  // namespace
 
 int Sparsification::update(Map& map, const std::vector<KeyFrameId>& window) {
-  if (options_.overlap >= 1) dense_.clear();
   int culled = 0;
   const auto judged = [&](KeyFrameId id) {
     if (!map.has(id)) return true;

@@ -24,12 +24,16 @@ void describe(kys::OptionList& list, SparsificationOptions& options);
 /// so; to find a place again and to close loops fewer keyframes are enough. So a keyframe that
 /// leaves is culled where its neighbours in time share enough landmarks: the spacing of what is
 /// kept follows the scene, whatever the rate of frames. What a culled one observed is lost to the
-/// bundle adjustment after a loop, which is why none is by default (configs/lean.yaml).
+/// bundle adjustment after a loop, which is why none is by default (configs/lean.yaml). Terms for
+/// the motions between the neighbours of culled ones, as they were before the loop, do not make up
+/// for it.
 class Sparsification {
  public:
   explicit Sparsification(const SparsificationOptions& options) : options_(checked(options)) {}
   /// Call it for every keyframe.
-  void add(KeyFrameId id) { dense_.push_back(id); }
+  void add(KeyFrameId id) {
+    if (options_.overlap < 1) dense_.push_back(id);
+  }
   /// Call it after local bundle adjustment.
   /// \param window the keyframes that were adjusted or held, by id
   /// \return keyframes culled

@@ -20,17 +20,11 @@ void Thinning::continue_map(const Map& map) {
 int Thinning::update(Map& map, KeyFrameId current) {
   if (options_.patience <= 0 || !map.has(current)) return 0;
   full_.push_back({current, current});
-  const std::vector<Covisible>& near = map.keyframe(current).covisible;
-  const auto sees = [&](KeyFrameId id) {
-    const auto at =
-        std::lower_bound(near.begin(), near.end(), id,
-                         [](const Covisible& c, KeyFrameId wanted) { return c.keyframe < wanted; });
-    return at != near.end() && at->keyframe == id;
-  };
+  const KeyFrame& newest = map.keyframe(current);
   int thinned = 0;
   const auto done = [&](FullKeyFrame& full) {
     if (!map.has(full.keyframe)) return true;
-    if (sees(full.keyframe)) full.last_use = current;
+    if (newest.shared_with(full.keyframe) > 0) full.last_use = current;
     const std::uint32_t unused = current.value - full.last_use.value;
     if (unused < static_cast<std::uint32_t>(options_.patience)) return false;
     thinned += map.thin_keyframe(full.keyframe) > 0 ? 1 : 0;

@@ -19,7 +19,9 @@ void describe(kys::OptionList& list, CommonShiftOptions& o) {
 
 namespace {
 
-constexpr std::size_t kCandidates = 4;  // per keypoint, those with the nearest descriptors
+// Per keypoint, those with the nearest descriptors: on repeated texture the right one is among the
+// nearest few, but often not the nearest.
+constexpr std::size_t kCandidates = 4;
 
 struct Candidate {
   float distance = kys::kRejected;
@@ -94,6 +96,8 @@ std::optional<Eigen::Vector3d> common_shift(const StereoCamera& camera, const Sc
                        targets.begin() + static_cast<std::ptrdiff_t>(start[place + 1]),
                        [&](const Target& target) { return lies_at(pixel, target); });
   };
+  // Exhaustive, as there are few proposals; one is given up when those left cannot make it the
+  // best.
   std::optional<Eigen::Vector3d> best;
   int most = least - 1;
   for (const Eigen::Vector3d& shift : shifts) {

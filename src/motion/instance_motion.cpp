@@ -136,7 +136,8 @@ class Fit {
       const InstanceMotionOptions& options)
       : camera_(camera), lanes_(in_lanes(points)), centre_(centre), options_(options) {}
 
-  /// Motion of largest posterior, its prior being N(0, P): soft weights first, then the cut.
+  /// Motion of largest posterior, its prior being N(0, P): soft weights first, then the cut. From a
+  /// start that is far off a sharp cut would drop the right matches and keep the wrong ones.
   [[nodiscard]] Vector6d minimise(Vector6d xi, const Matrix6d& information) {
     weigh(xi);
     for (int i = 0; i < options_.iterations; ++i) {
@@ -294,6 +295,8 @@ InstanceMotion estimate_instance_motion(const StereoCamera& camera,
   P_moves.diagonal().head<3>().array() += range.rotation * range.rotation;
   P_moves.diagonal().tail<3>().array() += range.translation * range.translation;
 
+  // Two starts of the moving hypothesis. Where half of the matches are on what hides the object,
+  // the median shift is that of neither; the fit of the static hypothesis then is the better start.
   Fit fit(camera, points, centre, options);
   const Fitted still = fitted(fit, Vector6d::Zero(), P_still, inverse(P_still));
   Vector6d shifted = Vector6d::Zero();

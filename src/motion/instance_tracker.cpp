@@ -62,7 +62,7 @@ constexpr double kFarDepth = 1000;            // m, of keypoints without dispari
 constexpr double kDisparityTolerance = 0.25;  // of the disparity: still the same surface
 constexpr double kSurelyMoving = 0.2;         // p_static
 constexpr double kSurelyStatic = 3;           // log-odds
-constexpr double kNoWeight = 0.3;             // p_static below which a thing holds no pose
+constexpr double kNoWeight = 0.3;             // p_static below which an instance supports no pose
 constexpr double kFullWeight = 0.7;           // p_static above which it does in full
 constexpr double kMoving = 0.5;               // p_static below which a velocity is kept
 
@@ -73,7 +73,8 @@ Eigen::Vector3d back_project(const StereoCamera& camera, const FrameFeatures& fe
 }
 
 /// Of the keypoints of one instance those that are followed on: first those with a past, then
-/// others at equal steps, `count` in all.
+/// others at equal steps, `count` in all. A long past gives a long span and so an exact velocity;
+/// equal steps spread the rest over the object.
 std::vector<std::size_t> choose(const std::vector<std::size_t>& keypoints,
                                 const std::vector<std::int32_t>& back, std::size_t count) {
   if (keypoints.size() <= count) return keypoints;
@@ -146,6 +147,8 @@ kys::Prior InstanceTracker::with_belief(const kys::Prior& prior) const {
   return result;
 }
 
+/// A ramp in place of a threshold: a car whose belief wavers about 0.5 would otherwise enter and
+/// leave the pose from frame to frame, and pull it each time.
 float InstanceTracker::weight(const kys::Prior& prior) const {
   if (!follows(prior)) return 1.0f;
   const Thing* thing = find(prior);
@@ -195,7 +198,8 @@ std::vector<kys::Prior> InstanceTracker::assign_priors(double timestamp,
 }
 
 /// Every keypoint of the last frame is moved on to where it should be seen now; a keypoint takes
-/// the prior of the nearest one, if it is near and as far away.
+/// the prior of the nearest one, if it is near and as far away: at the edge of a car the nearest
+/// prediction may be on the car while the keypoint is on the wall behind it (README, "Belief").
 void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
                               const Rigid3& T_now_last, const Rigid3& T_last_w,
                               std::vector<kys::Prior>& priors) {
@@ -234,7 +238,10 @@ void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
   }
 }
 
-/// Things seen for the first time start where their class and file put them; others grow older.
+/// Instances seen for the first time start where their class and file put them; others return
+/// towards that with time (README, "Belief": start, judgement, time). A flag of the file counts
+/// once, as a change of the initial value, not once per frame: errors of a network
+/// persist over frames.
 void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior> priors) {
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
@@ -245,13 +252,13 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
     Thing& thing = *known;
     if (!is_new && thing.timestamp == timestamp) continue;
     const double before = is_new ? 0.0 : thing.file_log_odds;
-    // A file that says nothing of the thing takes nothing back.
+    // A file without a decision for the instance changes nothing.
     if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
     if (is_new) {
       set_log_odds(thing, thing.file_log_odds);
       thing.first_seen = thing.moving_since = timestamp;
     } else {
-      // What was seen of the thing adds to what its file says, which may change.
+      // Evidence of the images adds to the decision of the file, which may change.
       const double present = thing.log_odds + thing.file_log_odds - before;
       set_log_odds(thing, after_time(present, thing.file_log_odds, timestamp - thing.timestamp,
                                      options_.belief));
@@ -302,15 +309,18 @@ const std::vector<InstanceState>& InstanceTracker::judge(
   return states_;
 }
 
-/// Keypoints of the last frame's things are looked for in this one: where their velocity puts them,
-/// or, if it is not known, wherever they can be.
+/// Keypoints on instances of the last frame are searched in this one: where their velocity puts
+/// them, or, if it is not known, wherever they can be. A near vehicle of unknown speed may be tens
+/// of pixels away, and wheels, windows and fences repeat within that: single matches would be
+/// wrong. So the shift on which most of its keypoints agree is found first (common_shift()), then
+/// each is searched near it.
 void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3& T_last_w,
                              kys::Statistics& statistics) const {
   const Frame& last = frames_.front();
   const double dt = now.timestamp - last.timestamp;
   const Rigid3 T_now_w = T_now_last * T_last_w;
   const auto max_distance = static_cast<float>(options_.descriptor_distance);
-  // Only what can lie on a thing is compared.
+  // Only keypoints that can lie on an instance are compared.
   std::vector<std::uint8_t> taken(now.features->size(), 1);
   for (const auto& [instance, members] : now.keypoints) {
     for (const std::size_t i : members) taken[i] = 0;
@@ -373,7 +383,10 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
 }
 
 /// An instance that appears where another has just gone is that one under a new name: it takes over
-/// its belief and velocity.
+/// its belief and velocity. Segmentations rename an object that was hidden in part or divided; with
+/// the initial value of its class a car known to move would support the pose again. The old name
+/// must be gone and most keypoints must agree, or a car that overtakes another would get its
+/// motion.
 void InstanceTracker::transfer_beliefs(const Frame& now) {
   std::map<std::int32_t, std::map<std::int32_t, int>> votes;  // of each new name for old ones
   const Frame& last = frames_.front();
@@ -411,7 +424,7 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
   }
 }
 
-/// Without a comparison.
+/// The state of an instance without a comparison with an earlier frame.
 InstanceState InstanceTracker::state_of(std::int32_t instance,
                                         const std::vector<std::size_t>& keypoints) const {
   const Thing& thing = things_.at(instance);
@@ -423,6 +436,10 @@ InstanceState InstanceTracker::state_of(std::int32_t instance,
   return state;
 }
 
+/// Compares an instance with the earliest frame in which enough of its keypoints are followed: the
+/// shift of a slow object grows with the span, the noise does not. Both camera poses leave the
+/// instance out: a truck that fills the view has moved the pose along, and would be found static
+/// (README, "The camera without the instance").
 InstanceState InstanceTracker::test_motion(std::int32_t instance,
                                            const std::vector<std::size_t>& keypoints,
                                            const Frame& now, const Rigid3& T_c_w,
@@ -450,7 +467,8 @@ InstanceState InstanceTracker::test_motion(std::int32_t instance,
     return state;
   }
   state.span = dt;
-  // Frames that were compared before say part of it again.
+  // The next frames are compared over nearly the same span: each counts for its part of it
+  // (README, "Belief": evidence).
   state.log_ratio = state.motion.log_ratio / static_cast<double>(span);
   return state;
 }

@@ -88,7 +88,7 @@ class InstanceTracker {
                                                       const Rigid3& T_last_w);
 
   /// Updates the beliefs from the last frame given to `assign_priors`, after tracking. A frame of
-  /// the same time as the last one shows its picture again: it says nothing, and is not kept.
+  /// the same time as the last one shows its image again: it says nothing, and is not kept.
   /// \param features with the priors `assign_priors` gave
   /// \param segments of the left image; an instance that is known has a state without keypoints too
   /// \param terms landmarks used for its pose; none: the pose is exact
@@ -105,7 +105,7 @@ class InstanceTracker {
   void forget_frames() { frames_.clear(); }
   /// Call it when the world has turned, as by a loop: velocities are those of the world.
   void turn_world(const Eigen::Quaterniond& R_new_old);
-  /// Call it in a new world: how fast things are in it is not known.
+  /// Call it in a new world: the velocities of its instances are unknown.
   void forget_velocities();
   [[nodiscard]] std::size_t frames_kept() const { return frames_.size(); }
 

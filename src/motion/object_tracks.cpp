@@ -111,7 +111,7 @@ struct Seen {
   bool used = true;  // for position and velocity
 };
 
-/// A thing that is followed. The first observations may be without place: they came before the one
+/// An object that is tracked. The first observations may be without place: they came before the one
 /// that started it.
 struct Track {
   std::int32_t identity = 0;
@@ -141,6 +141,8 @@ class Assigner {
  private:
   /// How well an observation continues a track: nothing when it cannot; less is better. The middle
   /// of what is seen is compared with where it should be now; the same name is worth half the gate.
+  /// The gate grows with time without observation, with the uncertainty of the velocity (1 sigma)
+  /// and of the place (2 sigma): of a far car few keypoints are seen, and their middle jumps.
   [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
                                            const ObjectObservation& seen) const {
     if (!seen.place) return std::nullopt;
@@ -178,6 +180,8 @@ class Assigner {
     return (*frame.T_w_c * seen.centre_c - expected).norm();
   }
 
+  /// Assigns greedily, the least cost first. Objects are few and metres apart; names decide where
+  /// two of a class pass each other.
   void step(std::size_t k) {
     const ObjectFrame& frame = frames_[k];
     end_old(frame.taken);
@@ -202,7 +206,10 @@ class Assigner {
     }
   }
 
-  /// An observation that no track expects where it is.
+  /// An observation that no track expects where it is. An object that comes out from behind another
+  /// shows the edge of that one first, then its own front: the middle jumps by metres, while the
+  /// priors keep its name. Up to `restart_gate` it keeps its identity with a new filter; farther
+  /// away the name is wrong.
   void go_by_name(std::size_t k, std::size_t o, std::vector<bool>& continued) {
     const ObjectFrame& frame = frames_[k];
     const ObjectObservation& seen = frame.observations[o];
@@ -221,8 +228,8 @@ class Assigner {
     }
   }
 
-  /// A thing is elsewhere than it should be: once, because its keypoints are on something else, or
-  /// from now on. Only the latter starts its motion anew.
+  /// An object is elsewhere than it should be: once, because its keypoints are on something else,
+  /// or from now on. Only the latter starts its motion anew.
   void go_astray(std::size_t t, std::size_t k, std::size_t o) {
     Track& track = active_[t];
     if (!track.astray.empty() && !follows(track.astray.back(), {k, o})) pass_over_astray(track);
@@ -246,7 +253,7 @@ class Assigner {
     }
   }
 
-  /// Whether a thing can be at the two places.
+  /// Whether an object can be at the two places.
   [[nodiscard]] bool follows(const Seen& before, const Seen& now) const {
     const auto place = [&](const Seen& s) {
       return *frames_[s.frame].T_w_c * frames_[s.frame].observations[s.observation].place->centre_c;
@@ -255,7 +262,7 @@ class Assigner {
     return (place(now) - place(before)).norm() <= options_.gate + options_.start_speed * dt;
   }
 
-  /// What was astray was so for a moment: it says that the thing is there, not where.
+  /// What was astray was so for a moment: it says that the object is there, not where.
   static void pass_over_astray(Track& track) {
     for (Seen& seen : track.astray) {
       seen.used = false;
@@ -269,7 +276,7 @@ class Assigner {
     ended_.push_back(std::move(track));
   }
 
-  /// Without a place nothing starts; kept for when the thing is seen better.
+  /// Without a place nothing starts; kept for when the object is seen better.
   void wait(std::size_t k, std::size_t o) {
     auto& waiting = waiting_[frames_[k].observations[o].instance];
     if (!waiting.empty() &&
@@ -344,8 +351,8 @@ class Assigner {
     return track;
   }
 
-  /// The priors' own name, unless a thing that is followed has it: then one that priors never use
-  /// (those of the left camera are below 2^30, those of the right one are not looked at).
+  /// The priors' own name, unless a tracked object has it: then one that priors never use
+  /// (those of the left camera are below 2^30, those of the right one are not used).
   std::int32_t free_identity(std::int32_t instance) {
     const bool used = std::any_of(active_.begin(), active_.end(),
                                   [&](const Track& t) { return t.identity == instance; });
@@ -402,9 +409,9 @@ Track* poor_part(std::span<const ObjectFrame> frames, const ObjectTrackOptions& 
   return is_poor(after, before) ? &second : nullptr;
 }
 
-/// A thing that is observed too far from its expected position has a new identity. It keeps the old
-/// one when one of the two parts is poor: that part was wrong, and the identity in the priors is
-/// right.
+/// An object that is observed too far from its expected position has a new identity. It keeps the
+/// old one when one of the two parts is poor: that part was wrong, and the identity in the priors
+/// is right.
 void keep_names(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options,
                 std::vector<Track>& tracks) {
   for (Track& next : tracks) {

@@ -44,7 +44,7 @@ struct ObjectObservation {
 
 /// One frame of the recording, in order of time.
 struct ObjectFrame {
-  double taken = 0;             ///< s, when its picture was taken
+  double taken = 0;             ///< s, when its image was taken
   std::optional<Rigid3> T_w_c;  ///< final pose; nothing: the frame is skipped
   std::vector<ObjectObservation> observations;
 };

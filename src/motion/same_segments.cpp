@@ -9,7 +9,9 @@ namespace kys_slam {
 
 namespace {
 
-constexpr double kOverlap = 0.3;  // share of the samples that name a segment
+// Share of the samples that must fall on a segment. Much of an object may be hidden in one of the
+// two images; other objects are rarely as far away at the same place.
+constexpr double kOverlap = 0.3;
 constexpr int kLeastVotes = 3;
 
 }  // namespace
@@ -21,6 +23,8 @@ std::vector<std::uint16_t> same_segments(const SegmentCarrier& before, const Seg
     int votes;
     std::uint16_t now, before;
   };
+  // A network calls one vehicle car in an image and truck in the next: classes that move by
+  // themselves are compared as one.
   const auto pooled = [&](std::uint16_t label) {
     return start.mobility(label) == kys::Mobility::kMobile;
   };

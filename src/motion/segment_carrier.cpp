@@ -92,7 +92,7 @@ bool SegmentCarrier::agrees(std::uint16_t segment, const Eigen::Vector3d& p_s) c
   return disparity >= least && disparity <= most;
 }
 
-/// The segment of a point (m) in the camera of the picture. \param only this one; 0: any
+/// The segment of a point (m) in the camera of the image. \param only this one; 0: any
 std::uint16_t SegmentCarrier::seen_at(const Eigen::Vector3d& p_s, std::uint16_t only) const {
   if (p_s.z() < carrying::kNearest) return 0;
   const Eigen::Vector2d pixel = camera_.project(p_s);
@@ -101,6 +101,8 @@ std::uint16_t SegmentCarrier::seen_at(const Eigen::Vector3d& p_s, std::uint16_t 
   return agrees(segment, p_s) ? segment : std::uint16_t{0};
 }
 
+/// Moving segments come first: where a car has driven to, the image shows the road, which would
+/// claim its points (README, "Segments of another frame").
 std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rigid3& T_s_now,
                                          const SegmentShifts& shifts) const {
   const Eigen::Vector3d p_s = T_s_now * p_now;
@@ -114,6 +116,8 @@ std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rig
   return segment > 0 && shifts[segment - 1U].norm() >= kMoved ? std::uint16_t{0} : segment;
 }
 
+/// The most exact source first: the pixel at which the image shows a feature with a disparity; the
+/// cells moved to this frame, whose depth also serves features without one; features beside it.
 std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const Rigid3& T_s_now,
                                                  const SegmentShifts& shifts) const {
   std::vector<std::uint16_t> numbers(now.size(), 0);
@@ -138,7 +142,7 @@ std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const
       numbers[i] = cell.segment;
       continue;
     }
-    // At this depth the pixel in the picture says it more exactly than the cell.
+    // At this depth the pixel in the image says it more exactly than the cell.
     const std::uint16_t exact =
         segment_of(camera_.back_project(k.x, k.y, cell.depth), T_s_now, shifts);
     numbers[i] = exact > 0 ? exact : cell.segment;
@@ -147,8 +151,8 @@ std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const
   return numbers;
 }
 
-/// What was hidden in the picture, or outside it, has the segment of the nearest feature that is as
-/// far away, unless this is a thing: these have borders.
+/// What was hidden in the image, or outside it, has the segment of the nearest feature that is as
+/// far away, unless this is an instance of a thing class: these have borders.
 void SegmentCarrier::fill(const FrameFeatures& now, std::vector<std::uint16_t>& numbers) const {
   const auto radius = static_cast<float>(carrying::kSurfaceRadius * camera_.width);
   const std::vector<std::uint16_t> known = numbers;

@@ -16,12 +16,12 @@
 
 namespace kys_slam {
 
-/// Motion of a segment since the picture it was found in, m, in the axes of the camera then.
+/// Motion of a segment since the image it was found in, m, in the axes of the camera then.
 /// Zero: that of the scene.
 using SegmentShifts = std::vector<Eigen::Vector3d>;
 
-/// The segments of one picture, looked up from other frames. A point seen in another frame is moved
-/// to where it was when the picture was taken, with the scene or with a segment that moves, and has
+/// The segments of one image, carried to other frames. A point seen in another frame is moved
+/// to where it was when the image was taken, with the scene or with a segment that moves, and has
 /// the segment of the pixel it is seen at there, if this surface is as far away. What has
 /// no disparity has the segment that covers its pixel when all are moved, each at the depth of its
 /// features. Immutable.
@@ -37,7 +37,7 @@ class SegmentCarrier {
                  std::vector<std::uint8_t> is_thing, bool carried = true);
 
   /// Per feature of another frame the number of its segment, 0: not known.
-  /// \param T_s_now from the camera of that frame to that of the picture
+  /// \param T_s_now from the camera of that frame to that of the image
   /// \param shifts one per segment
   [[nodiscard]] std::vector<std::uint16_t> carry(const FrameFeatures& now, const Rigid3& T_s_now,
                                                  const SegmentShifts& shifts) const;
@@ -53,7 +53,7 @@ class SegmentCarrier {
   }
   /// Priors by number of segment; none for 0.
   [[nodiscard]] std::vector<kys::Prior> priors_of(std::span<const std::uint16_t> numbers) const;
-  /// Points (m, in the camera of the picture) that spread over a segment: pixels at equal steps, at
+  /// Points (m, in the camera of the image) that spread over a segment: pixels at equal steps, at
   /// the depth of its nearest feature. Empty when none of its features has a disparity.
   [[nodiscard]] std::vector<Eigen::Vector3d> sample(std::uint16_t segment) const;
   [[nodiscard]] const FrameFeatures& features() const { return *features_; }
@@ -66,7 +66,7 @@ class SegmentCarrier {
     bool in_front = true;  // the point is nearer than all of them
   };
   [[nodiscard]] Surface surface_at(std::uint16_t segment, const Eigen::Vector3d& pixel) const;
-  /// Of a picture, on a grid.
+  /// Of a image, on a grid.
   struct Cell {
     std::uint16_t segment = 0;
     float depth = 0;  // m
@@ -89,13 +89,13 @@ class SegmentCarrier {
   std::vector<std::uint16_t> segment_of_feature_;
   std::vector<std::vector<std::uint32_t>> members_;  // by segment - 1; features with disparity
   int columns_ = 0, rows_ = 0;                       // of the grid
-  std::vector<Cell> cells_;                          // of the picture
+  std::vector<Cell> cells_;                          // of the image
 };
 
 /// Which segments of `before`, carried to the frame of `now`, are those of `now`: per segment of
 /// `now` the number in `before`, 0: a new one. By the overlap of surfaces; one to one; stuff is not
 /// named. Classes that move by themselves may change, as networks take a truck for a car.
-/// \param T_before_now between the cameras of the two pictures
+/// \param T_before_now between the cameras of the two images
 std::vector<std::uint16_t> same_segments(const SegmentCarrier& before, const SegmentCarrier& now,
                                          const Rigid3& T_before_now, const SegmentShifts& shifts,
                                          const kys::InitialBelief& start);

@@ -7,7 +7,7 @@
 #include "motion/segment_carrier.h"
 #include "motion/segment_carrying.h"
 
-// The cells of the picture, moved to other frames.
+// The cells of the image, moved to other frames.
 
 namespace kys_slam {
 
@@ -19,7 +19,7 @@ constexpr int kGap = 2;               // cells, on each side
 
 }  // namespace
 
-/// How far away the cells of the picture are: by the nearest features of their segments. A thing
+/// How far away the cells of the image are: by the nearest features of their segments. An instance
 /// without a disparity is about as far away as what surrounds it, other segments are far.
 void SegmentCarrier::sample_depths() {
   columns_ = (camera_.width + carrying::kCell - 1) / carrying::kCell;

@@ -207,7 +207,8 @@ class PlaceIndex::Search {
     }
   }
 
-  /// The nearest landmark of chosen feature number n, and those nearly as near.
+  /// The nearest landmark of chosen feature number n, and those nearly as near: a corner that was
+  /// mapped twice, in two visits, is two landmarks, and the feature is of both.
   void find(std::size_t n, kys::Statistics& statistics) {
     collect(n);
     const std::size_t first = matches_.size();
@@ -229,7 +230,7 @@ class PlaceIndex::Search {
     while (matches_.back().distance > limit) matches_.pop_back();
   }
 
-  /// A thing of the frame is one landmark's: without this a repeated pattern in the query gives a
+  /// A feature of the frame is one landmark's: without this a repeated pattern in the query gives a
   /// keyframe that shows it once a vote for every repetition.
   void keep_nearest_feature() {
     std::sort(matches_.begin(), matches_.end(), [](const Match& a, const Match& b) {

@@ -54,6 +54,9 @@ double PlaceVotes::density(double weight, double landmarks) const {
   return weight / (landmarks + typical);
 }
 
+/// A place is a group of covisible keyframes: they observe the same landmarks, share the votes, and
+/// none leads clearly. Votes are summed over the group, and only its best member is a candidate, or
+/// all first ranks would be of one place.
 std::vector<PlaceCandidate> PlaceVotes::candidates(const Neighbours& neighbours,
                                                    std::size_t max_candidates) const {
   std::vector<double> own(votes_.size(), 0);

@@ -60,8 +60,8 @@ BackEndEnd BackEnd::finish(const std::atomic<bool>* stop) {
   return end;
 }
 
-/// All keyframes are looked for again in the other sub-maps, now that those around them are known.
-/// The keyframes of the largest sub-map are looked for by those of the others.
+/// The other sub-maps are searched again for all keyframes, now that those around them are known.
+/// The keyframes of the largest sub-map are compared with those of the others.
 std::vector<BackEndStep> BackEnd::join_submaps(const std::atomic<bool>* stop) {
   std::vector<BackEndStep> joined;
   const KeyFrameId largest = map_.largest_submap();

@@ -74,7 +74,7 @@ class BackEnd {
   /// place, and corrects the disparities a last time.
   BackEndEnd finish(const std::atomic<bool>* stop);
   /// Relocalises a frame; nothing when it is not at a known place.
-  /// \param except sub-map in which it is not looked for; invalid: none
+  /// \param except sub-map that is not searched; invalid: none
   [[nodiscard]] std::optional<VerifiedPlace> relocalize(const FrameFeatures& features,
                                                         KeyFrameId except,
                                                         kys::Statistics& statistics) const;

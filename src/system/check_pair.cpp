@@ -47,18 +47,18 @@ Offsets match_everywhere(const FeatureSet& left, const FeatureSet& right) {
 }
 
 std::string judge(const PairCheck& check) {
-  char text[200] = "";
-  if (check.backward_share > 0.5) {
-    std::snprintf(text, sizeof text,
-                  "left and right are swapped: %.0f %% of %zu matches lie further right in the "
-                  "right image",
-                  100 * check.backward_share, check.matches);
-  } else if (std::abs(check.row_offset) > kLargestRowOffset ||
-             check.row_spread > kLargestRowOffset) {
+  char text[240] = "";
+  // Rows first: a camera that is turned shifts far points to the other side as well.
+  if (std::abs(check.row_offset) > kLargestRowOffset || check.row_spread > kLargestRowOffset) {
     std::snprintf(text, sizeof text,
                   "the pair is not rectified: rows of %zu matches differ by %.1f px (median), "
-                  "spread %.1f px",
+                  "spread %.1f px; are calibration and images of one rig and of one moment?",
                   check.matches, check.row_offset, check.row_spread);
+  } else if (check.backward_share > 0.5) {
+    std::snprintf(text, sizeof text,
+                  "left and right are swapped: %.0f %% of %zu matches lie further right in the "
+                  "right image (so they do where both are upside down or mirrored)",
+                  100 * check.backward_share, check.matches);
   }
   return text;
 }

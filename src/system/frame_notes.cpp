@@ -9,11 +9,23 @@
 
 #include "system/system_impl.h"
 
-/// What a user is told about a frame that is not as it should be.
+/// Warnings about a frame.
 namespace kys_slam {
 
 void add_phrase(std::string& text, const std::string& phrase) {
   if (!phrase.empty()) text += (text.empty() ? "" : "; ") + phrase;
+}
+
+std::string note_of_times(const std::vector<FrameReport>& reports) {
+  constexpr std::size_t kFrames = 5;
+  constexpr double kLongest = 10;  // s; what moves between is not tracked
+  if (reports.size() != kFrames) return "";
+  for (std::size_t i = 1; i < kFrames; ++i) {
+    if (reports[i].timestamp - reports[i - 1].timestamp <= kLongest) return "";
+  }
+  return fmt::format(
+      "the first frames are {:.4g} s and more apart by their time stamps, which have to be in s",
+      reports[1].timestamp - reports[0].timestamp);
 }
 
 void note_integrity(const IntegrityResult& result, FrameReport& report) {
@@ -21,12 +33,12 @@ void note_integrity(const IntegrityResult& result, FrameReport& report) {
   report.integrity_reason = result.reason;
   if (result.reason == IntegrityReason::kTwoMotions) {
     add_phrase(report.warning,
-               "a large part of the picture moves otherwise than the pose says: an object that "
+               "a large part of the image moves otherwise than the pose says: an object that "
                "fills the view, or the camera's own vehicle (mask it: --mask)");
   }
   if (result.keeps_place) {
     add_phrase(report.warning,
-               "a part of the picture keeps its place while the camera moves: its own vehicle "
+               "a part of the image keeps its place while the camera moves: its own vehicle "
                "(mask it: --mask), or one that it follows");
   }
 }
@@ -46,7 +58,7 @@ bool is_by_parallax(const std::string& fault, const FrameFeatures& left, int wid
   return all > 0 && static_cast<double>(across) >= kLeast * static_cast<double>(all);
 }
 
-/// Masks that are inverted, as the first thing to suspect, and masks as the reason of a lost frame.
+/// Masks that are inverted, as the first fault to suspect, and masks as the reason of a lost frame.
 void System::Impl::note_masks(const StereoMasks& masks, FrameReport& report) const {
   constexpr double kMost = 0.75;  // share of an image that no robot and no traffic covers
   bool covers = false;

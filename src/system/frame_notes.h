@@ -4,6 +4,7 @@
 #include <kys_slam/report.h>
 
 #include <string>
+#include <vector>
 
 #include "map/frame_features.h"
 #include "tracking/integrity_check.h"
@@ -14,6 +15,9 @@ inline constexpr const char* kSamePicture = "the left and the right image are th
 
 /// Appends a phrase to a report's warning.
 void add_phrase(std::string& text, const std::string& phrase);
+
+/// After the first five frames: a warning when all of them are more than 10 s apart, "" else.
+std::string note_of_times(const std::vector<FrameReport>& reports);
 
 /// How far a pose can be relied on, with a warning where a mask may help.
 void note_integrity(const IntegrityResult& result, FrameReport& report);

@@ -62,7 +62,7 @@ LateSegments::Carried LateSegments::begin(std::shared_ptr<const SegmentImage> im
   return carried;
 }
 
-/// Motion up to a time, by the last known velocities; in the axes of the camera of the picture.
+/// Motion up to a time, by the last known velocities; in the axes of the camera of the image.
 SegmentShifts LateSegments::shifts_at(const Carried& carried, double taken,
                                       const InstanceTracker& beliefs, const Rigid3& T_s_w) const {
   Carried then = carried;
@@ -71,7 +71,7 @@ SegmentShifts LateSegments::shifts_at(const Carried& carried, double taken,
   return then.moved;
 }
 
-/// Adds the motion since the last time; that of a thing whose velocity is new since its picture.
+/// Adds the motion since the last time; that of an instance whose velocity is new since its image.
 void LateSegments::advance(Carried& carried, double taken, const InstanceTracker& beliefs) const {
   const std::span<const kys::Prior> segments = carried.segments->segments();
   for (std::size_t k = 0; k < segments.size(); ++k) {
@@ -121,7 +121,7 @@ std::vector<kys::Prior> LateSegments::name(const SegmentImage& image, const Fram
   return named;
 }
 
-/// Things without an identity get those of an earlier segmentation that nothing else has.
+/// Instances without an identity get those of an earlier segmentation that nothing else has.
 void LateSegments::take_names(const Carried& before, const SegmentCarrier& now, const Rigid3& T_c_w,
                               double taken, const InstanceTracker& beliefs, const Tracker& tracker,
                               std::vector<kys::Prior>& named) const {
@@ -147,7 +147,7 @@ void LateSegments::keep_older() {
   if (older_.size() > kOlder) older_.pop_back();
 }
 
-/// What the frame says of its things, as FrameInstances::judge.
+/// What the frame shows of its instances, as FrameInstances::judge.
 void LateSegments::judge(Judged& judged, const Frame& frame, const std::vector<kys::Prior>& priors,
                          std::span<const kys::Prior> segments, const Tracker& tracker) const {
   if (!frame.pose) {

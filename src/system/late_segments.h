@@ -21,13 +21,13 @@ namespace kys_slam {
 /// Segmentations of earlier frames, carried to the present one. Keeps the last frames with their
 /// poses. When a segmentation of frame s arrives before frame n is tracked,
 ///
-/// - its things get the identities of those before it, carried to s (same_segments);
+/// - its instances get the identities of those before it, carried to s (same_segments);
 /// - the frames s..n-1 are judged again with its segments (InstanceTracker), so that beliefs and
 ///   velocities are those of a segmentation in time;
 /// - keyframes and landmarks made since s get its priors.
 ///
 /// Every later frame gets its priors from the same segmentation, moved with the scene or with its
-/// things (SegmentCarrier), until the next one arrives. Deterministic.
+/// instances (SegmentCarrier), until the next one arrives. Deterministic.
 class LateSegments {
  public:
   /// \param model must outlive this
@@ -67,11 +67,11 @@ class LateSegments {
     std::optional<FramePose> pose;       // nothing: lost
     std::optional<KeyFrameId> keyframe;  // that it became
   };
-  /// A segmentation, and how far its things have moved since.
+  /// A segmentation, and how far its instances have moved since.
   struct Carried {
     std::shared_ptr<const SegmentCarrier> segments;
-    FramePose pose;                   // of its picture
-    double taken = 0;                 // s, of its picture
+    FramePose pose;                   // of its image
+    double taken = 0;                 // s, of its image
     double until = 0;                 // s, of the shifts
     SegmentShifts moved;              // m, in the world
     std::vector<std::uint8_t> known;  // flags: `moved` is measured

@@ -33,7 +33,7 @@ class ObjectLog {
   explicit ObjectLog(const ObjectOptions& options) : options_(checked(options)) {}
 
   /// Adds the next frame.
-  /// \param taken  s, when its picture was taken; that of the frame before for a repeated picture
+  /// \param taken  s, when its image was taken; that of the frame before for a repeated image
   /// \param instances of the frame; empty when it has no pose
   void add(double taken, std::span<const InstanceState> instances);
   /// Takes back the last `count` frames, which had no instances.

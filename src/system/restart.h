@@ -7,18 +7,18 @@ namespace kys_slam {
 
 /// When a lost frame that is not recognised starts a new sub-map.
 ///
-/// A camera that is elsewhere, as after missing pictures, starts one at once: it has no pose
-/// otherwise. Such a sub-map is provisional for `patience` frames: each of them is first looked for
-/// in the maps before, and tracking resumes there when it is found, so a loss that passes leaves
-/// the old map as it was. A frame whose pose was found and refused starts nothing at once: what
-/// refuses it, a thing that moves, fills the picture. Neither does the end of a provisional
+/// A camera that is elsewhere, as after missing images, starts one at once: it has no pose
+/// otherwise. Such a sub-map is provisional for `patience` frames: each of them is first searched
+/// for in the maps before, and tracking resumes there when it is found, so a loss that passes
+/// leaves the old map as it was. A frame whose pose was found and refused starts nothing at once:
+/// what refuses it, a moving object, fills the image. Neither does the end of a provisional
 /// sub-map. Then `patience` unrecognised frames start one.
 class Restart {
  public:
   explicit Restart(int patience) : patience_(patience) {}
 
   /// Another frame was lost and not recognised, from which a map can start. Whether it does.
-  /// \param refused a pose was found, and not believed
+  /// \param refused a pose was found and rejected
   [[nodiscard]] bool is_due(bool refused) {
     ++unrecognised_;
     return (!refused && !tried_) || unrecognised_ >= patience_;
@@ -34,7 +34,7 @@ class Restart {
     provisional_ = known || provisional_ == 0 ? 0 : provisional_ - 1;
     if (provisional_ == 0) tried_ = false;
   }
-  /// Whether the next frame is to be looked for in the maps before.
+  /// Whether the earlier maps are to be searched for the next frame.
   [[nodiscard]] bool is_provisional() const { return provisional_ > 0; }
 
  private:

@@ -152,7 +152,7 @@ std::string graph_csv(const MapSnapshot& map) {
   return text;
 }
 
-/// Moving things, a row per frame and thing.
+/// Moving objects, a row per frame and object.
 std::string objects_csv(const System& system, const std::string& label_space) {
   std::string text =
       "frame,name,timestamp,instance,class,p_moving,keypoints,x,y,z,vx,vy,vz,sigma_v\n";

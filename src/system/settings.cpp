@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cctype>
 #include <sstream>
+#include <type_traits>
+#include <variant>
 
 #include "system/settings_data.h"
 
@@ -58,6 +60,39 @@ kys::OptionList list_of(SettingsData& data) {
   kys::OptionList list;
   describe(list, data);
   return list;
+}
+
+Settings::Type type_of(const kys::Option& option) {
+  using Type = Settings::Type;
+  return std::visit(
+      [](const auto& value) {
+        using T = std::remove_cvref_t<decltype(value)>;
+        if constexpr (std::is_same_v<T, kys::OptionChoice>) {
+          return Type::kChoice;
+        } else {
+          using Value = std::remove_pointer_t<T>;
+          if constexpr (std::is_same_v<Value, bool>) return Type::kTruth;
+          if constexpr (std::is_floating_point_v<Value>) return Type::kReal;
+          return std::is_integral_v<Value> ? Type::kInteger : Type::kText;
+        }
+      },
+      option.value);
+}
+
+Settings::Description description_of(const kys::Option& option) {
+  Settings::Description d;
+  d.key = option.key;
+  d.value = option.text();
+  d.unit = option.unit;
+  d.meaning = option.meaning;
+  d.range = option.range_text();
+  d.type = type_of(option);
+  d.least = option.range.least;
+  d.most = option.range.most;
+  if (const auto* choice = std::get_if<kys::OptionChoice>(&option.value)) {
+    d.choices.assign(choice->names.begin(), choice->names.end());
+  }
+  return d;
 }
 
 /// A value as YAML reads it back: texts with anything but letters, digits and a few more in quotes.
@@ -144,8 +179,7 @@ std::vector<Settings::Description> Settings::describe() const {
   };
   for (const kys::OptionList list = list_of(copy); const kys::Option& option : list.options()) {
     if (!option.settable) continue;
-    all.push_back({option.key, option.text(), std::string(option.unit), std::string(option.meaning),
-                   option.range_text()});
+    all.push_back(description_of(option));
     section(all.back());
   }
   std::stable_sort(all.begin(), all.end(), [&](const Description& a, const Description& b) {

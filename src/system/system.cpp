@@ -76,6 +76,7 @@ System::System(const StereoCamera& camera, const Settings& settings, Schedule sc
   impl_ =
       std::make_unique<Impl>(camera, settings, schedule, std::move(priors), std::move(features));
   impl_->first_note = other_image_size(camera.cx, camera.cy, camera.width, camera.height);
+  add_phrase(impl_->first_note, unequal_focal_lengths(camera.fx, camera.fy));
 }
 
 System::~System() = default;
@@ -128,11 +129,12 @@ void System::start_rig(const RigEstimate& rig) {
 }
 
 void System::save_map(const std::filesystem::path& file) const {
+  const std::unique_lock lock(impl_->mutex);
+  const Map& map = impl_->quiet_map(lock);
   if (impl_->runner.failed()) {
     throw InputError("cannot write " + file.string() + ": mapping failed, the map is not sound");
   }
-  kys_slam::save_map(impl_->runner.map(), file,
-                     label_space_name(impl_->options.control.label_space));
+  kys_slam::save_map(map, file, label_space_name(impl_->options.control.label_space));
 }
 
 void System::Impl::check_input(const StereoFrame& frame, const StereoMasks& masks) const {
@@ -241,6 +243,9 @@ void System::Impl::note(const TrackResult& tracked, const FrontEndResult& seen,
   }
   note_integrity(tracked.integrity, report);
   report.T_w_c = tracked.T_c_w.inverse();
+  if (tracked.status != TrackingStatus::kLost && tracker.present_submap().valid()) {
+    report.submap = static_cast<std::int64_t>(tracker.present_submap().value);
+  }
   report.keypoints = static_cast<int>(seen.features->size());
   report.stereo_matches = seen.stereo_matches;
   report.matches = tracked.matches;
@@ -272,7 +277,7 @@ void System::Impl::note_uncertainty(const TrackResult& tracked, FrameReport& rep
                    *u.covariance.motion};
 }
 
-/// Looks for a frame in the whole map, and resumes tracking where it is. The back end is waited
+/// Searches the whole map for a frame, and resumes tracking where it is. The back end is waited
 /// for, so that the answer depends on the frames alone.
 /// \param elsewhere not in the sub-map of the last frame with a pose
 TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen, bool elsewhere) {
@@ -293,7 +298,7 @@ TrackResult System::Impl::resume(const StereoFrame& frame, FrontEndResult& seen,
   return resumed;
 }
 
-/// A lost frame is looked for in the whole map; when that fails, it may start a new sub-map, to be
+/// The whole map is searched for a lost frame; when that fails, it may start a new sub-map, to be
 /// merged when a known place is seen again.
 TrackResult System::Impl::recover(const StereoFrame& frame, FrontEndResult& seen,
                                   TrackResult lost) {
@@ -424,6 +429,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     add_phrase(report.warning, kSamePicture);
   }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
+  add_phrase(report.warning, note_of_times(s.reports));
   add_phrase(report.warning, s.segments.take_warning());
   report.times.track = track_watch.lap_ms();
   report.times.total = watch.elapsed_ms();

@@ -25,7 +25,7 @@ const char* to_string(IntegrityReason reason) {
     case IntegrityReason::kImpossibleMotion:
       return "the motion needs an impossible acceleration";
     case IntegrityReason::kTwoMotions:
-      return "a large part of the picture moves otherwise";
+      return "a large part of the image moves otherwise";
     case IntegrityReason::kOnlyObjects:
       return "only objects that can move support the pose";
     case IntegrityReason::kWeakGeometry:
@@ -68,7 +68,8 @@ void describe(kys::OptionList& list, IntegrityOptions& o) {
   list.add("integrity.still", o.still, {0, 1000}, "px",
            "mean shift in the image up to which something keeps its place");
   list.add("integrity.still_frames", o.still_frames, {1, 1e6}, "frames",
-           "in which something keeps its place while the camera moves, until it is told and takes "
+           "in which something keeps its place while the camera moves, until a warning names it "
+           "and it takes "
            "no part any more");
 }
 

@@ -17,11 +17,11 @@ namespace kys_slam {
 struct IntegrityResult {
   Integrity integrity = Integrity::kOk;
   IntegrityReason reason = IntegrityReason::kNone;
-  /// A part of the picture keeps its place while the camera moves.
+  /// A part of the image keeps its place while the camera moves.
   bool keeps_place = false;
 };
 
-/// Judges an accepted pose by what the frame shows. It changes no pose: it tells those who use it.
+/// Judges an accepted pose by what the frame shows. It changes no pose: it reports.
 class IntegrityCheck {
  public:
   /// \param frame with its pose and the inliers of it

@@ -24,7 +24,7 @@ struct IntegrityOptions {
   int min_matches = 8;     ///< that another motion must fit
   int min_cells = 3;       ///< of the image that it must fit
   double still = 1;        ///< px, mean shift in the image of what keeps its place
-  int still_frames = 10;   ///< frames in which something keeps its place until it is told
+  int still_frames = 10;   ///< frames in which something keeps its place until a warning names it
 };
 /// For check_options().
 void describe(kys::OptionList& list, IntegrityOptions& options);

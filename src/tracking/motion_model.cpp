@@ -13,7 +13,7 @@ void describe(kys::OptionList& list, MotionModelOptions& o) {
   list.add("tracking.turn_acceleration", o.turn_acceleration, {1e-3, 1e6}, "rad/s^2",
            "the same for rotation");
   list.add("tracking.impossible_acceleration", o.impossible, {0.1, 1e6}, "m/s^2",
-           "a pose that needs more is not believed while another explains the picture");
+           "a pose that needs more is rejected while another explains the image");
   list.add("tracking.longest_prediction", o.longest, {0, 60}, "s",
            "without a pose after which constant velocity predicts no more");
   list.add("tracking.longest_check", o.longest_check, {0, 60}, "s",

@@ -21,7 +21,7 @@ std::array<int, 2> pipe_ends{-1, -1};
 
 extern "C" void note_signal(int number) {
   const int saved = errno;
-  // A closing terminal is told of more than once: by the kernel and by the shell.
+  // A closing terminal is signalled more than once: by the kernel and by the shell.
   signal(number, number == SIGHUP ? SIG_IGN : SIG_DFL);
   const char byte = 's';
   [[maybe_unused]] const auto written = write(pipe_ends[1], &byte, 1);

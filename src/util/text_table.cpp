@@ -10,16 +10,28 @@
 namespace kys_slam {
 namespace {
 
-std::vector<std::string_view> split(std::string_view line) {
-  constexpr std::string_view kSeparators = " \t,\r";
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+
+const char* separators_of(std::string_view text, TableStyle style) {
+  if (style == TableStyle::kPlain) return " \t,\r";
+  // Beside semicolons, commas belong to numbers, which are refused.
+  return text.find(';') == std::string_view::npos ? " \t,\"\r" : " \t;\"\r";
+}
+
+std::vector<std::string_view> split(std::string_view line, std::string_view separators) {
   std::vector<std::string_view> fields;
-  std::size_t begin = line.find_first_not_of(kSeparators);
+  std::size_t begin = line.find_first_not_of(separators);
   while (begin != std::string_view::npos) {
-    const std::size_t end = std::min(line.find_first_of(kSeparators, begin), line.size());
+    const std::size_t end = std::min(line.find_first_of(separators, begin), line.size());
     fields.push_back(line.substr(begin, end - begin));
-    begin = line.find_first_not_of(kSeparators, end);
+    begin = line.find_first_not_of(separators, end);
   }
   return fields;
+}
+
+bool has_number(const TextRow& row) {
+  return std::any_of(row.fields.begin(), row.fields.end(),
+                     [](std::string_view field) { return parse_double(field).has_value(); });
 }
 
 /// Names a field in a message without passing on control characters or endless text.
@@ -31,8 +43,11 @@ std::string quoted(std::string_view field) {
 
 }  // namespace
 
-TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(read_text(path)) {
-  const std::string_view text = text_;
+TextTable::TextTable(const std::filesystem::path& path, TableStyle style)
+    : path_(path), text_(read_text(path)) {
+  std::string_view text = text_;
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  const std::string_view separators = separators_of(text, style);
   // A field takes at least two characters; room for fields doubles when it is used up.
   constexpr std::size_t kPerCharacter = sizeof(std::string_view);
   constexpr std::size_t kPerLine = sizeof(TextRow) + 2 * sizeof(std::string_view);
@@ -49,8 +64,12 @@ TextTable::TextTable(const std::filesystem::path& path) : path_(path), text_(rea
       if (header_.empty()) header_ = content;
       continue;
     }
-    std::vector<std::string_view> fields = split(content);
+    std::vector<std::string_view> fields = split(content, separators);
     if (!fields.empty()) rows_.push_back({line, std::move(fields)});
+  }
+  if (style == TableStyle::kSpreadsheet && rows_.size() > 1 && !has_number(rows_[0]) &&
+      has_number(rows_[1])) {
+    rows_.erase(rows_.begin());
   }
 }
 

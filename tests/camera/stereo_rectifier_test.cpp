@@ -103,6 +103,28 @@ TEST(StereoRectifier, SpotsLandWhereTheRectifiedPairSeesThem) {
   }
 }
 
+TEST(StereoRectifier, AMapTakesTheNumberOfTheNearestPixel) {
+  const RawCamera left = euroc_camera(false);
+  const StereoRectifier rectifier(left, euroc_camera(true), "rig");
+  ImageOf<std::uint16_t> columns(752, 480), rows(752, 480);
+  for (int y = 0; y < 480; ++y) {
+    for (int x = 0; x < 752; ++x) {
+      columns.at(x, y) = static_cast<std::uint16_t>(1000 + x);
+      rows.at(x, y) = static_cast<std::uint16_t>(1000 + y);
+    }
+  }
+  const auto u = rectifier.rectify_left_map(columns), v = rectifier.rectify_left_map(rows);
+  const double half = 0.5 + 1.0 / 32;  // positions are rounded to 1/32 px
+  for (const auto& [x, y] : std::vector<std::pair<int, int>>{{376, 240}, {30, 40}, {700, 450}}) {
+    const Eigen::Vector3d ray = rectifier.camera().back_project(x, y, 1);
+    const Eigen::Vector2d raw =
+        project_raw(left, rectifier.T_b_c().rotation * ray + left.T_b_s.t());
+    EXPECT_NEAR(u.at(x, y) - 1000, raw.x(), half);
+    EXPECT_NEAR(v.at(x, y) - 1000, raw.y(), half);
+  }
+  EXPECT_THROW(rectifier.rectify_left_map(ImageOf<std::uint16_t>(752, 479)), InputError);
+}
+
 TEST(StereoRectifier, ACorrectionMakesThePairPerfect) {
   const StereoCamera given{1241, 376, 718.856, 718.856, 607.1928, 185.2157, 0.5371657};
   RigCorrection::Parameters values;

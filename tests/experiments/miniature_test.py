@@ -108,7 +108,8 @@ class Miniature(unittest.TestCase):
     def test_the_report_is_one_file(self):
         self.assertNotRegex(self.page, r'(src|href)="(?!data:|#)')
         self.assertGreater(self.page.count("<img "), 10)
-        for question in ("Does it help", "Where?", "cost?", "differs from the paper?"):
+        for question in ("How accurate is it?", "Compared with whom?", "Do priors help, and when?",
+                         "What does it cost?", "Is it reproducible?", "differs from the paper?"):
             self.assertIn(question, self.page)
 
     @unittest.skipUnless(CHROMIUM, "no Chromium")
@@ -128,6 +129,20 @@ class Miniature(unittest.TestCase):
         self.assertEqual(broken, 0, "broken pictures")
         self.assertEqual(empty, 0, "empty tables")
         self.assertNotIn("CONSOLE", done.stderr)
+
+    @unittest.skipUnless(CHROMIUM, "no Chromium")
+    def test_no_table_is_cut_at_1280_px(self):
+        check = ("<script>window.onload=()=>{document.body.dataset.cut=[...document.querySelectorAll('table')]"
+                 ".filter(t=>t.scrollWidth>t.clientWidth+1).map(t=>t.innerText.slice(0,40)).join('|')+'.'}"
+                 "</script>")
+        with tempfile.TemporaryDirectory() as folder:
+            page = pathlib.Path(folder, "report.html")
+            page.write_text(self.page.replace("</body>", check + "</body>"))
+            done = subprocess.run(
+                [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/c",
+                 "--window-size=1280,900", "--virtual-time-budget=20000", "--dump-dom", f"file://{page}"],
+                capture_output=True, text=True, check=True, timeout=120)
+        self.assertEqual(re.search(r'data-cut="([^"]*)"', done.stdout).group(1), ".")
 
     def test_given_data_is_found_and_marked_and_a_broken_folder_is_a_row(self):
         work = BUILD / "experiments" / "given"

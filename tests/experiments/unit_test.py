@@ -23,6 +23,7 @@ try:
     import experiment_tables
     import figures
     import first_page
+    import forest
     import lose_pictures
     import networks
     import paired
@@ -101,11 +102,16 @@ class Statistics(unittest.TestCase):
         self.assertEqual(d.verdict, "no difference shown")
         self.assertEqual(paired.difference([1] * 6, [1] * 6).verdict, "no difference shown")
 
+    def test_an_interval_that_includes_no_change_and_is_wide_decides_nothing(self):
+        logs = np.log([4, 1 / 4, 3, 1 / 3, 2, 1 / 2])
+        self.assertEqual(paired.difference(np.zeros(6), logs).verdict, "too wide to say")
+        self.assertEqual(paired.difference(np.zeros(6), logs / 20).verdict, "no difference shown")
+
     def test_five_pairs_have_an_interval_and_no_verdict(self):
         d = paired.difference([1] * 5, [0.5, 0.6, 0.5, 0.4, 0.5])
         self.assertLess(d.high, 0)
         self.assertIsNone(d.wilcoxon_p, "five pairs cannot show anything")
-        self.assertEqual(d.verdict, "too few pairs")
+        self.assertEqual(d.verdict, "too wide to say")
 
     def test_where_there_is_no_difference_few_verdicts_say_one(self):
         random = np.random.default_rng(5)
@@ -116,7 +122,7 @@ class Statistics(unittest.TestCase):
             self.assertLess(wrong, 0.08, pairs)
 
     def test_two_pairs_say_nothing(self):
-        self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too few pairs")
+        self.assertEqual(paired.difference([1, 1], [0.1, 0.1]).verdict, "too wide to say")
         self.assertEqual(paired.difference([], []).pairs, 0)
 
     def test_the_same_numbers_give_the_same_interval(self):
@@ -142,7 +148,7 @@ class Statistics(unittest.TestCase):
     def crashes(self):
         """stock does all of eight seeds, KYS six of them, twice as well; two origins."""
         rows = []
-        for origin, factor in (("stand-in", 0.5), ("simulated", 2.0)):
+        for origin, factor in (("substitute", 0.5), ("simulated", 2.0)):
             for seed in range(1, 9):
                 labels = {"input": origin, "seed": seed, "case": "exact", "variant": "", "repeat": 0,
                           "schedule": "pipelined", "origin": origin, "what": origin, "status": "done"}
@@ -155,11 +161,17 @@ class Statistics(unittest.TestCase):
     def test_runs_without_a_result_are_said(self):
         rows = self.crashes()
         experiment = {"name": "t", "title": "T", "paper": "", "baseline": "stock"}
-        said = first_page.in_words([(experiment, rows)])
-        self.assertIn("over 6 pairs, 2 without result (stock 0)", said)
-        self.assertIn("Frames tracked 75.0 %, stock 100.0 %", said)
-        self.assertIn("KYS, simulated worlds, with the default settings: it harms. ATE 2.00", said)
-        self.assertIn("KYS, simulated stand-ins, with the default settings: it helps. ATE 0.50", said)
+        substitutes, worlds = first_page.pooled([(experiment, rows)])
+        self.assertEqual(substitutes.about, "6 pairs, 2 without result (stock 0); tracked 75.0 % (stock 100.0 %)")
+        self.assertEqual(worlds.about, "8 pairs")
+        self.assertEqual([(r.group, r.label, r.verdict) for r in (substitutes, worlds)],
+                         [("simulated substitutes", "KYS", "smaller"), ("simulated worlds", "KYS", "larger")])
+        for row, ratio in ((substitutes, 0.5), (worlds, 2.0)):
+            self.assertAlmostEqual(row.ratio, ratio)
+            self.assertAlmostEqual(row.low, ratio)
+            self.assertAlmostEqual(row.high, ratio)
+        said = first_page.helps_in_words([substitutes, worlds], first_page.where([(experiment, rows)]))
+        self.assertIn("smaller 1, larger 1, no difference shown 0, too wide to say 0", said)
         column = lambda table, name: [r[table.header.index(name)] for r in table.rows]
         lost = experiment_tables.WITHOUT
         summary = first_page.helps(None, [(experiment, rows)])
@@ -181,9 +193,22 @@ class Statistics(unittest.TestCase):
             "ate")))
         self.assertEqual((row["pairs"], row[experiment_tables.WITHOUT], row["tracked %"]),
                          (0, "8 (0)", "0.0"))
-        self.assertIn("no pairs, 8 without result (stock 0)",
-                      first_page.in_words([({"name": "t"}, rows)]))
+        row, = first_page.pooled([({"name": "t"}, rows)])
+        self.assertEqual((row.ratio, row.verdict), (None, "too wide to say"))
+        self.assertEqual(row.about, "0 pairs, 8 without result (stock 0); tracked 0.0 % (stock 100.0 %)")
+        self.assertIn("KYS</span>", forest.forest([row]))
         first_page.where([({"name": "t"}, rows)])
+
+    def test_a_reason_of_many_runs_is_said_once(self):
+        row = lambda seed, status, reason: {"input": f"i{seed % 9}", "configuration": "KYS", "case": "exact",
+                                            "status": status, "reason": reason}
+        text = report.failures([row(s, "failed", "calib.txt: <none>") for s in range(20)]
+                               + [row(1, "lost", "dark"), row(2, "done", "")])
+        self.assertEqual(text.count("calib.txt: &lt;none&gt;"), 1)
+        self.assertLess(text.index("20 failed: calib.txt"), text.index("1 lost: dark"))
+        self.assertIn("i0, KYS, exact; i1, KYS, exact", text)
+        self.assertIn("; and 3 more", text)  # nine inputs, six are named
+        self.assertEqual(report.failures([row(1, "done", "")]), "")
 
     def test_what_failed_tracked_nothing(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -209,7 +234,7 @@ class Statistics(unittest.TestCase):
 
     def test_verified_over_the_others_by_exact_and_wrong_priors(self):
         row = lambda configuration, case, seed, ate: {
-            "input": "world/a", "seed": seed, "case": case, "variant": "votes", "schedule": "pipelined",
+            "input": "world/a", "seed": seed, "case": case, "variant": "matches", "schedule": "pipelined",
             "repeat": 0, "configuration": configuration, "ate": ate, "tracked": 100.0}
         rows = []
         for seed in range(1, 7):
@@ -227,10 +252,10 @@ class Statistics(unittest.TestCase):
     def test_schedules_are_not_pooled_when_variants_are_compared(self):
         row = lambda variant, schedule, seed, ate: {
             "input": "a", "seed": seed, "case": "exact", "variant": variant, "schedule": schedule,
-            "repeat": 0, "origin": "stand-in", "configuration": "KYS", "ate": ate, "tracked": 100.0}
+            "repeat": 0, "origin": "substitute", "configuration": "KYS", "ate": ate, "tracked": 100.0}
         rows = [row(variant, schedule, seed, ate * seed) for seed in (1, 2, 3)
                 for schedule in ("pipelined", "realtime")
-                for variant, ate in (("votes", 2.0), ("balanced", 1.0))]
+                for variant, ate in (("matches", 2.0), ("image area", 1.0))]
         tables = experiment_tables.variant_tables({"name": "t", "per": ["input", "variant"]}, rows)
         self.assertEqual([t.rows[0][2] for t in tables], [3, 3])  # pairs: seeds
         self.assertTrue("pipelined" in tables[0].title and "realtime" in tables[1].title)
@@ -265,6 +290,32 @@ class Statistics(unittest.TestCase):
         self.assertAlmostEqual(found["exposure_p95"], 19.05)
         self.assertAlmostEqual(found["exposure_mean"], 10.5)
         self.assertEqual(found["exposure_max"], 20)
+
+
+class ForestPlot(unittest.TestCase):
+    rows = [forest.Row("a", "x <", 0.1, 0.05, 0.2, "smaller", "6 pairs"),
+            forest.Row("a", "y", 1.0, 0.5, 2.0, "too wide to say", "6 pairs"),
+            forest.Row("b", "z", None, None, None, "too wide to say", "0 pairs")]
+
+    def test_the_axis_holds_all_values_and_1(self):
+        self.assertEqual(forest.axis_of(self.rows), (0.05, 2))
+        self.assertEqual(forest.axis_of([]), (0.5, 2))
+        self.assertEqual(forest.ticks_of(0.01, 10), [0.01, 0.1, 1, 10])
+        self.assertEqual(forest.ticks_of(0.5, 2), [0.5, 1, 2])
+
+    def test_places_are_logarithmic(self):
+        text = forest.forest([forest.Row("", "x", 0.1, 0.01, 1.0, "smaller", ""),
+                              forest.Row("", "y", 10.0, None, None, "too wide to say", "")])
+        self.assertIn('class="interval" style="left:0.00%;width:66.67%"', text)  # axis 0.01 to 10
+        self.assertIn('class="ratio" style="left:33.33%"', text)
+        self.assertIn('class="ratio" style="left:100.00%"', text)
+        self.assertIn("0.1 (0.01 to 1)", text)
+
+    def test_every_row_is_there_under_its_group(self):
+        text = forest.forest(self.rows)
+        self.assertEqual(text.count('class="group"'), 2)
+        self.assertIn("x &lt;", text)
+        self.assertEqual((text.count("row smaller"), text.count("row open")), (1, 2))
 
 
 class Tables(unittest.TestCase):
@@ -355,16 +406,16 @@ class DataSets(unittest.TestCase):
 class Experiments(unittest.TestCase):
     def test_every_file_names_configurations_cases_and_inputs_that_exist(self):
         configurations = plan.load_yaml("configurations.yaml")
-        cases, stand_ins = plan.load_yaml("cases.yaml"), plan.load_yaml("stand_ins.yaml")
+        cases, substitutes = plan.load_yaml("cases.yaml"), plan.load_yaml("substitutes.yaml")
         folder = SOURCE / "configs" / "experiments"
-        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "stand_ins.yaml")
+        files = sorted(p.name for p in folder.glob("*_*.yaml") if p.name != "substitutes.yaml")
         self.assertGreater(len(files), 8)
         for name in files:
             for spec in (e := plan.load_yaml(name), {**e, **e.get("quick", {})}):
                 self.assertLessEqual(set(spec["configurations"]), set(configurations), name)
                 self.assertLessEqual(set(spec.get("cases", [])), set(cases), name)
                 for given in spec["inputs"]:
-                    self.assertTrue(given.startswith(("world/", "drive/")) or given in stand_ins, given)
+                    self.assertTrue(given.startswith(("world/", "drive/")) or given in substitutes, given)
                 self.assertIn(spec["baseline"], spec["configurations"], name)
                 self.assertIn("input", [spec["rows"], spec["columns"], *spec.get("per", [])], name)
                 if "published" in spec:
@@ -971,7 +1022,7 @@ class Parts(unittest.TestCase):
         experiment = {**plan.load_yaml("table_1_kitti.yaml"), "name": "table_1_kitti"}
 
         def row(configuration, **labels):
-            return {"seed": 1, "case": "exact", "variant": "votes", "schedule": "pipelined", "repeat": 0,
+            return {"seed": 1, "case": "exact", "variant": "matches", "schedule": "pipelined", "repeat": 0,
                     "what": "", "status": "done", "tracked": 100.0, "ate": 1.0, "job": "",
                     "configuration": configuration, **labels}
 

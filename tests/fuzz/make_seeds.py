@@ -61,6 +61,10 @@ def images():
     save("jpeg", "colour.jpg", image_bytes(Image.fromarray(colour), "JPEG", quality=60))
     save("jpeg", "progressive.jpg",
          image_bytes(Image.fromarray(colour), "JPEG", quality=60, progressive=True))
+    save("pnm", "grey.pgm", image_bytes(Image.fromarray(grey), "PPM"))
+    save("pnm", "colour.ppm", image_bytes(Image.fromarray(colour), "PPM"))
+    save("pnm", "grey16.pgm", b"P5\n# 12 bits\n24 16\n4095\n" +
+         (grey.astype(">u2") * 16).tobytes())
     ids = np.zeros((16, 24, 3), np.uint8)
     ids[:, 8:16, 0], ids[:, 16:, 0] = 1, 2
     save("segmentation", "coco.png", image_bytes(Image.fromarray(ids), "PNG"))

@@ -573,6 +573,7 @@ constexpr std::array kReaders{
 #endif
     Reader{"png", read_png, kImageGrowth},
     Reader{"jpeg", read_image, 3.0 * (1 << 14)},
+    Reader{"pnm", read_image, kImageGrowth},
     Reader{"kitti_calib", read_calib},
     Reader{"kitti_times", read_times},
     Reader{"euroc_data", read_data_csv},

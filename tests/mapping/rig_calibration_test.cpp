@@ -79,12 +79,13 @@ TEST(RigCalibration, AnErrorIsPutRightInTheMap) {
   Map map = map_with_error(0.3f, 5);
   // The map as it would have been made: adjusted with the wrong disparities.
   RigCalibration calibration({});
-  ASSERT_TRUE(calibration.update(map));
+  ASSERT_TRUE(calibration.update(map, map.keyframes().size()));
   map.check_consistency();
   EXPECT_NEAR(map.rig().offset(), -0.3, 0.12);
   EXPECT_FLOAT_EQ(map.keyframe({4}).features->rig().offset(), map.rig().offset());
   EXPECT_LT(worst_position_error(map), 0.06);
-  EXPECT_FALSE(calibration.update(map)) << "looks again when there are twice as many keyframes";
+  EXPECT_FALSE(calibration.update(map, map.keyframes().size()))
+      << "looks again when there are twice as many keyframes";
 }
 
 /// Those that know the map by its change sets learn that all of it moved.
@@ -95,7 +96,7 @@ TEST(RigCalibration, TheCorrectedScaleIsPublished) {
   EXPECT_FALSE(map.take_changes().moved);
   RigCalibrationOptions options;
   options.keyframes = kKeyFrames - 1;
-  ASSERT_TRUE(RigCalibration(options).update(map));
+  ASSERT_TRUE(RigCalibration(options).update(map, map.keyframes().size()));
   const ChangeSet changes = map.take_changes();
   EXPECT_TRUE(changes.moved);
   ASSERT_EQ(changes.culled_keyframes.size(), 1u);
@@ -109,11 +110,11 @@ TEST(RigCalibration, WhatMatchingAloneCouldCauseIsNotApplied) {
   Map map = map_with_error(0.05f, 8);
   const Offset found = offset_of(map);
   EXPECT_GT(std::abs(found.value), 2.5 * found.sigma);
-  EXPECT_FALSE(RigCalibration({}).update(map));
+  EXPECT_FALSE(RigCalibration({}).update(map, map.keyframes().size()));
   EXPECT_EQ(map.rig().offset(), 0);
   RigCalibrationOptions exact;
   exact.systematic = 0;
-  EXPECT_TRUE(RigCalibration(exact).update(map));
+  EXPECT_TRUE(RigCalibration(exact).update(map, map.keyframes().size()));
 }
 
 /// Errors of many places cancel: what a few keyframes do not make certain, twice as many do.
@@ -123,19 +124,19 @@ TEST(RigCalibration, ALateEstimateIsTrustedMore) {
   RigCalibrationOptions options;
   options.keyframes = many / 2;
   Map few = map_with_error(kError, 5, options.keyframes);
-  EXPECT_FALSE(RigCalibration(options).update(few));
+  EXPECT_FALSE(RigCalibration(options).update(few, few.keyframes().size()));
   Map enough = map_with_error(kError, 5, many);
-  EXPECT_TRUE(RigCalibration(options).update(enough));
+  EXPECT_TRUE(RigCalibration(options).update(enough, enough.keyframes().size()));
   EXPECT_NEAR(enough.rig().offset(), -kError, 0.01);
   Map accurate = map_with_error(0, 5, many);
-  EXPECT_FALSE(RigCalibration(options).update(accurate));
+  EXPECT_FALSE(RigCalibration(options).update(accurate, accurate.keyframes().size()));
 }
 
 TEST(RigCalibration, AnOffsetPutInOnThinEvidenceIsTakenBack) {
   Map map = map_with_error(0, 7);
   map.set_rig(RigCorrection::of_offset(map.camera(), 0.09f));
   RigCalibration calibration({});
-  EXPECT_TRUE(calibration.update(map));
+  EXPECT_TRUE(calibration.update(map, map.keyframes().size()));
   EXPECT_EQ(map.rig().offset(), 0);
   map.check_consistency();
   EXPECT_LT(worst_position_error(map), 0.05) << "m";
@@ -165,13 +166,13 @@ TEST(RigCalibration, TheLastEstimateRefinesByLessThanItsSystematicError) {
   options.keyframes = 2;  // the last estimate is due at 16
   options.systematic = 0.15;
   RigCalibration calibration(options);
-  EXPECT_FALSE(calibration.update(map));
-  EXPECT_FALSE(calibration.update(map));
+  EXPECT_FALSE(calibration.update(map, map.keyframes().size()));
+  EXPECT_FALSE(calibration.update(map, map.keyframes().size()));
   EXPECT_FLOAT_EQ(static_cast<float>(map.rig().offset()), -0.21f);
-  EXPECT_TRUE(calibration.update(map));
+  EXPECT_TRUE(calibration.update(map, map.keyframes().size()));
   EXPECT_NEAR(map.rig().offset(), -0.3, 0.05);
   map.check_consistency();
-  EXPECT_FALSE(calibration.update(map)) << "there are three estimates";
+  EXPECT_FALSE(calibration.update(map, map.keyframes().size())) << "there are three estimates";
 }
 
 /// The map of a short run has grown since the first estimate, but not to twice its size.
@@ -181,25 +182,25 @@ TEST(RigCalibration, OneMoreEstimateAtTheEndOfAShortRun) {
   options.significance = 1e5;
   RigCalibration early(options);
   Map map = map_with_error(0.3f, 5);
-  EXPECT_FALSE(early.finish(map)) << "there was no first one";
-  EXPECT_FALSE(early.update(map)) << "not significant";
-  EXPECT_FALSE(early.finish(map)) << "the map has not grown since";
+  EXPECT_FALSE(early.finish(map, map.keyframes().size())) << "there was no first one";
+  EXPECT_FALSE(early.update(map, map.keyframes().size())) << "not significant";
+  EXPECT_FALSE(early.finish(map, map.keyframes().size())) << "the map has not grown since";
 
   options.significance = 2.5;
   RigCalibration calibration(options);
   Map first = map_with_error(0, 5, options.keyframes);
-  EXPECT_FALSE(calibration.update(first));
-  ASSERT_TRUE(calibration.finish(map));
+  EXPECT_FALSE(calibration.update(first, first.keyframes().size()));
+  ASSERT_TRUE(calibration.finish(map, map.keyframes().size()));
   EXPECT_NEAR(map.rig().offset(), -0.3, 0.12);
   EXPECT_LT(worst_position_error(map), 0.06);
   map.check_consistency();
-  EXPECT_FALSE(calibration.finish(map)) << "once";
+  EXPECT_FALSE(calibration.finish(map, map.keyframes().size())) << "once";
 }
 
 TEST(RigCalibration, AnAccurateRigIsLeftAlone) {
   Map map = map_with_error(0, 6);
   RigCalibration calibration({});
-  EXPECT_FALSE(calibration.update(map));
+  EXPECT_FALSE(calibration.update(map, map.keyframes().size()));
   EXPECT_EQ(map.rig().offset(), 0);
 }
 
@@ -207,13 +208,14 @@ TEST(RigCalibration, WaitsForEnoughKeyframesAndCanBeSwitchedOff) {
   Map map = map_with_error(0.3f, 7);
   RigCalibrationOptions options;
   options.keyframes = kKeyFrames + 1;
-  EXPECT_FALSE(RigCalibration(options).update(map));
+  EXPECT_FALSE(RigCalibration(options).update(map, map.keyframes().size()));
   options.keyframes = kKeyFrames;
   options.enabled = false;
-  EXPECT_FALSE(RigCalibration(options).update(map));
+  EXPECT_FALSE(RigCalibration(options).update(map, map.keyframes().size()));
   options.enabled = true;
   options.max_correction = 0.1;
-  EXPECT_FALSE(RigCalibration(options).update(map)) << "more than can be a calibration error";
+  EXPECT_FALSE(RigCalibration(options).update(map, map.keyframes().size()))
+      << "more than can be a calibration error";
   EXPECT_EQ(map.rig().offset(), 0);
 }
 
@@ -279,7 +281,7 @@ TEST(RigCalibration, ABentRigIsFoundFromRowsAndMotion) {
   const FieldError before = field_error(map.rig_estimate(), truth);
   EXPECT_GT(before.disparity, 0.15) << "rows alone do not tell disparities";
   RigCalibration calibration({});
-  ASSERT_TRUE(calibration.update(map));
+  ASSERT_TRUE(calibration.update(map, map.keyframes().size()));
   map.check_consistency();
   const FieldError after = field_error(map.rig_estimate(), truth);
   EXPECT_LT(after.disparity, 0.05) << "px";

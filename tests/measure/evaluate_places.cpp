@@ -192,7 +192,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--features", a.run.features, "per image")
       ->check(CLI::Range(1, 60000))
       ->capture_default_str();
-  app.add_option("--gap", a.run.gap, "s, a query looks for keyframes older than this")
+  app.add_option("--gap", a.run.gap, "s, a query searches keyframes older than this")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   app.add_option("--candidates", a.run.candidates, "of each query that are checked geometrically")
@@ -253,7 +253,8 @@ int run(int argc, char** argv) {
       "distance and angle of the cameras are within the limits. Recall counts near pairs: by the\n"
       "score of the index, and by the inliers of geometric verification of the best candidates.\n"
       "False pairs are counted in three ways: pairs that are not near (too strict, because pairs\n"
-      "just beyond the limits look alike), pairs without overlap of the views, and pairs with a\n"
+      "just beyond the limits appear similar), pairs without overlap of the views, and pairs with "
+      "a\n"
       "wrong measured motion.");
   Arguments arguments;
   declare(app, arguments);

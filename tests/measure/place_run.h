@@ -22,7 +22,7 @@ struct PlaceRunOptions {
   std::int64_t every = 1;   ///< frames, only each so many becomes a keyframe
   std::int64_t frames = 0;  ///< keyframes at most; 0: all
   int features = 1200;      ///< per image
-  double gap = 10;          ///< s: a query asks for keyframes that are older than this
+  double gap = 10;          ///< s: a query searches keyframes that are older than this
   int candidates = 10;      ///< of each query, verified
   PlaceOptions places;
   PlaceVerificationOptions verification;
@@ -68,7 +68,7 @@ struct QueryTime {
 };
 
 /// Place recognition on recorded frames with true poses. Every frame becomes a keyframe, each of
-/// its stereo features a landmark at its true place seen by nobody else; a query asks the index
+/// its stereo features a landmark at its true place seen by nobody else; a query searches the index
 /// when it holds the keyframes older than the gap.
 class PlaceRun {
  public:

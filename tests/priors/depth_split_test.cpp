@@ -73,7 +73,7 @@ TEST(DepthSplit, LaterSegmentsMoveUp) {
 
 TEST(DepthSplit, OneObjectStaysWhole) {
   {
-    SplitScene s;  // a lorry along the line of sight
+    SplitScene s;  // a truck along the line of sight
     s.fill(10, 20, 110, 50, 2, 0);
     for (int x = 10; x < 110; ++x) {
       for (int y = 20; y < 50; ++y) s.disparity.at(x, y) = 40 - 0.3F * static_cast<float>(x - 10);

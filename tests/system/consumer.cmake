@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Installs the core and kys from the build folder, and builds and runs a project that uses them.
 include(${CMAKE_CURRENT_LIST_DIR}/../support/installed_consumer.cmake)
-if(INSTALLED)  # what packaging/check_clean_root.sh put there
+if(INSTALLED)  # where packaging/check_clean_root.sh unpacked libkys-slam-dev
   file(COPY ${INSTALLED}/ DESTINATION ${WORK}/first)
 else()
   foreach(component kys kys_slam)
@@ -9,6 +9,9 @@ else()
   endforeach()
 endif()
 build_and_run_consumer()
+if(NOT INSTALLED)  # there without OpenCV, which the builder needs
+  run(${WORK}/build/builder)
+endif()
 
 # The examples as their users run them, with nothing in their environment.
 function(run_example expected)
@@ -39,6 +42,16 @@ endforeach()
 set(frame "[a-z]+: [1-9][0-9]+ landmarks\n")
 run_example("^\n${frame}${frame}${frame}${frame}${frame}${frame}${frame}${frame}$"
             ${bin}/own_camera ${sequence}/camchain.yaml ${frames})
+set(late "frame 3: segments of frame 0\nframe 6: segments of frame 3\n8 frames tracked\n")
+run_example("^${late}$" ${bin}/live_segmentation ${sequence})
+if(EXISTS ${bin}/with_opencv_dnn)
+  run_example("^${late}$" ${bin}/live_segmentation ${sequence} ${CONSUMER}/road_and_wall.onnx)
+endif()
+execute_process(COMMAND env -i ${bin}/live_segmentation ${sequence} none.onnx RESULT_VARIABLE status
+                OUTPUT_QUIET ERROR_VARIABLE out)
+if(NOT status EQUAL 2 OR NOT out MATCHES "none.onnx")
+  message(FATAL_ERROR "a missing network: status ${status}, ${out}")
+endif()
 # What is not there is one line and status 2.
 execute_process(COMMAND env -i ${bin}/track_sequence ${WORK}/nothing out.tum RESULT_VARIABLE status
                 OUTPUT_QUIET ERROR_VARIABLE out)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
+#include <kys_slam/check_pair.h>
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
 #include <kys_slam/system.h>
@@ -133,6 +134,40 @@ TEST(ForeignViews, ACalibrationOfOtherImagesIsToldInTheFirstReport) {
     const FrameReport report = system.feed(frame);
     EXPECT_EQ(report.warning.find("by 0.5") != std::string::npos, i == 0) << report.warning;
   }
+}
+
+TEST(ForeignViews, StretchedPixelsAndTimesInMillisecondsAreTold) {
+  StereoCamera camera = kSmall;
+  camera.fy /= 2;
+  const RenderedCorridor corridor(kSmall, 12);
+  System system(camera, Settings(), Schedule::kSequential);
+  for (int i = 0; i < 6; ++i) {
+    StereoFrame frame =
+        corridor.look(i, {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.1 * i)});
+    frame.timestamp = 100 * i;
+    const FrameReport report = system.feed(frame);
+    EXPECT_EQ(report.warning.find("fx and fy") != std::string::npos, i == 0) << report.warning;
+    EXPECT_EQ(report.warning.find("100 s and more apart") != std::string::npos, i == 4);
+  }
+}
+
+TEST(ForeignViews, ATurnedCameraIsNoSwappedPair) {
+  // Pitch and yaw of the right camera: far points lie further right in its image, and on other
+  // rows.
+  const RenderedCorridor corridor(kSmall, 12);
+  const StereoFrame frame = corridor.look(0, Rigid3());
+  GrayImage turned(frame.right.width(), frame.right.height());
+  for (int y = 0; y < turned.height(); ++y) {
+    for (int x = 0; x < turned.width(); ++x) {
+      const int from_x = x - 40, from_y = y - 6;
+      if (from_x >= 0 && from_y >= 0) turned.at(x, y) = frame.right.at(from_x, from_y);
+    }
+  }
+  const PairCheck check = check_stereo_pair(frame.left, turned);
+  EXPECT_GT(check.backward_share, 0.5);
+  EXPECT_NE(check.problem.find("not rectified"), std::string::npos) << check.problem;
+  const PairCheck swapped = check_stereo_pair(frame.right, frame.left);
+  EXPECT_NE(swapped.problem.find("swapped"), std::string::npos) << swapped.problem;
 }
 
 }  // namespace

@@ -159,6 +159,13 @@ TEST_P(PlacesTest, AtAnUnknownPlaceANewSubmapStartsAndIsMergedOnReturn) {
   });
   ASSERT_NE(started, r.reports.end());
   EXPECT_EQ(started - r.reports.begin(), 90) << "the first frame that shows something";
+  // T_w_c of reports are in the worlds of these sub-maps.
+  EXPECT_EQ(r.reports[10].submap, 0);
+  EXPECT_EQ(r.reports[70].submap, -1);
+  EXPECT_GT(started->submap, 0);
+  EXPECT_LT(started->T_w_c.t().norm(), 1e-9);
+  EXPECT_EQ(r.reports[95].submap, started->submap);
+  EXPECT_EQ(r.reports.back().submap, 0) << "merged";
   EXPECT_EQ(r.count(LoopEvent::kMerged), 1);
   EXPECT_EQ(r.submaps, 1u);
   for (std::size_t i = 90; i < poses.size(); ++i) {

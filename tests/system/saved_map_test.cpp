@@ -125,6 +125,26 @@ TEST_P(SavedMapTest, ARunThatBeginsElsewhereJoinsLater) {
   }
 }
 
+TEST_P(SavedMapTest, IsSavedWhileTheRunGoesOn) {
+  const std::filesystem::path early = folder_.path() / "early.map";
+  std::vector<std::uint8_t> ends[2];
+  for (const bool saves : {false, true}) {
+    System system(world_.camera(), Settings(), GetParam());
+    for (int i = 0; i < 60; ++i) {
+      system.feed(later(i, 0.8 * i));
+      if (saves && i == 40) system.save_map(early);
+    }
+    system.finish();
+    ends[saves ? 1 : 0] = encode_map(map_of(system));
+  }
+  EXPECT_EQ(ends[0], ends[1]) << "the run does not notice";
+  System system(world_.camera(), Settings(), GetParam());
+  system.load_map(early, true);
+  for (int i = 0; i < 10; ++i) system.feed(later(100 + i, 8 + 0.8 * i));
+  system.finish();
+  EXPECT_LT(error(system.trajectory().back(), 8 + 0.8 * 9), 0.15);
+}
+
 INSTANTIATE_TEST_SUITE_P(Schedules, SavedMapTest,
                          ::testing::Values(Schedule::kSequential, Schedule::kPipelined),
                          [](const auto& schedule) { return to_string(schedule.param); });

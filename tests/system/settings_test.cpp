@@ -69,6 +69,25 @@ TEST(Settings, EveryNumberHasARangeThatIsKept) {
   EXPECT_GT(numbers, 100u);
 }
 
+TEST(Settings, HaveTypes) {
+  using Type = Settings::Type;
+  for (const Settings::Description& d : Settings().describe()) {
+    SCOPED_TRACE(d.key);
+    const auto range = parse_range(d.range);
+    EXPECT_EQ(d.type == Type::kInteger || d.type == Type::kReal, range.has_value());
+    if (range) {
+      EXPECT_EQ(d.least, range->least);
+      EXPECT_EQ(d.most, range->most);
+    }
+    EXPECT_EQ(d.type == Type::kTruth, d.value == "true" || d.value == "false");
+    EXPECT_EQ(d.type == Type::kChoice, !d.choices.empty());
+    for (const std::string& choice : d.choices) EXPECT_FALSE(refused(d.key, choice));
+    if (d.type == Type::kInteger || d.type == Type::kTruth) {
+      EXPECT_TRUE(refused(d.key, "0.5"));
+    }
+  }
+}
+
 TEST(Settings, NumbersOutsideAnySenseAreRefused) {
   for (const Settings::Description& d : Settings().describe()) {
     if (!number(d.value)) continue;

@@ -60,13 +60,17 @@ function(kys_add_library name)
   target_link_libraries(${target} ${scope} ${ARG_DEPENDS})
 endfunction()
 
-# kys_add_program(NAME SOURCES... DEPENDS targets...): an installed command line program.
+# kys_add_program(NAME SOURCES... [COMPONENT name] DEPENDS targets...): an installed command line program.
+# The component is the Debian package it goes into (KysPackage.cmake), by default `programs`.
 function(kys_add_program name)
-  cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "" "COMPONENT" "DEPENDS" ${ARGN})
+  if(NOT ARG_COMPONENT)
+    set(ARG_COMPONENT programs)
+  endif()
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
   target_compile_options(${name} PRIVATE ${KYS_WARNING_OPTIONS} ${KYS_COMPILE_OPTIONS})
   target_link_libraries(${name} PRIVATE ${ARG_DEPENDS})
-  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
+  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${ARG_COMPONENT})
 endfunction()
 
 # kys_add_test(NAME SOURCES... DEPENDS targets... [LABELS labels...]): a GoogleTest program, one

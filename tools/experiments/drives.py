@@ -60,7 +60,7 @@ class Drive:
         self.jobs = []  # (mode, command, folder) of its runs
 
     def share(self):
-        """Share of the image that movers cover, as the simulator printed it, %."""
+        """Share of the image that moving objects cover, as the simulator printed it, %."""
         try:
             with open(self.file + ".log", encoding="utf-8") as file:
                 words = file.read().split()

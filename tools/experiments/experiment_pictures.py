@@ -30,7 +30,7 @@ def pictures(experiment, results, rows, folder):
                 words = ", ".join(w for w in (ORIGINS[origin], variant) if w)
                 made.append(figures.boxes(mine, box_key, "configuration", "ATE, m",
                                           f"{experiment['title']}; {words}",
-                                          path(f"box-{origin}-{variant}")))
+                                          path(f"box-{origin}-{variant}".replace(" ", "-"))))
     if "sweep" not in experiment:
         made += trajectory_pictures(experiment, results, rows, path)
     return [m for m in made if m]
@@ -41,7 +41,7 @@ def survey_pictures(results, rows, path):
     made, frames, scores, mu = [], [], [], []
     found = [(r, read_json(os.path.join(results.folder(r), "values.json"))) for r in rows]
     found = [(r, values) for r, values in found if values is not None]
-    # The pictures of a frame: first where most things are flagged.
+    # The pictures of a frame: first where most objects are flagged.
     for r, values in sorted(found, key=lambda f: -f[1]["flagged_pixels"]):
         label = f"{r['input']} ({r.get('what', 'given data')})"
         frames.append((label, values["survival_per_frame"]))
@@ -57,8 +57,8 @@ def survey_pictures(results, rows, path):
         return []
     return [figures.over_frames(frames, "keypoints with mu up to 8, %", "Survival under the stereo gate",
                                 path("survival")),
-            figures.cumulative(scores, [], "m of flagged things", "Motion score", path("m")),
-            figures.cumulative(mu, [8, 20], "mu of the pixels of flagged things",
+            figures.cumulative(scores, [], "m of flagged objects", "Motion score", path("m")),
+            figures.cumulative(mu, [8, 20], "mu of the pixels of flagged objects",
                                "Exported motion prior; dotted: the gates", path("mu")), *made]
 
 

@@ -84,13 +84,13 @@ def note_of(rows):
     seeds, repeats = len(unique(rows, "seed")), len(unique(rows, "repeat"))
     text = f"Mean ± standard deviation over {seeds} seeds" if seeds > 1 else "One seed"
     text += f", {repeats} runs each" if repeats > 1 else ""
-    stand_ins = {r["input"]: r["what"] for r in rows if r["origin"] == "stand-in"}
+    substitutes = {r["input"]: r["what"] for r in rows if r["origin"] == "substitute"}
     text += "; frames tracked in brackets when not all."
     if any(r["origin"] == "partial" for r in rows):
         text += " Parts of sequences, not to be compared with published figures of the whole."
-    if stand_ins:
-        text += " Stand-ins, not to be compared with published figures: " + "; ".join(
-            f"{k} = {v.removeprefix('stand-in: ')}" for k, v in stand_ins.items()) + "."
+    if substitutes:
+        text += " Substitutes, not to be compared with published figures: " + "; ".join(
+            f"{k} = {v.removeprefix('substitute: ')}" for k, v in substitutes.items()) + "."
     return text
 
 
@@ -146,7 +146,7 @@ def paired_rows(label, baseline_rows, rows, metric, ignore=()):
         return None
     tracked = show(mean([r.get("tracked") for r in rows]), 1)
     if not keys:
-        return label + [0, found.without_result, *["-"] * 6, tracked, "too few pairs"]
+        return label + [0, found.without_result, *["-"] * 6, tracked, "too wide to say"]
     d = difference(a, b)  # of metres; the ratio, its interval, test and verdict are of logarithms
     good = [(x, y) for x, y in zip(a, b) if x > 0 and y > 0]
     ratio = difference([np.log(x) for x, _ in good], [np.log(y) for _, y in good])
@@ -271,7 +271,7 @@ def ratio_row(mine, other, own):
            found.without_result]
     if not logs:
         lost = found.lost or found.lost_baseline
-        return [0, "-", "-", "-", "too few pairs", *end] if lost else None
+        return [0, "-", "-", "-", "too wide to say", *end] if lost else None
     values = [float(np.mean(v)) for v in logs.values()]
     d = difference(np.zeros(len(values)), values)
     form = lambda v: f"{np.exp(v):.2g}"
@@ -344,7 +344,7 @@ def cost_tables(experiment, results, rows):
 
 
 def loop_tables(experiment, rows):
-    """Loops closed and true, revisits and those the map ties, where any revisit exists."""
+    """Loops closed and true, revisits and those connected in the map, where any revisit exists."""
     mine = [r for r in rows if r.get("revisits")]
     if not mine:
         return []
@@ -356,7 +356,7 @@ def loop_tables(experiment, rows):
                      total("loops_true"), total("revisits"), total("revisits_joined")])
     return [Table(f"{experiment['name']}-loops", "Loops and revisits, sums over runs with revisits",
                   ["origin", "configuration", "variant", "runs", "loops closed", "of these true",
-                   "revisits", "tied by the map"], body)]
+                   "revisits", "connected in the map"], body)]
 
 
 def runs_table(experiment, rows):

@@ -6,10 +6,13 @@ import re
 
 import numpy as np
 
+import forest
 from experiment_tables import WITHOUT, paired_rows
-from paired import difference, mean
+from paired import RULE, difference, mean
 from results import ORIGINS, over_repeats, pairs, select, unique
 from tables import Table, show
+
+CONFIGURATIONS = ("KYS, literal", "KYS", "mask", "verified")
 
 
 def helps(results, experiments):
@@ -18,7 +21,7 @@ def helps(results, experiments):
     for experiment, rows in experiments:
         if experiment.get("kind") or "sweep" in experiment:
             continue
-        for configuration in ("KYS, literal", "KYS", "mask", "verified"):
+        for configuration in CONFIGURATIONS:
             for origin in unique(rows, "origin"):
                 for variant in unique(rows, "variant"):
                     mine = select(rows, origin=origin, variant=variant, case="exact",
@@ -31,12 +34,7 @@ def helps(results, experiments):
     return Table("summary", "ATE over that of stock, exact or given perception",
                  ["experiment", "origin", "variant", "configuration", "pairs", WITHOUT, "ratio",
                   "95 %", "Wilcoxon p", "verdict"], body,
-                 "Below 1: better than stock. A verdict needs 6 pairs, an interval without 1 and Wilcoxon p "
-                 "below 0.05; pairs of few inputs say little.")
-
-
-VARIANTS = {"votes": "with vote counting (ORB-SLAM's, the paper's baseline)",
-            "balanced": "with balanced consensus (the default here)", "": "with the default settings"}
+                 "Below 1: better than stock. " + RULE)
 
 
 def all_pairs(experiments, configuration, variant, origin):
@@ -61,44 +59,80 @@ def all_pairs(experiments, configuration, variant, origin):
     return list(values.values())
 
 
-def sentence(label, found):
-    """What `all_pairs` found, in words."""
+def about(found):
+    """Pairs of `all_pairs`, what they leave out, and the frames tracked, in words."""
+    both = sum(p[0] is not None for p in found)
     without, without_stock = (sum(p[k] for p in found) for k in (4, 5))
-    lost = f"{without} without result (stock {without_stock})"
-    end = (f" Frames tracked {show(mean([p[3] for p in found]), 1)} %, "
-           f"stock {show(mean([p[2] for p in found]), 1)} %.")
-    both = [(x, y) for x, y, *_ in found if x is not None]
-    if not both:
-        return f"{label}: no pairs, {lost}.{end}"
-    d = difference([np.log(x) for x, _ in both], [np.log(y) for _, y in both])
-    interval = "" if d.low is None else f" (95 %: {np.exp(d.low):.2f} to {np.exp(d.high):.2f})"
-    better, worse = sum(y < 0.9 * x for x, y in both), sum(y > 1.1 * x for x, y in both)
-    verdict = {"smaller": "it helps", "larger": "it harms"}.get(d.verdict, d.verdict)
-    return (f"{label}: {verdict}. ATE {np.exp(d.mean):.2f} times that of stock{interval} over {len(both)} "
-            f"pairs, {lost}; better by more than a tenth in {better}, worse in {worse}.{end}")
+    lost = f", {without} without result (stock {without_stock})" if without or without_stock else ""
+    tracked = [show(mean([p[k] for p in found]), 1) for k in (3, 2)]
+    frames = "" if tracked == ["100.0", "100.0"] else f"; tracked {tracked[0]} % (stock {tracked[1]} %)"
+    return f"{both} pairs{lost}{frames}"
 
 
-def in_words(experiments):
-    """The answer in sentences, over all pairs of the same input and seed; origins are never mixed."""
-    said = []
-    kept = [r for e, rows in experiments if not (e.get("kind") or "sweep" in e) for r in rows]
+def pooled(experiments):
+    """Rows of the forest plot: ATE over that of stock, over all pairs of the same input and seed; origins and
+    variants are never mixed."""
+    rows = []
+    kept = [r for e, runs in experiments if not (e.get("kind") or "sweep" in e) for r in runs]
     for origin, variant in dict.fromkeys((r["origin"], r["variant"]) for r in kept):
-        for configuration in ("KYS, literal", "KYS", "mask", "verified"):
+        for configuration in CONFIGURATIONS:
             found = all_pairs(experiments, configuration, variant, origin)
+            both = [p[:2] for p in found if p[0] is not None]
             if found:
-                said.append(sentence(f"{configuration}, {ORIGINS[origin]}, "
-                                     f"{VARIANTS.get(variant, variant)}", found))
-    return "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in said) + "</ul>"
+                d = difference([np.log(x) for x, _ in both], [np.log(y) for _, y in both])
+                power = lambda v: None if v is None else float(np.exp(v))
+                group = ", ".join(filter(None, (ORIGINS[origin], variant and f"pose by {variant}")))
+                rows.append(forest.Row(group, configuration, power(d.mean), power(d.low), power(d.high),
+                                       d.verdict, about(found)))
+    return rows
 
 
-def places_in_words(places):
-    """Kinds of scenes by verdict."""
+def accuracy(experiments):
+    """Median ATE by origin, exact or given perception, the default pose where there is a choice."""
+    said = []
+    kept = [r for e, rows in experiments if not (e.get("kind") or "sweep" in e) for r in rows
+            if r["case"] == "exact" and r["schedule"] == rows[0]["schedule"] and r.get("ate") is not None]
+    for origin in unique(kept, "origin"):
+        mine = select(kept, origin=origin)
+        mine = [r for r in mine if r["variant"] in ("", "image area")] or mine
+        values = {c: [r["ate"] for r in select(mine, configuration=c)]
+                  for c in ("stock", *reversed(CONFIGURATIONS)) if select(mine, configuration=c)}
+        medians = [f"{c} {show(float(np.median(v)), 3)} m" for c, v in list(values.items())[:2]]
+        if medians:
+            said.append(f"{ORIGINS[origin]} {', '.join(medians)} over {len(next(iter(values.values())))} runs")
+    return f"Median ATE with exact or given perception: {'; '.join(said)}." if said else "No run has a result."
+
+
+def compared(given):
+    return (("Given data: " + ", ".join(sorted(given)) + "; published figures stand below ours in their tables."
+             if given else "No data was given: every sequence is simulated, and published figures, which are of "
+             "complete real recordings, stand in tables of their own: sizes do not compare."))
+
+
+def helps_in_words(rows, places):
+    count = lambda verdict: sum(r.verdict == verdict for r in rows)
     at = {name: places.header.index(name) for name in ("scene", "variant", "verdict")}
     name = lambda row: row[at["scene"]] + (f" ({row[at['variant']]})" if row[at["variant"]] else "")
-    words = lambda verdict: ", ".join(name(r) for r in places.rows
-                                      if r[at["verdict"]] == verdict) or "nowhere"
-    return (f"<p>KYS has the smaller error in: {html.escape(words('smaller'))}. The larger in: "
-            f"{html.escape(words('larger'))}. Elsewhere no difference is shown, or pairs are too few.</p>")
+    words = lambda verdict: ", ".join(name(r) for r in places.rows if r[at["verdict"]] == verdict) or "nowhere"
+    return (f"Verdicts of the {len(rows)} ratios above: smaller {count('smaller')}, larger {count('larger')}, no "
+            f"difference shown {count('no difference shown')}, too wide to say {count('too wide to say')}; "
+            f"KYS has the smaller error in: {words('smaller')}; the larger in: {words('larger')}.")
+
+
+def reproducible(statuses, experiments):
+    """Jobs by status; the spread of repeats of one run."""
+    counts = ", ".join(f"{statuses.count(s)} {s}" for s in dict.fromkeys(statuses))
+    groups = {}
+    for _, rows in experiments:
+        for r in rows:
+            if r.get("ate"):
+                key = tuple(r[k] for k in ("input", "seed", "configuration", "variant", "case", "schedule"))
+                groups.setdefault(key, {})[r["repeat"]] = r["ate"]
+    spread = [max(g.values()) / min(g.values()) for g in groups.values() if len(g) > 1]
+    return (f"Of {len(statuses)} jobs {counts} (lost: fewer than half of the frames have a pose); runs of the "
+            "schedules sequential and pipelined give the same bytes every time, "
+            + (f"repeats at the camera's pace differ by a factor of {show(float(np.median(spread)), 2)} (median), "
+               f"at most {show(max(spread), 2)}." if spread else "and this report has no repeats of others."))
 
 
 def where(experiments):
@@ -157,8 +191,8 @@ def cost_summary(results, experiments):
             value = mean([s.get(key) for s in seen])
             if value is not None:
                 said.append(f"before the run, {what}: {value:.0f} ms")
-        return "; ".join(said) + ". Times hold for an idle machine only."
-    return "not measured in this run"
+        return "; ".join(said) + " (times hold for an idle machine only)."
+    return "Not measured in this run."
 
 
 def differences(source):
@@ -173,31 +207,47 @@ def differences(source):
     return f'<ul class="columns">{items}</ul><p>Each with its reason and effect: docs/differences.md.</p>'
 
 
+def by_experiment(summary):
+    """The rows of `helps` as rows of a forest plot."""
+    at = {name: summary.header.index(name) for name in summary.header}
+    number = lambda text: None if text == "-" else float(text)
+    rows = []
+    for r in summary.rows:
+        ends = r[at["95 %"]].split(" to ")
+        low, high = map(number, ends) if len(ends) == 2 else (None, None)
+        group = ", ".join(filter(None, (r[at["experiment"]], r[at["origin"]], r[at["variant"]])))
+        rows.append(forest.Row(group, r[at["configuration"]], number(r[at["ratio"]]), low, high,
+                               r[at["verdict"]], f"{r[at['pairs']]} pairs"))
+    return rows
+
+
 def first_page(results, experiments):
     plan = results.plan
     statuses = [results.done(i)["status"] for i in plan["jobs"]]
-    counts = {s: statuses.count(s) for s in dict.fromkeys(statuses)}
-    summary, places = helps(results, experiments), where(experiments)
-    given = plan["given"]
+    summary, places, rows = helps(results, experiments), where(experiments), pooled(experiments)
+    answers = [("How accurate is it?", accuracy(experiments)), ("Compared with whom?", compared(plan["given"])),
+               ("Do priors help, and when?", helps_in_words(rows, places)),
+               ("What does it cost?", cost_summary(results, experiments)),
+               ("Is it reproducible?", reproducible(statuses, experiments))]
     text = ["<h1>KYS-SLAM: tables and figures of the paper, reproduced</h1>",
-            f"<p>Scale: {plan['scale']}. Jobs: "
-            + ", ".join(f"{n} {s}" for s, n in counts.items()) + ". Lost: fewer than half of the "
-            "frames have a pose; failed: no result, with the reason in its section.</p>"]
-    if given:
-        text.append("<p>Given data: " + html.escape(", ".join(sorted(given))) + ".</p>")
+            "<p>Absolute trajectory error (ATE) over that of the same program without priors (stock), exact or "
+            "given perception: left of the line is better. Geometric mean over pairs of the same input and seed "
+            "with its 95 % interval.</p>",
+            forest.forest(rows), f'<p class="note">{html.escape(RULE)}</p>',
+            "<ol>" + "".join(f"<li><b>{q}</b> {html.escape(a)}</li>" for q, a in answers) + "</ol>"]
     origins = {r["origin"] for _, rows in experiments for r in rows}
     if "partial" in origins:
         text.append('<p class="warning">Of some sequences only a part ran, as their names say. Their figures '
                     "are in tables of their own, and do not compare with published ones of the whole.</p>")
     if origins - {"given", "partial"}:
         text.append('<p class="warning">Sequences that were not given were simulated. Their figures '
-                    "are in tables of their own, marked as stand-ins or simulated worlds, and do not "
+                    "are in tables of their own, marked as substitutes or simulated worlds, and do not "
                     "compare with published ones.</p>")
     if plan["scale"] != "full":
-        text.append('<p class="warning">Short sequences and few seeds: a look at everything, no '
+        text.append('<p class="warning">Short sequences and few seeds: an overview of every table, no '
                     "evidence. The full scale is the default of tools/reproduce.sh.</p>")
-    text += ["<h3>Does it help, and by how much?</h3>", in_words(experiments), summary.html(),
-             "<h3>Where?</h3>", places_in_words(places), places.html(),
-             "<h3>What does it cost?</h3>", f"<p>{html.escape(cost_summary(results, experiments))}</p>",
+    text += ["<h3>By experiment</h3>", forest.forest(by_experiment(summary)),
+             "<details><summary>The same as a table</summary>", summary.html(), "</details>",
+             "<h3>By kind of scene</h3>", places.html(),
              "<h3>What differs from the paper?</h3>", differences(plan["source"])]
     return "\n".join(text), [summary, places]

@@ -37,7 +37,7 @@ STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall
 STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
 DEFAULT_LABEL_SPACE = "coco_panoptic_133"  # of the programs
-SEED_STEP = 1000  # from one seed of a stand-in to the next
+SEED_STEP = 1000  # from one seed of a substitute to the next
 
 # The miniature: enough to go through every step, far too little to say anything.
 MINIATURE = {"size": "414x126", "frames": 16, "seeds": [1]}
@@ -115,7 +115,7 @@ class Planner(PriorPlans):
         self.programs = Programs(options.bin)
         self.configurations = load_yaml("configurations.yaml")
         self.cases = load_yaml("cases.yaml")
-        self.stand_ins = load_yaml("stand_ins.yaml")
+        self.substitutes = load_yaml("substitutes.yaml")
         self.given = data_sets.find(options.data) if options.data else {}
         self.trajectories = data_sets.find_trajectories(options.data) if options.data else {}
         self.networks = networks.given(options)
@@ -158,27 +158,27 @@ class Planner(PriorPlans):
             return None, self.given[name].folder, self.given_labels(name, experiment)
         spec, _, size = name.partition("@")
         if spec.startswith("world/"):
-            stand_in = {"world": spec.removeprefix("world/"), "seed": 0}
+            substitute = {"world": spec.removeprefix("world/"), "seed": 0}
             what, steps = "simulated", 1
         else:
-            if spec not in self.stand_ins:
+            if spec not in self.substitutes:
                 raise InputError(f"{name}: no such sequence")
-            stand_in = self.stand_ins[spec]
+            substitute = self.substitutes[spec]
             if self.options.scale == "miniature":
-                stand_in = {**stand_in, "seed": 1}  # few worlds for all experiments
-            what, steps = "stand-in", SEED_STEP
+                substitute = {**substitute, "seed": 1}  # few worlds for all experiments
+            what, steps = "substitute", SEED_STEP
         size = size or experiment.get("size", "620x188")
-        number = stand_in["seed"] + (seed if steps == 1 else steps * (seed - 1))
-        frames = experiment.get("frames", stand_in.get("frames", 0))
-        arguments = [stand_in["world"], "--seed", str(number), "--size", size]
+        number = substitute["seed"] + (seed if steps == 1 else steps * (seed - 1))
+        frames = experiment.get("frames", substitute.get("frames", 0))
+        arguments = [substitute["world"], "--seed", str(number), "--size", size]
         if frames:
             arguments += ["--frames", str(frames)]
         width, height = (int(x) for x in size.split("x"))
         cost = (frames or 250) * width * height / 480e3
-        job = self.add("input", [stand_in["world"], number, size, frames or "all"],
+        job = self.add("input", [substitute["world"], number, size, frames or "all"],
                        {"program": self.programs.key("simulate_sequence"), "arguments": arguments},
                        [], 2, cost)
-        label = f"{what}: {stand_in['world']}, seed {number}"
+        label = f"{what}: {substitute['world']}, seed {number}"
         return job, f"inputs/{job}", {"origin": what, "input": name, "what": label}
 
     def drive_of(self, name, seed, experiment, perception):
@@ -293,7 +293,7 @@ class Planner(PriorPlans):
         return False
 
     def survey_of(self, source, name, seed, frames=0):
-        """Job that looks at the prior files of an input; gates show against files without motion."""
+        """Job that reads the prior files of an input; gates show against files without motion."""
         job, folder, labels = source
         exact, still = (self.priors_of(source, name, case, None, seed, frames)
                         for case in ("exact", "blind"))

@@ -10,7 +10,7 @@ from runs import digest
 
 SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 CONFIGS = os.path.join(SOURCE, "configs")
-NO_PRIORS = ("stock", "scaled")  # modes that look at none
+NO_PRIORS = ("stock", "scaled")  # modes that use none
 LOST_PICTURES = {"missing", "repeated", "late"}  # keys of a case about pictures, not perception
 
 

@@ -215,7 +215,7 @@ def parse(arguments):
 
 def main():
     settings, facts = parse(None), known()
-    # What is written or compared at the end is looked at first: a run may take hours.
+    # What is written or compared at the end is checked first: a run may take hours.
     stored = recording_table.read(settings.check) if settings.check else None
     if settings.page:
         recording_table.split_page(settings.page)

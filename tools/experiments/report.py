@@ -13,6 +13,7 @@ import os
 import sys
 import time
 
+import forest
 from experiment_pictures import pictures
 from experiment_tables import (best_tables, cost_tables, exposure_tables, loop_tables,
                                paired_tables, published_table, runs_table, value_tables)
@@ -27,12 +28,12 @@ h1, h2 { line-height: 1.2; } h2 { margin-top: 3rem; border-top: 2px solid #ddd; 
 table { border-collapse: collapse; margin: 1rem 0; font-size: 12.5px; display: block;
   overflow-x: auto; }
 caption { text-align: left; font-weight: 600; padding: .3rem 0; }
-th, td { padding: .2rem .55rem; text-align: right; border-bottom: 1px solid #eee; white-space: nowrap; }
+th, td { padding: .2rem .4rem; text-align: right; border-bottom: 1px solid #eee; vertical-align: top; }
 th:first-child, td:first-child { text-align: left; } thead th { border-bottom: 2px solid #888; }
 tr.group td { text-align: left; font-style: italic; background: #f4f4f4; }
 p.note { font-size: 12.5px; color: #555; margin-top: -.5rem; } img { max-width: 100%; }
 .warning { background: #fff4d6; padding: .4rem .8rem; }
-nav a { margin-right: 1rem; } ul.columns { columns: 3; font-size: 13px; }
+nav a { margin-right: 1rem; } ul.columns { columns: 16rem; font-size: 13px; } li { overflow-wrap: anywhere; }
 """
 
 
@@ -51,19 +52,23 @@ def write_table(table, folder):
     write_text(os.path.join(folder, table.name + ".tex"), table.latex())
 
 
+SHOWN = 6  # runs named per reason
+
+
 def failures(rows):
-    """What failed and why, each reason once."""
+    """Why runs failed or were lost: each reason once, with the runs that it concerns."""
     seen = {}
     for r in rows:
         if r["status"] in ("failed", "lost"):
-            key = (r["input"], r["configuration"], r["case"], r["status"], r["reason"])
-            seen[key] = seen.get(key, 0) + 1
-    if not seen:
-        return ""
-    items = "".join(f"<li>{html.escape(', '.join(k[:3]))}: {k[3]}: {html.escape(k[4])}"
-                    f"{f' ({n} runs)' if n > 1 else ''}</li>" for k, n in list(seen.items())[:40])
-    more = f"<li>and {len(seen) - 40} more</li>" if len(seen) > 40 else ""
-    return f"<h4>Failed or lost</h4><ul>{items}{more}</ul>"
+            run = f"{r['input']}, {r['configuration']}" + (f", {r['case']}" if r["case"] else "")
+            seen.setdefault((r["status"], r["reason"]), []).append(run)
+    items = []
+    for (status, reason), runs in sorted(seen.items(), key=lambda item: -len(item[1])):
+        names = list(dict.fromkeys(runs))
+        more = f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        items.append(f"<li>{len(runs)} {status}: {html.escape(reason)}<br><small>"
+                     f"{html.escape('; '.join(names[:SHOWN]))}{more}</small></li>")
+    return f"<h4>Failed or lost</h4><ul>{''.join(items)}</ul>" if items else ""
 
 
 def section(experiment, results, rows, folders):
@@ -120,7 +125,7 @@ def main():
     links = "".join(f'<a href="#{e["name"]}">{html.escape(e["paper"])}</a>' for e, _ in experiments)
     page = ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<link rel="icon" href="data:,"><title>KYS-SLAM experiments</title>'
-            f"<style>{STYLE}</style></head><body>\n{head}\n<nav>{links}</nav>\n"
+            f"<style>{STYLE}{forest.STYLE}</style></head><body>\n{head}\n<nav>{links}</nav>\n"
             + "\n".join(body) + "\n</body></html>\n")
     write_text(os.path.join(results.work, "report.html"), page)
     print(f"{os.path.join(results.work, 'report.html')}")

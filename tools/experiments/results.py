@@ -12,7 +12,8 @@ METRICS = {"ate": ("ATE", "m"), "rpe_m": ("E_t per frame", "m"), "rpe_deg": ("E_
            "wall_s": ("wall clock", "s"),
            "survival_8": ("keypoints with mu up to 8", "%"),
            "survival_20": ("keypoints with mu up to 20", "%"), "tracked": ("frames tracked", "%")}
-ORIGINS = {"given": "given data", "partial": "parts of given sequences", "stand-in": "simulated stand-ins", "simulated": "simulated worlds",
+ORIGINS = {"given": "given data", "partial": "parts of given sequences",
+           "substitute": "simulated substitutes", "simulated": "simulated worlds",
            "drive": "simulated drives"}
 
 

@@ -464,7 +464,7 @@ def do(work, job):
 
 def time_left(work, sample=40):
     """Jobs done, all jobs, and the seconds the rest takes if it goes on like those done: like a sample
-    of them, for a plan has thousands and this is asked after each."""
+    of them, for a plan has thousands and this is called after each."""
     costs = dict(zip(work.plan["jobs"], work.plan["costs"]))
     done = sorted(costs.keys() & {f[:-5] for f in os.listdir(work.path("done"))})
     rest = sum(costs.values()) - sum(costs[ident] for ident in done)

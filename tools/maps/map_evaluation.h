@@ -47,10 +47,10 @@ struct EvaluateOptions {
   bool icp = false;                         ///< refines the alignment by the points
 };
 
-/// Accuracy (map to truth) and completeness (truth to map) with FLANN's kd-tree. Where the truth
-/// has normals a distance is that from the plane of the nearest point, and what the points are
-/// apart in it does not count. Classes are those of the truth where it has them, else of the map.
-/// \throws InputError when trajectories do not overlap, or the map and the truth are apart
+/// Accuracy (map to truth) and completeness (truth to map) with FLANN's kd-tree. Where the
+/// truth has normals a distance is that from the plane of the nearest point, and what the points
+/// are apart in it does not count. Classes are those of the truth where it has them, else of the
+/// map. \throws InputError when trajectories do not overlap, or the map and the truth are apart
 MapEvaluation evaluate_map(const EvaluatedMap& map, const PointCloud& truth,
                            const EvaluateOptions& options);
 

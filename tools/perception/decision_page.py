@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A page that shows which things of a sequence were judged to move, and why.
+"""A page that shows which objects of a sequence were judged to move, and why.
 
     decision_page.py PRIORS SEQUENCE --output page.html [--truth ground_truth.csv] [--wrong]
 
@@ -73,7 +73,7 @@ def reasons(row):
         said.append(f"flow 0: residual {number['median_px']:.1f} px, scattered or contradicted")
     if number["patches"]:
         said.append(f"appearance {number['evidence_appearance']:+.1f}: {100 * number['still_alike']:.0f} % of "
-                    f"{number['patches']:.0f} patches look the same where a still thing would be")
+                    f"{number['patches']:.0f} patches agree with a static object")
     if number["keypoints"]:
         said.append(f"keypoints {number['evidence_keypoints']:+.1f}: {number['keypoint_inliers']:.0f} of "
                     f"{number['keypoints']:.0f} moved {number['keypoint_shift_m']:.2f} m in "
@@ -216,7 +216,7 @@ def make_page(options):
              f"<p>{len(rows)} segments of at least {options.min_area} px: {counts['moving']} moving, "
              f"{counts['static']} static, {counts['not_judged']} not judged"
              + (f"; {wrong} wrong by the given truth" if truth else "") + ". Evidence is in nats: above 0 "
-             "says moving. Belief adds up over both cameras and over time; above 0 a thing counts as "
+             "says moving. Belief adds up over both cameras and over time; above 0 an object counts as "
              f"moving. {len(kept)} of {len(objects)} objects are shown, those that are undecided first."
              "</p>"]
     for identity, seen in common.progress(kept, "objects"):

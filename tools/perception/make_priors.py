@@ -10,7 +10,7 @@ else image_2 and image_3), builds the prior files with disparity, flow and stere
 images, and validates them. Disparity and flow are by networks (fields_onnx.py) where their YAML files
 are given, else sgbm and dis. What is there already is kept if it was made of the same images, network
 and settings. DIR/times.json has seconds per stage, for kept files as measured when they were made.
-DIR/decisions.html shows with pictures which things were judged to move, and why (decision_page.py).
+DIR/decisions.html shows with pictures which objects were judged to move, and why (decision_page.py).
 """
 
 import argparse
@@ -116,7 +116,7 @@ def field_networks(options):
 
 
 def field_arguments(networks, output):
-    """What build_priors is told of disparity and flow."""
+    """Arguments of build_priors for disparity and flow."""
     arguments = ["--disparity", CLASSICAL["stereo"]]
     if "stereo" in networks:
         left, right = (str(output / "disparity" / side) for side in SIDES)

@@ -91,7 +91,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "No progress");
 }
 
-/// Disparity and flow that would not be looked at.
+/// Disparity and flow that would not be used.
 void check_fields(const BuildInputs& inputs) {
   if (inputs.disparity == "sgbm" && !inputs.disparity_right.empty()) {
     throw InputError("--disparity sgbm estimates both disparities: --disparity-right has no use");

@@ -61,7 +61,7 @@ Rgb16Image to_kitti(const FlowField& flow) {
   return out;
 }
 
-/// images.txt says of which cameras' images perception was made; build_priors looks at it.
+/// images.txt says of which cameras' images perception was made; build_priors reads it.
 void copy_source(const fs::path& folder, const fs::path& output) {
   constexpr std::size_t kMostBytes = 4096;
   if (!path_exists(folder / kSource)) return;

@@ -45,8 +45,8 @@ VKITTI2 = [
     ("Car", "car", True),
     ("Van", "van", True),
 ]
-# Stand-ins: a class whose real vector is used for one that has none.
-VKITTI2_STAND_INS = {
+# Substitutes: a class whose real vector is used for one that has none.
+VKITTI2_SUBSTITUTES = {
     "terrain": "ground",
     "vegetation": "plant",
     "guard rail": "railing",
@@ -75,7 +75,7 @@ CITYSCAPES_19 = [
     (32, "motorcycle", True),
     (33, "bicycle", True),
 ]
-CITYSCAPES_19_STAND_INS = {
+CITYSCAPES_19_SUBSTITUTES = {
     "sidewalk": "pavement",
     "traffic sign": "stop sign",
     "vegetation": "tree",
@@ -164,8 +164,8 @@ def vkitti2(folder, rules):
     def distance(a, b):
         if a is b:
             return 0
-        text_a = VKITTI2_STAND_INS.get(a.text, a.text)
-        text_b = VKITTI2_STAND_INS.get(b.text, b.text)
+        text_a = VKITTI2_SUBSTITUTES.get(a.text, a.text)
+        text_b = VKITTI2_SUBSTITUTES.get(b.text, b.text)
         for rows, table in sources:
             if text_a in rows and text_b in rows:
                 return table[rows[text_a]][rows[text_b]]
@@ -183,7 +183,7 @@ def cityscapes(coco_classes, coco_table, rules):
     def distance(a, b):
         if a is b:
             return 0
-        rows = [row_of.get(CITYSCAPES_19_STAND_INS.get(c.text, c.text)) for c in (a, b)]
+        rows = [row_of.get(CITYSCAPES_19_SUBSTITUTES.get(c.text, c.text)) for c in (a, b)]
         if None in rows or rows[0] == rows[1]:
             return surrogate_distance(a.name, b.name, rules)
         return coco_table[rows[0]][rows[1]]

@@ -24,7 +24,7 @@ void parse_size(const std::string& text, kys_slam::simulator::WorldOptions& opti
   const auto height =
       kys_slam::parse_int(std::string_view(text).substr(std::min(middle + 1, text.size())));
   if (!width || !height) {
-    throw kys_slam::InputError("--size " + text + ": must look like 1241x376");
+    throw kys_slam::InputError("--size " + text + ": must be WIDTHxHEIGHT, such as 1241x376");
   }
   if (*width <= 0 || *height <= 0) {
     throw kys_slam::InputError("--size " + text + ": must be positive");

@@ -347,7 +347,8 @@ bool write_results(const System& system, const Settings& settings, Schedule sche
   return true;
 }
 
-/// A sequence with something wrong in it is told of that, also where other files are in its folder.
+/// A sequence with something wrong in it gets that message, also where other files are in its
+/// folder.
 bool looks_like_sequence(const std::filesystem::path& path) {
   std::error_code ignored;
   for (const char* part : {"image_0", "image_2", "frames", "mav0", "cam0"}) {

@@ -15,12 +15,16 @@ struct TextRow {
   std::vector<std::string_view> fields;
 };
 
+/// Tables of other programs, such as spreadsheets: the first line may name the columns and is left
+/// out then, fields may be between quotes, and separated by semicolons where the file has any.
+enum class TableStyle : std::uint8_t { kPlain, kSpreadsheet };
+
 /// A text file as rows of fields separated by blanks, tabs or commas. Empty lines and lines that
-/// begin with '#' are skipped. Line ends are LF or CR LF.
+/// begin with '#' are skipped, and so is a byte order mark. Line ends are LF or CR LF.
 class TextTable {
  public:
   /// \throws InputError when the file cannot be read.
-  explicit TextTable(const std::filesystem::path& path);
+  explicit TextTable(const std::filesystem::path& path, TableStyle style = TableStyle::kPlain);
   // Rows point into text_, which must not move.
   TextTable(const TextTable&) = delete;
   TextTable& operator=(const TextTable&) = delete;

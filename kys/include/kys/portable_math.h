@@ -4,9 +4,9 @@
 /// Elementary functions with the same result on every machine. Those of a C library are chosen by
 /// processor and differ in the last bit; these use additions, multiplications, divisions and square
 /// roots only, in two doubles per number, and are not contracted. Domains and special values are
-/// those of the C library. Nearly every result is the exact one, rounded (error below 0.51 units in the
-/// last place; pow() with a result outside 1e-100 to 1e100: below 1). Doubles take 0.1 to 0.3 us
-/// per call.
+/// those of the C library. Nearly every result is the exact one, rounded (error below 0.51 units in
+/// the last place; pow() with a result outside 1e-100 to 1e100: below 1). Doubles take 0.1 to 0.3
+/// us per call.
 namespace kys::portable {
 
 double exp(double x);

@@ -46,7 +46,7 @@ class PriorFolder : public PriorProvider {
                std::vector<kys::Prior>& right_priors) override;
   [[nodiscard]] std::span<const kys::Prior> segments() const override;
 
-  /// Asks the operating system to load the file of a frame into memory; returns at once.
+  /// Requests that the operating system loads the file of a frame into memory; returns at once.
   void prefetch(const std::string& name) const;
 
   [[nodiscard]] std::size_t loaded() const { return loaded_; }    ///< files

@@ -102,7 +102,7 @@ BoxRaster::BoxRaster(const StereoCamera& camera, std::span<const SeenBox> boxes)
   const auto count = static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_);
   object_.assign(count, -1);
   depth_.assign(count, std::numeric_limits<float>::infinity());
-  // The nearest box first: what it covers is not asked of those behind it.
+  // The nearest box first: those behind it are not tested where it covers them.
   std::vector<const SeenBox*> order;
   for (const SeenBox& box : boxes) order.push_back(&box);
   std::ranges::stable_sort(order, {}, &SeenBox::nearest);

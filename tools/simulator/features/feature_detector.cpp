@@ -17,7 +17,7 @@ constexpr double kSteadyLevels = 0.25;  // octaves of distance over which a view
 // landmarks on objects is.
 constexpr double kObjectOutliers = 0.4;
 
-constexpr int kFamilies = 400;          // looks that repeated landmarks share
+constexpr int kFamilies = 400;          // descriptors that repeated landmarks share
 constexpr double kFamilySpread = 0.06;  // bits by which members differ from their family
 
 // Flips each bit with the probability given.
@@ -151,24 +151,24 @@ void FeatureDetector::measure(std::size_t frame, int camera, const std::vector<S
     k.angle = static_cast<float>(a - 2 * std::numbers::pi * std::floor(a / (2 * std::numbers::pi)));
     if (k.angle >= static_cast<float>(2 * std::numbers::pi)) k.angle = 0;
     k.response = std::clamp(l.strength + 4 * static_cast<float>(rng.gaussian()), 7.0F, 255.0F);
-    FeatureLook origin;
-    kys::Descriptor d = look(s.id, origin);
-    // The more it is seen from the side (0 to 1), the more its look changes.
+    DescriptorOrigin origin;
+    kys::Descriptor d = make_descriptor(s.id, origin);
+    // The more it is seen from the side (0 to 1), the more its descriptor changes.
     const auto aside = static_cast<float>(std::acos(s.cosine) / std::acos(l.min_cosine));
     flip_bits(d, options_.bit_noise * (1 + aside * aside), rng);
     out.set.keypoints.push_back(k);
     out.set.descriptors.push_back(d);
     out.ids.push_back(s.id);
-    out.looks.push_back(origin);
+    out.origins.push_back(origin);
   }
 }
 
-kys::Descriptor FeatureDetector::look(std::int32_t id, FeatureLook& origin) const {
+kys::Descriptor FeatureDetector::make_descriptor(std::int32_t id, DescriptorOrigin& origin) const {
   const auto n = static_cast<std::uint64_t>(id);
   Rng rng(hash_of(options_.seed, 2, n));
-  origin = {FeatureLook::Kind::kOwn, 0};
+  origin = {DescriptorOrigin::Kind::kOwn, 0};
   if (!rng.chance(options_.repeats)) return base_descriptor(origin, id, options_.seed);
-  origin = {FeatureLook::Kind::kFamily, static_cast<std::uint64_t>(rng.below(kFamilies))};
+  origin = {DescriptorOrigin::Kind::kFamily, static_cast<std::uint64_t>(rng.below(kFamilies))};
   kys::Descriptor d = base_descriptor(origin, id, options_.seed);
   flip_bits(d, kFamilySpread, rng);
   return d;
@@ -222,9 +222,9 @@ void FeatureDetector::add_outliers(int count, Rng& rng, const BoxRaster* raster,
       continue;
     }
     out.set.keypoints.push_back(k);
-    out.set.descriptors.push_back(expand_look(key));
+    out.set.descriptors.push_back(expand_descriptor(key));
     out.ids.push_back(-1);
-    out.looks.push_back({FeatureLook::Kind::kState, rng.state()});
+    out.origins.push_back({DescriptorOrigin::Kind::kState, rng.state()});
   }
 }
 

@@ -23,7 +23,7 @@ OctaveCounts feature_quota(const FeaturePath& path, const FeatureOptions& option
 struct FeatureColumns {
   FeatureSet& set;
   std::vector<std::int32_t>& ids;
-  std::vector<FeatureLook>& looks;
+  std::vector<DescriptorOrigin>& origins;
 };
 
 /// Detects landmarks in images and measures them, with errors. The result depends on the seed and
@@ -48,7 +48,7 @@ class FeatureDetector {
   [[nodiscard]] bool finds_on_object(const Sight& s, std::size_t frame, int camera) const;
   void measure(std::size_t frame, int camera, const std::vector<Sight>& found,
                FeatureColumns out) const;
-  [[nodiscard]] kys::Descriptor look(std::int32_t id, FeatureLook& origin) const;
+  [[nodiscard]] kys::Descriptor make_descriptor(std::int32_t id, DescriptorOrigin& origin) const;
   [[nodiscard]] Eigen::Vector3d wander(const Sight& sight) const;
   [[nodiscard]] Eigen::Vector2d image_of(const Sight& sight, int camera) const;
   [[nodiscard]] Eigen::Vector2d lens_error(int camera, const Eigen::Vector2d& p) const;

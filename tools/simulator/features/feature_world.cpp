@@ -187,9 +187,9 @@ FeatureFrame FeatureWorld::frame(std::size_t index) const {
   }
   sights = strongest_first(sights, w.landmarks);
   w.detector.observe(index, 0, sights, scene ? &scene->left_raster : nullptr,
-                     {out.left, out.left_landmarks, out.left_looks});
+                     {out.left, out.left_landmarks, out.left_origins});
   w.detector.observe(index, 1, sights, scene ? &scene->right_raster : nullptr,
-                     {out.right, out.right_landmarks, out.right_looks});
+                     {out.right, out.right_landmarks, out.right_origins});
   return out;
 }
 

@@ -153,7 +153,7 @@ float FrameRenderer::sky(const Eigen::Vector3f& d, const Eigen::Vector3f& d_u,
   const Eigen::Vector2f uv = plane(d);
   const Eigen::Vector2f du = (plane(d + d_u) - uv) * kFootprint;
   const Eigen::Vector2f dv = (plane(d + d_v) - uv) * kFootprint;
-  const float cloud = assets_.world.scene.materials.looks[kClouds].texture.sample(
+  const float cloud = assets_.world.scene.materials.appearances[kClouds].texture.sample(
       uv.x(), uv.y(), du.x(), du.y(), dv.x(), dv.y(), 4);
   const float height = std::max(0.0F, d.z() / d.norm());
   return assets_.world.scene.light.sky * (0.62F * cloud + 0.42F - 0.18F * height);
@@ -216,16 +216,16 @@ FrameRenderer::SurfaceSample FrameRenderer::look_at_surface(const View& view, co
   const float vu = surface.grad_v.dot(p_u);
   const float uw = surface.grad_u.dot(p_v);
   const float vw = surface.grad_v.dot(p_v);
-  const MaterialLook& look = scene.materials.looks[surface.material];
-  float a =
-      look.texture.sample(uv.x() * look.scale_u, uv.y() * look.scale_v, uu * look.scale_u,
-                          vu * look.scale_v, uw * look.scale_u, vw * look.scale_v, kMaxProbes);
-  if (look.grimy) {
+  const MaterialAppearance& appearance = scene.materials.appearances[surface.material];
+  float a = appearance.texture.sample(uv.x() * appearance.scale_u, uv.y() * appearance.scale_v,
+                                      uu * appearance.scale_u, vu * appearance.scale_v,
+                                      uw * appearance.scale_u, vw * appearance.scale_v, kMaxProbes);
+  if (appearance.grimy) {
     const float g = scene.materials.grime_scale;
     a *= 0.5F + 1.0F * scene.materials.grime.sample(uv.x() * g, uv.y() * g, uu * g, vu * g, uw * g,
                                                     vw * g, 3);
   }
-  if (look.tinted) a *= scene.instances[i].tint;
+  if (appearance.tinted) a *= scene.instances[i].tint;
   return {a, facing};
 }
 

@@ -18,7 +18,7 @@ namespace kys_slam::simulator {
 namespace {
 
 constexpr double kReach = 60;              // m, from which a surface counts as seen
-constexpr std::size_t kMostViews = 20;     // frames from which surfaces are looked at
+constexpr std::size_t kMostViews = 20;     // frames in whose views points are tested
 constexpr double kBefore = 0.01;           // m, by which a ray ends before the surface
 constexpr std::int64_t kMostDraws = 2000;  // per point wanted
 
@@ -85,7 +85,7 @@ class Views {
   explicit Views(const World& world)
       : world_(world), meshes_(world.scene), rays_(meshes_, world.scene) {}
 
-  void look(std::vector<SurfacePoint>& points) {
+  void mark_seen(std::vector<SurfacePoint>& points) {
     const std::size_t every = 1 + (world_.times.size() - 1) / kMostViews;
     for (std::size_t frame = 0; frame < world_.times.size(); frame += every) {
       rays_.set_time(world_.times[frame]);
@@ -185,7 +185,7 @@ std::string surface_ply(const World& world, std::int64_t count, std::uint64_t se
     std::vector<SurfacePoint> drawn;
     for (std::int64_t k = 0; k < 4 * count; ++k) drawn.push_back(surfaces.draw(rng));
     draws += 4 * count;
-    views.look(drawn);
+    views.mark_seen(drawn);
     for (const SurfacePoint& p : drawn) {
       if (p.seen && static_cast<std::int64_t>(seen.size()) < count) seen.push_back(p);
     }

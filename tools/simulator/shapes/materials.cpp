@@ -10,12 +10,12 @@
 namespace kys_slam::simulator {
 namespace {
 
-using Look = MaterialLook;
+using Appearance = MaterialAppearance;
 
 class Painter {
  public:
   explicit Painter(std::uint64_t seed) : seed_(seed), rng_(hash_of(seed, 17)) {
-    library_.looks.resize(kMaterialCount);
+    library_.appearances.resize(kMaterialCount);
   }
 
   MaterialLibrary paint() {
@@ -34,8 +34,8 @@ class Painter {
  private:
   void set(int material, const Canvas& canvas, double size_u, double size_v, bool grimy = false,
            bool tinted = false) {
-    library_.looks[material] = {canvas.texture(), static_cast<float>(1 / size_u),
-                                static_cast<float>(1 / size_v), grimy, tinted};
+    library_.appearances[material] = {canvas.texture(), static_cast<float>(1 / size_u),
+                                      static_cast<float>(1 / size_v), grimy, tinted};
   }
   std::uint64_t next_seed() { return hash_of(seed_, ++counter_); }
   float draw(double low, double high) { return static_cast<float>(rng_.uniform(low, high)); }
@@ -133,8 +133,8 @@ class Painter {
     set(kTrim, rough(512, 0.72F, 0.022F, 0.08F), 2.0, 2.0, true);
   }
 
-  // Glass that shows a baked sky gradient, a dim room and its curtains: the look does not change
-  // with the viewer, so that stereo and flow can be checked on it.
+  // Glass that shows a baked sky gradient, a dim room and its curtains: the appearance does not
+  // change with the viewer, so that stereo and flow can be checked on it.
   Canvas window(int kind) {
     Canvas c(256, 0.16F);
     for (int y = 0; y < 256; ++y) {

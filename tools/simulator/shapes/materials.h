@@ -85,7 +85,7 @@ enum Material : std::uint16_t {
 };
 
 /// Appearance of a material: a tiling texture, and a large one that makes its repeats distinct.
-struct MaterialLook {
+struct MaterialAppearance {
   Texture texture;
   float scale_u = 1;  ///< tiles per unit of the mesh's texture coordinates
   float scale_v = 1;
@@ -94,9 +94,9 @@ struct MaterialLook {
 };
 
 struct MaterialLibrary {
-  std::vector<MaterialLook> looks;   ///< indexed by Material
-  Texture grime;                     ///< mean 0.5; factor is 0.5 + value
-  float grime_scale = 1.0F / 23.0F;  ///< tiles per metre
+  std::vector<MaterialAppearance> appearances;  ///< indexed by Material
+  Texture grime;                                ///< mean 0.5; factor is 0.5 + value
+  float grime_scale = 1.0F / 23.0F;             ///< tiles per metre
 };
 
 /// Generates all textures. The same seed gives the same textures.

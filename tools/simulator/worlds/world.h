@@ -45,7 +45,7 @@ struct World {
   std::vector<Rigid3> T_w_c;          ///< left camera, one per frame
   std::vector<Rigid3> T_w_b;          ///< kEuroc only: body
   std::vector<Rigid3> T_w_truth;      ///< left camera of truth_rig
-  std::optional<RigError> rig_error;  ///< if asked for: what `rectified` does not say of the rigs
+  std::optional<RigError> rig_error;  ///< if requested: what `rectified` does not say of the rigs
 
   /// False when an error of the rig bends the views that the truth refers to.
   [[nodiscard]] bool is_rectified() const { return !rig_error || *rig_error == RigError{}; }
