@@ -411,9 +411,9 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
     Thing& thing = things_.at(instance);
     const Thing& old = things_.at(name);
     // Networks change the class of what moves by itself: a van is car and bus by turns.
-    const bool same_kind = old.label == thing.label ||
-                           (start_.mobility(old.label) == kys::Mobility::kMobile &&
-                            start_.mobility(thing.label) == kys::Mobility::kMobile);
+    const bool same_kind =
+        old.label == thing.label || (start_.mobility(old.label) == kys::Mobility::kMobile &&
+                                     start_.mobility(thing.label) == kys::Mobility::kMobile);
     if (most < options_.motion.min_matches || 2 * most < all || old.timestamp == now.timestamp ||
         !same_kind) {
       continue;
