@@ -120,6 +120,8 @@ def _camera_info(reader, path: PathLike, topic: str) -> Optional[dict]:
     return found
 
 
+# Two bytes per pixel, luma in the one of this number: what most USB cameras send.
+_LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "rgba8": 4}
 
 
@@ -136,6 +138,10 @@ def _colour_of(connection, message) -> Optional[np.ndarray]:
         pixels, is_bgr = cv2.imdecode(np.frombuffer(bytes(message.data), np.uint8), cv2.IMREAD_UNCHANGED), True
         if pixels is None or pixels.dtype != np.uint8 or pixels.ndim != 3:
             return None
+    elif message.encoding in _LUMA:
+        cv2 = _cv2()
+        code = (cv2.COLOR_YUV2RGB_YUY2, cv2.COLOR_YUV2RGB_UYVY)[_LUMA[message.encoding]]
+        return cv2.cvtColor(_luma_and_chroma(message, connection.topic), code)
     else:
         pixels, is_bgr = _pixels(message, connection.topic)
     if pixels.ndim == 2:
@@ -143,13 +149,29 @@ def _colour_of(connection, message) -> Optional[np.ndarray]:
     return pixels[:, :, 2::-1] if is_bgr else pixels[:, :, :3]
 
 
+def _rows(message, topic: str) -> np.ndarray:
+    """(H, step) uint8."""
+    height, step = int(message.height), int(message.step)
+    data = np.asarray(message.data, np.uint8)
+    if height < 1 or step < 1 or data.size < height * step:
+        raise InputError(f"{topic}: an image message with too few bytes")
+    return data[:height * step].reshape(height, step)
+
+
+def _luma_and_chroma(message, topic: str) -> np.ndarray:
+    """(H, W, 2) uint8 of an encoding of _LUMA."""
+    height, width, rows = int(message.height), int(message.width), _rows(message, topic)
+    if rows.shape[1] < 2 * width:
+        raise InputError(f"{topic}: an image message with too few bytes")
+    return np.ascontiguousarray(rows[:, :2 * width]).reshape(height, width, 2)
+
+
 def _pixels(message, topic: str) -> Tuple[np.ndarray, bool]:
     """(H, W) uint8 or uint16, or (H, W, 3) uint8 and whether blue comes first."""
     height, width, step = int(message.height), int(message.width), int(message.step)
-    encoding, data = str(message.encoding), np.asarray(message.data, np.uint8)
-    if height < 1 or step < 1 or data.size < height * step:
-        raise InputError(f"{topic}: an image message with too few bytes")
-    rows = data[:height * step].reshape(height, step)
+    encoding, rows = str(message.encoding), _rows(message, topic)
+    if encoding in _LUMA:
+        return np.ascontiguousarray(_luma_and_chroma(message, topic)[:, :, _LUMA[encoding]]), False
     if encoding in ("mono16", "16UC1"):
         if step < 2 * width:
             raise InputError(f"{topic}: an image message with too few bytes")
@@ -282,6 +304,10 @@ def pair_by_time(stream: Iterator[Tuple[int, int, object]], tolerance: float,
     counts["unmatched right"] += len(queues[1])
 
 
+def _without_info(topics: Sequence[str], infos: Sequence[Optional[dict]]) -> str:
+    return " and ".join(topic for topic, info in zip(topics, infos) if info is None)
+
+
 def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
              topics: Optional[Sequence[str]] = None, start: int = 0, frames: Optional[int] = None,
              tolerance: float = 0.01) -> Recording:
@@ -301,7 +327,7 @@ def open_bag(path: PathLike, rig: Optional[StereoRig] = None, *,
     if rig is None:
         infos = [_camera_info(reader, path, topic) for topic in (left, right)]
         if None in infos:
-            raise InputError(f"{path}: no camera_info beside {left} and {right}; "
+            raise InputError(f"{path}: no camera_info beside {_without_info((left, right), infos)}; "
                              "give --calibration")
         calibration = lambda size: rig_from_camera_info(infos, str(path), size)  # noqa: E731
     nearest: List[int] = []

@@ -25,7 +25,8 @@ def camera_info(side, **changes):
     return {**info, **changes}
 
 
-def write_bag(path, corridor, infos, pixels=lambda image: image, encoding="mono8", late=0, name="image_rect"):
+def write_bag(path, corridor, infos, pixels=lambda image: image, encoding="mono8", late=0, name="image_rect",
+              width=None):
     """infos: per message, a pair of camera_info, the last one for all that follow. late: ns."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag1 import Writer
@@ -40,10 +41,11 @@ def write_bag(path, corridor, infos, pixels=lambda image: image, encoding="mono8
                 ns = int(round(time * 1e9)) + 10**18 + late * side
                 data = pixels(image)
                 message = store.types["sensor_msgs/msg/Image"](
-                    ros_header(store.types, ns, True), *data.shape, encoding, 0,
+                    ros_header(store.types, ns, True), data.shape[0], width or data.shape[1], encoding, 0,
                     data.strides[0], np.ascontiguousarray(data).view(np.uint8).ravel())
-                info = ros_camera_info(store, infos[min(i, len(infos) - 1)][side], ns, True)
-                for connection, m in zip(topics[side], (message, info)):
+                given = infos[min(i, len(infos) - 1)][side]
+                info = (ros_camera_info(store, given, ns, True),) if given else ()
+                for connection, m in zip(topics[side], (message, *info)):
                     writer.write(connection, ns, store.serialize_ros1(m, m.__msgtype__))
     return path
 
@@ -186,6 +188,26 @@ def test_bags_of_10_and_12_bits(bag, tmp_path, capsys):
         assert len([w for w in summary["warnings"] if f"{bits} bits" in w]) == 1
     big = bag(pixels=lambda image: (image.astype(np.uint16) << 2).astype(">u2"), encoding="mono16")
     assert big.exists()
+
+
+def test_bags_of_usb_cameras_and_with_one_camera_info(bag, tmp_path, capsys):
+    """Luma is every second byte; the trajectory is that of the grey images."""
+    results = {}
+    for encoding, luma in (("mono8", None), ("yuv422_yuy2", 0), ("yuv422", 1)):
+        def pixels(image):
+            if luma is None:
+                return image
+            both = np.full(image.shape + (2,), 90, np.uint8)
+            both[:, :, luma] = image
+            return both.reshape(image.shape[0], -1)
+        path = bag(pixels=pixels, encoding=encoding, width=CAMERA["width"])
+        assert cli.main(["run", str(path), "--output", str(tmp_path / encoding), "--quiet",
+                         "--set", "orb.features=600"]) == 0
+        results[encoding] = (tmp_path / encoding / "trajectory.tum").read_bytes()
+    assert len(set(results.values())) == 1 and len(results["mono8"].splitlines()) == 12
+    assert cli.main(["run", str(bag((camera_info(0), None))), "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert "no camera_info beside /stereo/right/image_rect;" in said
 
 
 def test_arrays_of_12_bits(corridor, corridor_camera, caplog):
