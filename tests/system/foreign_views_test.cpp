@@ -151,6 +151,22 @@ TEST(ForeignViews, StretchedPixelsAndTimesInMillisecondsAreTold) {
   }
 }
 
+TEST(ForeignViews, TimesThatAreIrregularAreSuspectedFirst) {
+  const RenderedCorridor corridor(kSmall, 12);
+  for (const bool irregular : {false, true}) {
+    System system(kSmall, Settings(), Schedule::kSequential);
+    bool told = false;
+    for (int i = 0; i < 8; ++i) {
+      StereoFrame frame =
+          corridor.look(i, {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.3 * i)});
+      if (irregular && i == 5) frame.timestamp -= 0.095;
+      const std::string warning = system.feed(frame).warning;
+      told = told || warning.find("time stamps that are wrong or irregular") != std::string::npos;
+    }
+    EXPECT_EQ(told, irregular);
+  }
+}
+
 TEST(ForeignViews, ATurnedCameraIsNoSwappedPair) {
   // Pitch and yaw of the right camera: far points lie further right in its image, and on other
   // rows.
