@@ -57,7 +57,8 @@ StereoRig rig_from_camera_info(const CameraInfo& left, const CameraInfo& right,
                                const std::string& name, int width = 0, int height = 0);
 
 /// Reads a calibration. One file: Kalibr's camchain (cam0 left, cam1 right), OpenCV's output of
-/// stereoCalibrate (M1 D1 M2 D2 R T, or K1 .. with `image_size`), or our own:
+/// stereoCalibrate (M1 D1 M2 D2 R T, or K1 .. with `image_size`), the stereo settings of ORB-SLAM2
+/// and ORB-SLAM3, or our own:
 ///
 ///     left:  {width: 752, height: 480, fx: 458.7, fy: 457.3, cx: 367.2, cy: 248.4,   # px
 ///             model: radtan, distortion: [-0.28, 0.07, 0.0002, 0.00002]}  # or equidistant

@@ -13,6 +13,7 @@
 #include "camera/plausible.h"
 #include "io/calibration_file.h"
 #include "io/camera_info.h"
+#include "io/orb_slam_settings.h"
 #include "io/yaml_file.h"
 
 namespace kys_slam {
@@ -174,12 +175,16 @@ StereoRig read_stereo_rig(std::span<const fs::path> paths, double unit) {
     rig = read_kalibr(files[0], unit);
   } else if (files.size() == 1 && files[0].has("left") && files[0].has("right")) {
     rig = read_own(files[0], unit);
+  } else if (files.size() == 1 && is_orb_slam_settings(files[0])) {
+    rig = read_orb_slam_settings(files[0], unit);
   } else if (files.size() == 1 && is_camera_info(files[0])) {
     files[0].fail("the camera_info of one camera; give the left and the right camera's file");
   } else {
     files[0].fail(
         "neither Kalibr's camchain (cam0, cam1), nor OpenCV's stereo calibration (M1, D1, "
-        "M2, D2, R, T), nor left: and right: cameras, nor one of two camera_info files");
+        "M2, D2, R, T), nor left: and right: cameras, nor one of two camera_info files, nor "
+        "settings of "
+        "ORB-SLAM (Camera1.fx, Camera.bf)");
   }
   rig.unit_remedy = "--calibration-unit says how many metres a unit has (mm: 0.001)";
   return rig;

@@ -103,6 +103,14 @@ distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
     for model in ("radtan", "equidistant"):
         text = camera % (model, "[-0.2, 0.05, 0.001, 0.0]")
         save("rig", f"own_{model}.yaml", f"left: {text}\nright: {text}\nT_left_right: {matrix}\n")
+    save("rig", "orb_slam3.yaml", "%YAML:1.0\nCamera.type: \"PinHole\"\nCamera1.fx: 458.6\nCamera1.fy: 457.2\n"
+         "Camera1.cx: 367.2\nCamera1.cy: 248.3\nCamera1.k1: -0.28\nCamera1.k2: 0.07\nCamera1.p1: 0.0\nCamera1.p2: 0.0\n"
+         "Camera2.fx: 457.5\nCamera2.fy: 456.1\nCamera2.cx: 379.9\nCamera2.cy: 255.2\nCamera2.k1: -0.28\n"
+         "Camera2.k2: 0.07\nCamera2.p1: 0.0\nCamera2.p2: 0.0\nCamera.width: 752\nCamera.height: 480\n"
+         "Stereo.T_c1_c2: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n"
+         "  data: [1, 0, 0, 0.11, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n")
+    save("rig", "orb_slam2.yaml", "%YAML:1.0\nCamera.fx: 700\nCamera.fy: 700\nCamera.cx: 370\nCamera.cy: 240\n"
+         "Camera.bf: 350\nCamera.width: 752\nCamera.height: 480\n")
     save("rig", "kalibr.yaml", "".join(f"""cam{k}:
   camera_model: pinhole
   distortion_coeffs: [-0.2, 0.05, 0.001, 0.0]
