@@ -9,8 +9,6 @@ namespace kys_slam::ros {
 
 namespace {
 
-using Level = Diagnostics::Level;
-
 /// 2: lost, 1 and above 0: integrity.
 int badness(const FrameReport& report) {
   if (report.status == FrameStatus::kLost) return 3;
@@ -50,34 +48,36 @@ double DiagnosticsLog::rate() const {
 }
 
 /// The first that applies: what keeps the node from tracking, then the frames, then losses.
-std::pair<Level, std::string> DiagnosticsLog::state(const PairCounts& counts) const {
-  if (!error.empty()) return {Level::kError, error};
-  if (!missing_info.empty()) return {Level::kWarn, "no camera_info of " + missing_info};
+std::pair<Diagnostics::Level, std::string> DiagnosticsLog::state(const PairCounts& counts) const {
+  if (!error.empty()) return {Diagnostics::Level::kError, error};
+  if (!missing_info.empty())
+    return {Diagnostics::Level::kWarn, "no camera_info of " + missing_info};
   if (new_frames_ == 0) {
-    if (counts.paired > before_.paired) return {Level::kWarn, "pairs wait to be tracked"};
+    if (counts.paired > before_.paired)
+      return {Diagnostics::Level::kWarn, "pairs wait to be tracked"};
     if (counts.out_of_order > before_.out_of_order) {
-      return {Level::kError, "stamps of images do not increase"};
+      return {Diagnostics::Level::kError, "stamps of images do not increase"};
     }
     const bool alone = counts.unmatched > before_.unmatched;
-    return {Level::kStale, alone ? "images without a partner" : "no images"};
+    return {Diagnostics::Level::kStale, alone ? "images without a partner" : "no images"};
   }
   if (worst_.status == FrameStatus::kLost) {
-    return {Level::kError, with_reason("lost", worst_.reason)};
+    return {Diagnostics::Level::kError, with_reason("lost", worst_.reason)};
   }
   const char* reason = to_string(worst_.integrity_reason);
   if (worst_.integrity == Integrity::kContradicted) {
-    return {Level::kError, with_reason("contradicted", reason)};
+    return {Diagnostics::Level::kError, with_reason("contradicted", reason)};
   }
   if (info_changed)
-    return {Level::kWarn, "camera_info has changed, which is refused until a reset"};
+    return {Diagnostics::Level::kWarn, "camera_info has changed, which is refused until a reset"};
   if (worst_.integrity == Integrity::kDegraded) {
-    return {Level::kWarn, with_reason("degraded", reason)};
+    return {Diagnostics::Level::kWarn, with_reason("degraded", reason)};
   }
   if (counts.dropped > before_.dropped) {
-    return {Level::kWarn, "pairs are dropped: tracking is slower than the camera"};
+    return {Diagnostics::Level::kWarn, "pairs are dropped: tracking is slower than the camera"};
   }
-  if (!worst_.warning.empty()) return {Level::kWarn, worst_.warning};
-  return {Level::kOk, "ok"};
+  if (!worst_.warning.empty()) return {Diagnostics::Level::kWarn, worst_.warning};
+  return {Diagnostics::Level::kOk, "ok"};
 }
 
 Diagnostics DiagnosticsLog::take(const PairCounts& counts) {

@@ -51,9 +51,9 @@ ImageView view_of(const ImageMessage& message) {
                      (bayer ? "; image_proc makes colour images of it" : ""));
   }
   check_bytes(message, encoding->bytes);
-  constexpr std::uint32_t kMostPixels = 16384;  // of a side; to_gray() refuses more
-  ImageView view{message.data.data(), static_cast<int>(std::min(message.width, kMostPixels + 1)),
-                 static_cast<int>(std::min(message.height, kMostPixels + 1)), encoding->format,
+  constexpr std::uint32_t kMostOfSide = 16384;  // of a side; to_gray() refuses more
+  ImageView view{message.data.data(), static_cast<int>(std::min(message.width, kMostOfSide + 1)),
+                 static_cast<int>(std::min(message.height, kMostOfSide + 1)), encoding->format,
                  static_cast<std::ptrdiff_t>(message.step)};
   view.pixel_step = static_cast<std::ptrdiff_t>(encoding->bytes);
   if (encoding->format == PixelFormat::kGray16 && message.is_bigendian) {

@@ -16,8 +16,6 @@ namespace {
 
 constexpr std::size_t kMostPictures = 256;
 
-using Level = NodeOutput::Level;
-
 }  // namespace
 
 NodeLogic::NodeLogic(const NodeOptions& options, const Settings& settings, NodeOutput& output)
@@ -57,7 +55,7 @@ void NodeLogic::add_camera_info(Side side, const CameraInfo& info) {
                 " camera has changed, which is refused; call reset where the camera is another";
     }
   }
-  if (!refused.empty()) output_->log(Level::kError, refused);
+  if (!refused.empty()) output_->log(NodeOutput::Level::kError, refused);
 }
 
 bool NodeLogic::track_next() {
@@ -111,7 +109,7 @@ void NodeLogic::complain(const std::string& error) {
     log_.error = error;
     is_new = std::exchange(last_complaint_, error) != error;
   }
-  if (is_new) output_->log(Level::kError, error);
+  if (is_new) output_->log(NodeOutput::Level::kError, error);
 }
 
 /// The next run; what belongs to the one before is forgotten.
@@ -126,7 +124,7 @@ void NodeLogic::begin(std::shared_ptr<Run> run, const std::string& why) {
     path_.clear();
     pictures_.clear();
   }
-  if (!why.empty()) output_->log(Level::kWarn, why);
+  if (!why.empty()) output_->log(NodeOutput::Level::kWarn, why);
 }
 
 std::shared_ptr<NodeLogic::Run> NodeLogic::make_run(int width, int height, int bits) {
@@ -210,7 +208,7 @@ void NodeLogic::note(const FrameReport& report, const std::optional<PoseOutput>&
   }
   std::string warning = report.warning;
   if (report.status == FrameStatus::kLost) warning = "lost: " + report.reason;
-  if (warning != warning_ && !warning.empty()) output_->log(Level::kWarn, warning);
+  if (warning != warning_ && !warning.empty()) output_->log(NodeOutput::Level::kWarn, warning);
   warning_ = std::move(warning);
 }
 
