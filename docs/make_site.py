@@ -36,6 +36,7 @@ NAVIGATION = [
     ]),
     ("Reference", [
         ("Reference", "docs/reference.md"),
+        ("Troubleshooting", "docs/troubleshooting.md"),
         ("Glossary", "docs/glossary.md"),
         ("Settings", "configs/README.md"),
         ("Matching library", "kys/README.md"),
