@@ -4,6 +4,7 @@
 #include <kys_slam/util/parse_number.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <map>
 
 #include "io/frame_times.h"
@@ -83,12 +84,29 @@ std::vector<std::int64_t> increasing_numbers(const Names& names) {
   return {};
 }
 
+/// Whether one camera's images are numbered from 0 and the other one's from 1: the same number is
+/// not of the same moment then.
+bool count_from_0_and_1(const Names& left, const Names& right) {
+  const std::vector<std::int64_t> l = increasing_numbers(left), r = increasing_numbers(right);
+  if (l.size() < 2 || l.size() != r.size() || std::min(l[0], r[0]) != 0) return false;
+  const std::int64_t offset = r[0] - l[0];
+  if (std::abs(offset) != 1) return false;
+  return std::equal(l.begin(), l.end(), r.begin(),
+                    [&](std::int64_t a, std::int64_t b) { return b - a == offset; });
+}
+
 }  // namespace
 
 NamedPairs pair_by_name(const fs::path& left, const fs::path& right) {
   const std::vector<fs::path> left_images = list_images(left);
   const std::vector<fs::path> right_images = list_images(right);
   const Names left_numbers = all_numbers(left_images), right_numbers = all_numbers(right_images);
+  if (count_from_0_and_1(left_numbers, right_numbers)) {
+    throw InputError(
+        right.string() +
+        ": one camera's images are numbered from 0, the other one's from 1; give images of "
+        "one moment the same number (or remove those at the ends without a partner)");
+  }
   const std::vector<bool> telling = telling_numbers(left_numbers, right_numbers);
   std::map<std::string, std::size_t> partners;
   for (std::size_t i = 0; i < right_images.size(); ++i) {

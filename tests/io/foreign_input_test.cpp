@@ -279,6 +279,25 @@ TEST(RateOfImages, GapsInTheNumbersAreGapsInTime) {
   EXPECT_DOUBLE_EQ(sequence->frame(3).timestamp, 0.2);
 }
 
+TEST(NumbersOfImages, FromZeroAndFromOneAreTold) {
+  const TemporaryFolder folder;
+  write_pair(folder, "%04d.png", 6);
+  const StereoRig rig = write_rig(folder, rig_yaml(60, 40, 0.1));
+  ImagePairOptions options;
+  options.rate = 20;
+  const auto open = [&] {
+    return open_image_pair(folder / "left", folder / "right", rig, options);
+  };
+  for (int i = 5; i >= 0; --i) {
+    fs::rename(folder / "right" / numbered("%04d.png", i),
+               folder / "right" / numbered("%04d.png", i + 1));
+  }
+  expect_input_error(open, {"right", "from 0", "from 1"});
+  // A frame that only one camera lacks shows that the numbers are those of moments.
+  fs::remove(folder / "right/0006.png");
+  EXPECT_EQ(open()->frame_count(), 5);
+}
+
 TEST(MissingImages, ListedButAbsentOnesAreLeftOut) {
   const TemporaryFolder folder;
   write_euroc(folder / "V1");
