@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/orb_slam_settings.h"
 
+#include <kys_slam/rig_file.h>
+
 #include <algorithm>
 #include <initializer_list>
 #include <string>
@@ -66,11 +68,8 @@ void read_lens(const CalibrationFile& file, const std::string& type, const Camer
   drop_padding(camera.distortion, camera.lens);
 }
 
-StereoRig rectified_pair(const CalibrationFile& file, RawCamera camera, double baseline) {
-  camera.distortion.clear();
-  StereoRig rig{camera, camera, file.name()};
-  rig.right.T_b_s.translation.x() = baseline;
-  return rig;
+StereoRig rectified_pair(const CalibrationFile& file, const RawCamera& c, double baseline) {
+  return rig_of({c.width, c.height, c.fx, c.fy, c.cx, c.cy, baseline}, file.name());
 }
 
 /// Of ORB-SLAM3.

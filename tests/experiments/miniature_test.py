@@ -112,18 +112,22 @@ class Miniature(unittest.TestCase):
                          "What does it cost?", "Is it reproducible?", "differs from the paper?"):
             self.assertIn(question, self.page)
 
+    def browse(self, check, option):
+        """The report in Chromium with a script added: the finished process, its page in stdout."""
+        with tempfile.TemporaryDirectory() as folder:
+            page = pathlib.Path(folder, "report.html")
+            page.write_text(self.page.replace("</body>", check + "</body>"))
+            return subprocess.run(
+                [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/c",
+                 option, "--virtual-time-budget=20000", "--dump-dom", f"file://{page}"],
+                capture_output=True, text=True, check=True, timeout=120)
+
     @unittest.skipUnless(CHROMIUM, "no Chromium")
     def test_a_browser_shows_it_without_errors(self):
         check = ("<script>window.onload=()=>{const i=[...document.images];document.body.dataset.check="
                  "i.length+' '+i.filter(x=>x.naturalWidth<100).length+' '+"
                  "[...document.querySelectorAll('tbody')].filter(t=>!t.rows.length).length}</script>")
-        with tempfile.TemporaryDirectory() as folder:
-            page = pathlib.Path(folder, "report.html")
-            page.write_text(self.page.replace("</body>", check + "</body>"))
-            done = subprocess.run(
-                [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/c",
-                 "--enable-logging=stderr", "--virtual-time-budget=20000", "--dump-dom", f"file://{page}"],
-                capture_output=True, text=True, check=True, timeout=120)
+        done = self.browse(check, "--enable-logging=stderr")
         images, broken, empty = map(int, re.search(r'data-check="(\d+) (\d+) (\d+)"', done.stdout).groups())
         self.assertEqual(images, self.page.count("<img "))
         self.assertEqual(broken, 0, "broken pictures")
@@ -135,13 +139,7 @@ class Miniature(unittest.TestCase):
         check = ("<script>window.onload=()=>{document.body.dataset.cut=[...document.querySelectorAll('table')]"
                  ".filter(t=>t.scrollWidth>t.clientWidth+1).map(t=>t.innerText.slice(0,40)).join('|')+'.'}"
                  "</script>")
-        with tempfile.TemporaryDirectory() as folder:
-            page = pathlib.Path(folder, "report.html")
-            page.write_text(self.page.replace("</body>", check + "</body>"))
-            done = subprocess.run(
-                [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/c",
-                 "--window-size=1280,900", "--virtual-time-budget=20000", "--dump-dom", f"file://{page}"],
-                capture_output=True, text=True, check=True, timeout=120)
+        done = self.browse(check, "--window-size=1280,900")
         self.assertEqual(re.search(r'data-cut="([^"]*)"', done.stdout).group(1), ".")
 
     def test_given_data_is_found_and_marked_and_a_broken_folder_is_a_row(self):
