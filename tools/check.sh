@@ -36,6 +36,7 @@ sanitized=(-DCMAKE_BUILD_TYPE=RelWithDebInfo
 case "$stage" in
   test)
     tools/setup.sh --browser
+    tools/setup.sh --onnx
     exec tools/test.sh release -DKYS_WARNINGS_AS_ERRORS=ON -DKYS_UNITY_TESTS=ON
     ;;
   format)
