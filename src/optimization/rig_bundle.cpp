@@ -30,7 +30,7 @@ constexpr double kHuber = 0.5;
 constexpr double kFarOff = 25;  // chi2 beyond which an observation is left out of a round
 // Step of the parameters that ends a round: standard deviations, by the assumed noise, in the
 // direction in which it has most. The cost may still fall, by points of a few observations.
-constexpr double kSmallStep = 0.1;
+constexpr double kSmallStep = 0.03;
 constexpr double kPointDamping = 1e-6;
 // Variance of an estimate over that with independent residuals: a patch that is seen in several
 // keyframes repeats its error. With 1, errors of disparities and rows on rendered worlds (tuning
