@@ -220,6 +220,12 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
   return found;
 }
 
+/// Each test answers a kind of false place. Few descriptor matches: a similar texture. Few aligned
+/// ones: matches without a common geometry. A small share of what should be in view: a place
+/// beside. A small area: a vehicle that stood at both places, which has as many inliers as a
+/// facade. Few observing keyframes: landmarks that only one of them has seen. With the number of
+/// inliers alone, a truck ahead verifies as a place (README; `place.min_area: 0` in
+/// configs/baseline.yaml).
 std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& features,
                                           KeyFrameId place, const PlaceVerificationOptions& options,
                                           const kys::DistanceModel& model,

@@ -17,11 +17,11 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, ConsensusOptions& o) {
-  list.add("tracking.balanced", o.enabled,
+  list.add("tracking.image_area", o.enabled,
            "the pose with most image area in its inliers is used, not the one with most inliers");
   list.add("tracking.cell_columns", o.columns, {1, 1000}, "",
            "square cells across the image that measure area");
-  list.add("tracking.contested_share", o.contested, {0, 1}, "",
+  list.add("tracking.outlier_area", o.contested, {0, 1}, "",
            "share of the area with outliers above which other poses are tried");
   list.add("tracking.consensus_tolerance", o.tolerance, {0.1, 100}, "",
            "factor on the error bound within which area supports a pose");
@@ -47,10 +47,10 @@ constexpr std::size_t kRefined = 5;    // samples that are refined
 constexpr int kRefinements = 4;        // largest number per sample
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
 constexpr double kSceneLead = 0.4;     // cells, of the fixed scene's pose over the initial pose
-constexpr double kSureMembers = 4;     // observations from which a cell or a thing has full weight
-constexpr std::size_t kPanel = 6;      // observations of a cell or a thing that judge a sample
-constexpr double kStands = 0.5;        // least share of fitting observations of a static thing
-constexpr double kKept = 0.95;         // least support after the last refinement over that before
+constexpr double kSureMembers = 4;  // observations from which a cell or an instance has full weight
+constexpr std::size_t kPanel = 6;   // observations of a cell or an instance that judge a sample
+constexpr double kStands = 0.5;     // least share of fitting observations of a static instance
+constexpr double kKept = 0.95;      // least support after the last refinement over that before
 constexpr double kImpossible =
     0.25;  // factor on the support of a pose with an impossible acceleration
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
@@ -65,60 +65,60 @@ class SceneCells {
       : worth_(observations.size()), weight_(observations.size()), fixed_(observations.size()) {
     const ImageCells cells(camera, options.columns);
     members_.resize(cells.size());
-    std::map<std::int32_t, Thing> things;
+    std::map<std::int32_t, Instance> instances;
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const PoseObservation& o = observations[i];
       if (!is_usable(o.u, o.v, o.u_right, o.inv_sigma)) continue;
       members_[cells.index(o.u, o.v)].push_back(i);
-      if (votes.empty() || votes[i].thing < 0) continue;
-      Thing& thing = things[votes[i].thing];
-      thing.members.push_back(i);
-      thing.cells = votes[i].log_odds / options.cell_evidence;
+      if (votes.empty() || votes[i].instance < 0) continue;
+      Instance& instance = instances[votes[i].instance];
+      instance.members.push_back(i);
+      instance.cells = votes[i].log_odds / options.cell_evidence;
     }
-    for (auto& [name, thing] : things) {
-      thing.cells *= say_of(thing.members.size());
-      things_.push_back(std::move(thing));
+    for (auto& [name, instance] : instances) {
+      instance.cells *= weight_of(instance.members.size());
+      instances_.push_back(std::move(instance));
     }
     std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
-    const auto fixed = [&](std::size_t i) { return votes.empty() || votes[i].thing < 0; };
+    const auto fixed = [&](std::size_t i) { return votes.empty() || votes[i].instance < 0; };
     for (const auto& cell : members_) {
       std::vector<std::size_t> standing;
       std::copy_if(cell.begin(), cell.end(), std::back_inserter(standing), fixed);
       for (const std::size_t i : cell) {
         weight_[i] = observations[i].share / static_cast<float>(cell.size());
       }
-      const double say = say_of(standing.size());
+      const double say = weight_of(standing.size());
       add(standing, say);
       area_ += say;
       for (const std::size_t i : standing) fixed_[i] = 1;
     }
-    for (const Thing& thing : things_) add(thing.members, thing.cells);
+    for (const Instance& instance : instances_) add(instance.members, instance.cells);
   }
 
-  struct Thing {
+  struct Instance {
     std::vector<std::size_t> members;
     double cells = 0;  ///< that it is worth where it stands still
   };
 
   /// Weight of each observation in the support of a pose that it fits, in cells.
   [[nodiscard]] const std::vector<double>& worth() const { return worth_; }
-  /// A few observations that represent each cell and thing, and their weights, in cells.
+  /// A few observations that represent each cell and instance, and their weights, in cells.
   [[nodiscard]] const std::vector<std::size_t>& panel() const { return panel_; }
   [[nodiscard]] const std::vector<double>& panel_worth() const { return panel_worth_; }
   /// Area of the fixed scene, in cells.
   [[nodiscard]] double area() const { return area_; }
   /// Observations of each occupied cell.
   [[nodiscard]] const CellMembers& members() const { return members_; }
-  [[nodiscard]] const std::vector<Thing>& things() const { return things_; }
+  [[nodiscard]] const std::vector<Instance>& instances() const { return instances_; }
   /// Whether an observation can be used and is of the fixed scene.
   [[nodiscard]] bool is_fixed(std::size_t i) const { return fixed_[i] != 0; }
   /// Weight of an observation in a fit in which all cells have the same weight.
   [[nodiscard]] float weight(std::size_t i) const { return weight_[i]; }
 
  private:
-  /// Weight of a cell or a thing, 0..1. Few observations may be wrong, or on the edge of a moving
-  /// object.
-  static double say_of(std::size_t members) {
+  /// Weight of a cell or an instance, 0..1. Few observations may be wrong, or on the edge of a
+  /// moving object.
+  static double weight_of(std::size_t members) {
     return std::min(1.0, static_cast<double>(members) / kSureMembers);
   }
 
@@ -137,7 +137,7 @@ class SceneCells {
   std::vector<double> worth_;
   std::vector<std::size_t> panel_;
   std::vector<double> panel_worth_;
-  std::vector<Thing> things_;
+  std::vector<Instance> instances_;
   std::vector<float> weight_;
   std::vector<std::uint8_t> fixed_;
   double area_ = 0;
@@ -213,10 +213,10 @@ class Consensus {
     return best;
   }
 
-  /// The pose from the fixed scene alone; none without things, or when the fixed scene is too
+  /// The pose from the fixed scene alone; none without instances, or when the fixed scene is too
   /// small.
   [[nodiscard]] std::optional<Rival> fixed_scene(const Rigid3& T_c_w) const {
-    if (scene_.things().empty()) return std::nullopt;
+    if (scene_.instances().empty()) return std::nullopt;
     std::vector<PoseObservation> fixed;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       if (scene_.is_fixed(i)) fixed.push_back(observations_[i]);
@@ -255,9 +255,9 @@ class Consensus {
   /// observations.
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
     std::vector<double> errors = errors_at(T_c_w);
-    for (const SceneCells::Thing& thing : scene_.things()) {
-      if (is_static(errors, thing)) continue;
-      for (const std::size_t i : thing.members) errors[i] = kInfinite;
+    for (const SceneCells::Instance& instance : scene_.instances()) {
+      if (is_static(errors, instance)) continue;
+      for (const std::size_t i : instance.members) errors[i] = kInfinite;
     }
     std::vector<PoseObservation> near;
     std::vector<std::size_t> at;
@@ -279,7 +279,7 @@ class Consensus {
     std::vector<Rival> best;
     std::array<CellMembers, 2> cells;
     cells[1] = unexplained(T_c_w_votes, false);
-    cells[0] = scene_.things().empty() ? cells[1] : unexplained(T_c_w_votes, true);
+    cells[0] = scene_.instances().empty() ? cells[1] : unexplained(T_c_w_votes, true);
     std::mt19937_64 random(options_.seed);
     std::vector<double> errors;
     for (int k = 0; k < options_.samples; ++k) {
@@ -359,13 +359,13 @@ class Consensus {
     return std::max(sum, 0.0);
   }
 
-  /// Whether a thing is static under a pose: many of its observations fit.
+  /// Whether an instance is static under a pose: many of its observations fit.
   [[nodiscard]] bool is_static(const std::vector<double>& errors,
-                               const SceneCells::Thing& thing) const {
+                               const SceneCells::Instance& instance) const {
     const double bound = options_.tolerance * options_.tolerance;
-    const auto count = std::count_if(thing.members.begin(), thing.members.end(),
+    const auto count = std::count_if(instance.members.begin(), instance.members.end(),
                                      [&](std::size_t i) { return errors[i] <= bound; });
-    return static_cast<double>(count) >= kStands * static_cast<double>(thing.members.size());
+    return static_cast<double>(count) >= kStands * static_cast<double>(instance.members.size());
   }
 
   const StereoCamera& camera_;
@@ -402,7 +402,7 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   }
   const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
-  result.contested = consensus.area() == 0 ||  // only things that can move
+  result.contested = consensus.area() == 0 ||  // only instances that can move
                      explained < (1 - options.contested) * consensus.area() ||
                      consensus.acceleration(result.pose.T_c_w) > options.doubtful_acceleration;
   if (!scene && !result.contested) return result;

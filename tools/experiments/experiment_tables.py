@@ -255,7 +255,27 @@ def best_tables(experiment, rows):
                   "at most 1.1 times plus 3 mm", ["input", "variant", "case", "verified", "best other",
                                                   "its ATE, m", "within", "tracked %", WITHOUT], body,
                   "Means over the inputs and seeds of which both have a result."),
-            *([] if experiment.get("kind") else [wrong_prior_table(experiment, rows)])]
+            *([] if experiment.get("kind") else [wrong_prior_table(experiment, rows),
+                                                 far_table(experiment, rows)])]
+
+
+FAR = 1.0  # m, ATE: a trajectory that is of no use
+
+
+def far_table(experiment, rows):
+    """Runs of a study that are far off, by input, variant and configuration, over cases and seeds."""
+    body = []
+    for name, variant, configuration in dict.fromkeys(
+            (r["input"], r["variant"], r["configuration"]) for r in rows):
+        mine = select(rows, input=name, variant=variant, configuration=configuration)
+        errors = [r["ate"] for r in mine if r.get("ate") is not None]
+        body.append([name, variant, configuration, len(mine), sum(e > FAR for e in errors),
+                     len(mine) - len(errors),
+                     *(show(float(f(errors)) if errors else None) for f in (np.median, np.max)),
+                     show(mean([r.get("tracked") for r in mine]), 1)])
+    return Table(f"{experiment['name']}-far", f"Runs with an ATE of more than {FAR:g} m",
+                 ["input", "variant", "configuration", "runs", f"more than {FAR:g} m off",
+                  "without result", "median ATE, m", "largest ATE, m", "tracked %"], body)
 
 
 def ratio_row(mine, other, own):
