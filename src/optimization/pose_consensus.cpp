@@ -87,9 +87,9 @@ class SceneCells {
       for (const std::size_t i : cell) {
         weight_[i] = observations[i].share / static_cast<float>(cell.size());
       }
-      const double say = weight_of(standing.size());
-      add(standing, say);
-      area_ += say;
+      const double cell_weight = weight_of(standing.size());
+      add(standing, cell_weight);
+      area_ += cell_weight;
       for (const std::size_t i : standing) fixed_[i] = 1;
     }
     for (const Instance& instance : instances_) add(instance.members, instance.cells);
@@ -144,7 +144,7 @@ class SceneCells {
 };
 
 /// A pose and the area that supports it, in cells.
-struct Rival {
+struct ScoredPose {
   Rigid3 T_c_w;
   double support = 0;
 };
@@ -173,7 +173,8 @@ class Consensus {
     return step.norm() / expected_->reach;
   }
 
-  /// 1 for the expected motion; decreases to kImpossible with the acceleration.
+  /// 1 for the expected motion; decreases to kImpossible with the acceleration. It never reaches 0:
+  /// after a collision or with a wrong velocity the scene must be able to outvote the expectation.
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
     const double ratio = acceleration(T_c_w) / options_.max_acceleration;
     return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
@@ -190,14 +191,14 @@ class Consensus {
   }
 
   /// A pose with its support: the area of its inliers, times its plausibility.
-  [[nodiscard]] Rival judged(const Rigid3& T_c_w) const {
+  [[nodiscard]] ScoredPose judged(const Rigid3& T_c_w) const {
     const double sum = support(errors_at(T_c_w), scene_.worth(), options_.tolerance);
     return {T_c_w, sum * plausibility(T_c_w)};
   }
 
   /// The same for a pose that is not refined yet, by a few observations of each cell.
   /// \param errors  memory that is used again
-  [[nodiscard]] Rival roughly_judged(const Rigid3& T_c_w, std::vector<double>& errors) const {
+  [[nodiscard]] ScoredPose roughly_judged(const Rigid3& T_c_w, std::vector<double>& errors) const {
     panel_errors_.at(T_c_w, errors);
     const double sum = support(errors, scene_.panel_worth(), options_.reach);
     return {T_c_w, sum * plausibility(T_c_w)};
@@ -205,17 +206,17 @@ class Consensus {
 
   /// The pose with most support: `best`, or one near a sample of three matches that do not fit
   /// `T_c_w_votes`.
-  [[nodiscard]] Rival best_of_samples(const Rigid3& T_c_w_votes, Rival best) const {
-    for (const Rival& sampled : best_samples(T_c_w_votes)) {
-      const Rival rival = refined(sampled.T_c_w);
-      if (rival.support > best.support) best = rival;
+  [[nodiscard]] ScoredPose best_of_samples(const Rigid3& T_c_w_votes, ScoredPose best) const {
+    for (const ScoredPose& sampled : best_samples(T_c_w_votes)) {
+      const ScoredPose competing = refined(sampled.T_c_w);
+      if (competing.support > best.support) best = competing;
     }
     return best;
   }
 
   /// The pose from the fixed scene alone; none without instances, or when the fixed scene is too
   /// small.
-  [[nodiscard]] std::optional<Rival> fixed_scene(const Rigid3& T_c_w) const {
+  [[nodiscard]] std::optional<ScoredPose> fixed_scene(const Rigid3& T_c_w) const {
     if (scene_.instances().empty()) return std::nullopt;
     std::vector<PoseObservation> fixed;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
@@ -228,11 +229,11 @@ class Consensus {
   }
 
   /// Local optimisation over the observations near the pose, while the support increases.
-  [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
-    Rival best = judged(T_c_w);
+  [[nodiscard]] ScoredPose refined(const Rigid3& T_c_w) const {
+    ScoredPose best = judged(T_c_w);
     for (int k = 0; k < kRefinements; ++k) {
       const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
-      const Rival next = judged(result.T_c_w);
+      const ScoredPose next = judged(result.T_c_w);
       if (result.inliers == 0 || next.support <= best.support) break;
       best = next;
     }
@@ -242,10 +243,10 @@ class Consensus {
   /// The best pose, refined over the observations that fit it. Each has full weight, unless that
   /// reduces the support: many observations of a moving object can be within the bounds of the true
   /// pose too.
-  [[nodiscard]] PoseResult final_pose(const Rival& rival) const {
-    PoseResult result = optimize_near(rival.T_c_w, 1, false);
-    if (judged(result.T_c_w).support < kKept * rival.support) {
-      result = optimize_near(rival.T_c_w, 1, true);
+  [[nodiscard]] PoseResult final_pose(const ScoredPose& competing) const {
+    PoseResult result = optimize_near(competing.T_c_w, 1, false);
+    if (judged(result.T_c_w).support < kKept * competing.support) {
+      result = optimize_near(competing.T_c_w, 1, true);
     }
     return result;
   }
@@ -275,8 +276,8 @@ class Consensus {
   }
 
   /// The few samples with most support, best first.
-  [[nodiscard]] std::vector<Rival> best_samples(const Rigid3& T_c_w_votes) const {
-    std::vector<Rival> best;
+  [[nodiscard]] std::vector<ScoredPose> best_samples(const Rigid3& T_c_w_votes) const {
+    std::vector<ScoredPose> best;
     std::array<CellMembers, 2> cells;
     cells[1] = unexplained(T_c_w_votes, false);
     cells[0] = scene_.instances().empty() ? cells[1] : unexplained(T_c_w_votes, true);
@@ -287,11 +288,11 @@ class Consensus {
       if (from.size() < kSample) continue;
       const std::optional<Rigid3> T_c_w = sample_pose(from, random);
       if (!T_c_w) continue;
-      const Rival rival = roughly_judged(*T_c_w, errors);
-      const auto place = std::find_if(best.begin(), best.end(), [&](const Rival& other) {
-        return rival.support > other.support;
+      const ScoredPose competing = roughly_judged(*T_c_w, errors);
+      const auto place = std::find_if(best.begin(), best.end(), [&](const ScoredPose& other) {
+        return competing.support > other.support;
       });
-      best.insert(place, rival);
+      best.insert(place, competing);
       if (best.size() > kRefined) best.pop_back();
     }
     return best;
@@ -380,6 +381,12 @@ class Consensus {
 
 }  // namespace
 
+/// The steps in the order of their cost. A static scene ends after the first one: the pose with
+/// most matches also has nearly all of the area. The pose of the fixed scene has to lead by a
+/// whole cell, since it is made of fewer observations. Competing poses are searched where area is
+/// left over: from the pose that was given, from that of the fixed scene, and from samples of what
+/// the pose leaves out, which finds the scene when a vehicle holds the first two. Last, all
+/// inliers of the winner count fully, as accuracy comes from their number.
 ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                               std::span<const PoseObservation> observations,
                               std::span<const Vote> votes,
@@ -393,30 +400,30 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   if (!options.enabled || observations.empty()) return result;
   const Consensus consensus(camera, observations, votes, expected, options, pose);
   if (start == Start::kConsensus) {
-    Rival best = consensus.refined(T_c_w_initial);
-    const Rival rival = consensus.best_of_samples(best.T_c_w, best);
-    if (rival.support > options.margin * best.support) best = rival;
+    ScoredPose best = consensus.refined(T_c_w_initial);
+    const ScoredPose competing = consensus.best_of_samples(best.T_c_w, best);
+    if (competing.support > options.margin * best.support) best = competing;
     result.pose = consensus.final_pose(best);
     result.contested = result.overruled = true;
     return result;
   }
-  const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
+  const std::optional<ScoredPose> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
   result.contested = consensus.area() == 0 ||  // only instances that can move
                      explained < (1 - options.contested) * consensus.area() ||
                      consensus.acceleration(result.pose.T_c_w) > options.doubtful_acceleration;
   if (!scene && !result.contested) return result;
   const double wanted = options.margin * consensus.judged(result.pose.T_c_w).support;
-  Rival best{result.pose.T_c_w, wanted};
+  ScoredPose best{result.pose.T_c_w, wanted};
   if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
-    Rival rival = consensus.refined(T_c_w_initial);
+    ScoredPose competing = consensus.refined(T_c_w_initial);
     if (scene) {
-      const Rival other = consensus.refined(scene->T_c_w);
-      if (other.support > rival.support + kSceneLead) rival = other;
+      const ScoredPose other = consensus.refined(scene->T_c_w);
+      if (other.support > competing.support + kSceneLead) competing = other;
     }
-    rival = consensus.best_of_samples(result.pose.T_c_w, rival);
-    if (rival.support > best.support) best = rival;
+    competing = consensus.best_of_samples(result.pose.T_c_w, competing);
+    if (competing.support > best.support) best = competing;
   }
   if (best.support <= wanted) return result;
   result.overruled = true;

@@ -52,9 +52,9 @@ void describe(kys::OptionList& list, IntegrityOptions& o) {
            "share of inliers in the matches below which a pose is degraded");
   list.add("integrity.outlier_area", o.unexplained, {0, 1}, "",
            "share of the image area without inliers from which another motion is searched");
-  list.add("integrity.other_motion_area", o.rival, {0, 1000}, "",
+  list.add("integrity.other_motion_area", o.other_area, {0, 1000}, "",
            "image area of another motion, as a part of that of the pose, that contradicts it");
-  list.add("integrity.other_motion_area_behind", o.rival_behind, {0, 1000}, "",
+  list.add("integrity.other_motion_area_behind", o.other_area_behind, {0, 1000}, "",
            "the same when it is of what lies behind: objects move in front of the scene");
   list.add("integrity.points", o.points, {3, 60000}, "",
            "points of the last frame in which another motion is searched");
@@ -85,7 +85,7 @@ bool contradicts(const OtherMotion& other, const IntegrityOptions& o) {
   const bool lies_behind = other.behind - other.in_front >= kLead;
   const bool flows_by = other.in_front <= other.behind && other.shift > kFlow * o.still &&
                         other.shift > kFlow * other.pose_shift;
-  const double least = lies_behind || flows_by ? o.rival_behind : o.rival;
+  const double least = lies_behind || flows_by ? o.other_area_behind : o.other_area;
   return static_cast<double>(other.cells.size()) >= least * other.explained;
 }
 

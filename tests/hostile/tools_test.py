@@ -117,7 +117,7 @@ class Tools(unittest.TestCase):
         self.assertIn("no world of simulate_sequence",
                       self.refused("experiments/compare_features.py", self.folder, "--output", self.folder / "out"))
 
-    def test_lose_pictures(self):
+    def test_lose_images(self):
         self.assertIn("image_0", self.refused("experiments/lose_images.py", self.folder / "nowhere", "--output", "x"))
         full = self.folder / "full"
         (full / "inside").mkdir(parents=True)
