@@ -138,7 +138,7 @@ bool Tracker::finish_tracked(TrackedFrame frame, PoseCandidate candidate, int wa
     drop_moving(frame, candidate);
     result.inliers = candidate.evidence.inliers;
   }
-  if (result.inliers < std::min(options_.min_held_inliers, options_.min_local_inliers)) {
+  if (result.inliers < std::min(options_.min_predicted_inliers, options_.min_local_inliers)) {
     result.reason += "; " + std::to_string(result.inliers) + " inliers stand still";
     result.refused = true;
     result.instances.clear();

@@ -212,7 +212,7 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--csv", a.csv, "write all pairs to this file");
   app.add_option("--draw", a.drawings,
-                 "folder for pictures of near pairs that the check refuses and of pairs that it "
+                 "folder for images of near pairs that the check refuses and of pairs that it "
                  "wrongly accepts");
   PlaceOptions& p = a.run.places;
   app.add_option("--tables", p.tables, "hash tables")->capture_default_str();
