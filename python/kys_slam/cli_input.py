@@ -80,7 +80,8 @@ def open_recording(args):
     if args.calibration and not correction_of(args):
         raise InputError(f"{path}: contains its calibration: --calibration takes a correction of it "
                          "(kys-slam calibrate); for images of your own give LEFT and RIGHT")
-    sequence = kys_slam.open_sequence(path, pair=args.pair, **part, **_pairing(args))
+    from kys_slam.cli_segment import pair_of
+    sequence = kys_slam.open_sequence(path, pair=pair_of(args, path), **part, **_pairing(args))
     _check_tolerance(args, path, sequence, f"images of {sequence.layout} are paired by number")
     return sequence
 

@@ -75,7 +75,7 @@ def _add_input(p: argparse.ArgumentParser):
                         "0.003 for folders, 0.01 for bags)")
     camera.add_argument("--pair", default="", choices=("grey", "colour"),
                         help="of a KITTI odometry sequence: image_0 and image_1 (default if they "
-                        "exist), or image_2 and image_3")
+                        "exist), or image_2 and image_3 (default with --segment)")
     return camera
 
 

@@ -12,6 +12,7 @@ from kys_slam.colour import left_colour
 from kys_slam.kysp import SEGMENT, THING
 from kys_slam.segment_network import NetworkError, SegmentNetwork, need
 from kys_slam._core import _label_space_of_priors
+from kys_slam.priors import read_prior
 from kys_slam.segmenter import Function, Segmenter, from_folder
 
 _FIRST_THING = 65536  # instances of things in prior files
@@ -83,6 +84,19 @@ def check_options(args) -> None:
             and any(Path(args.save_priors).glob("*.kysp")):
         raise InputError(f"{args.save_priors}: has prior files already; --overwrite, or another "
                          "--save-priors")
+
+
+def pair_of(args, path: Path) -> str:
+    """--pair of a KITTI sequence: what is given; for segments of a sequence that has both pairs, the one
+    that a network sees in colour, or that stored segments are of; "": the default."""
+    segments = getattr(args, "segment", None)
+    if args.pair or not segments or not all((path / f"image_{k}").is_dir() for k in range(4)):
+        return args.pair
+    if not Path(segments).is_dir():
+        return "colour"
+    stored = next(iter(sorted(Path(segments).glob("*.kysp"))), None)
+    colour = kys_slam.open_sequence(path, pair="colour").camera.calibration_hash()
+    return "colour" if stored and read_prior(stored).calibration_hash == colour else ""
 
 
 def open_function(args, recording) -> Optional[Function]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Colour images for networks, of every kind of input; tracking sees grey ones."""
 
+import dataclasses
+import shutil
 import sys
 
 import numpy as np
@@ -11,6 +13,8 @@ from bags import write_bag
 from conftest import ROOT
 from kys_slam import recordings
 from kys_slam.cli import main
+from kys_slam.cli_input import open_recording
+from kys_slam.cli_parser import make_parser
 from kys_slam.colour import left_colour
 
 cv2 = pytest.importorskip("cv2")
@@ -149,6 +153,31 @@ def test_the_pair_of_kitti_that_is_tracked(kitti_folder):
         sequence = kys_slam.open_sequence(kitti_folder, pair=pair)
         image = left_colour(sequence, next(sequence))
         assert (image[130, 160].tolist() == [255, 0, 0]) == red
+
+
+def test_a_network_has_the_colour_pair_and_stored_segments_have_theirs(kitti_folder, tmp_path):
+    text = (kitti_folder / "calib.txt").read_text().splitlines()
+    text[3] = text[3].replace("-50", "-51")  # as real ones, the pairs differ
+    (kitti_folder / "calib.txt").write_text("\n".join(text) + "\n")
+    hashes = {pair: kys_slam.open_sequence(kitti_folder, pair=pair).camera.calibration_hash()
+              for pair in ("grey", "colour")}
+
+    def tracked(*options):
+        args = make_parser().parse_args(["run", str(kitti_folder), *options])
+        return open_recording(args).camera.calibration_hash()
+
+    assert tracked() == hashes["grey"] != hashes["colour"]
+    assert tracked("--segment", "network.yaml") == hashes["colour"]
+    assert tracked("--segment", "network.yaml", "--pair", "grey") == hashes["grey"]
+    for pair, value in hashes.items():
+        folder = tmp_path / pair
+        folder.mkdir()
+        labels = np.zeros((240, 320), int)
+        frame = kys_slam.priors_from_labels(kys_slam.LabelSpace("cityscapes_19"), labels)
+        kys_slam.write_prior(folder / "000000.kysp", dataclasses.replace(frame, calibration_hash=value))
+        assert tracked("--segment", str(folder)) == value
+    shutil.rmtree(kitti_folder / "image_3")
+    assert tracked("--segment", "network.yaml") == hashes["grey"]
 
 
 def test_the_network_of_a_run_sees_colour(shots, calibration, tmp_path):

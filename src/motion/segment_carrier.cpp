@@ -16,6 +16,9 @@ namespace {
 constexpr double kSlant = 0.35;        // px of disparity per px: a road, steep surfaces
 constexpr double kMoved = 0.02;        // m; less is no motion
 constexpr std::size_t kSamples = 200;  // pixels of a segment, at most
+constexpr int kFillSteps = 3;          // a segment goes on beside what the step before gave
+constexpr int kLeastAlike = 3;         // features of a segment beside another that is taken for it
+constexpr double kMostAlike = 0.7;     // of the features around
 
 }  // namespace
 
@@ -116,10 +119,12 @@ std::uint16_t SegmentCarrier::segment_of(const Eigen::Vector3d& p_now, const Rig
   return segment > 0 && shifts[segment - 1U].norm() >= kMoved ? std::uint16_t{0} : segment;
 }
 
-/// The most exact source first: the pixel at which the image shows a feature with a disparity; the
-/// cells moved to this frame, whose depth also serves features without one; features beside it.
+/// The most exact source counts: the keypoint itself, found in the image; the pixel at which the
+/// image shows a feature with a disparity; the cells moved to this frame, whose depth also serves
+/// features without one; features beside it.
 std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const Rigid3& T_s_now,
-                                                 const SegmentShifts& shifts) const {
+                                                 const SegmentShifts& shifts,
+                                                 const SegmentSearch* search) const {
   std::vector<std::uint16_t> numbers(now.size(), 0);
   for (std::size_t i = 0; i < now.size(); ++i) {
     if (!now.has_stereo(i)) continue;
@@ -127,6 +132,16 @@ std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const
     numbers[i] = segment_of(camera_.back_project(k.x, k.y, now.depth(i)), T_s_now, shifts);
   }
   const std::vector<Cell> moved = warp(T_s_now.inverse(), shifts);
+  cover(now, T_s_now, shifts, moved, numbers);
+  if (search != nullptr) find_again(now, T_s_now, shifts, moved, *search, numbers);
+  for (int step = 0; step < kFillSteps; ++step) fill(now, numbers);
+  return numbers;
+}
+
+/// Features without a segment have that of the cell over them.
+void SegmentCarrier::cover(const FrameFeatures& now, const Rigid3& T_s_now,
+                           const SegmentShifts& shifts, std::span<const Cell> moved,
+                           std::vector<std::uint16_t>& numbers) const {
   for (std::size_t i = 0; i < now.size(); ++i) {
     if (numbers[i] != 0) continue;
     const Keypoint& k = now.keypoint(i);
@@ -147,29 +162,42 @@ std::vector<std::uint16_t> SegmentCarrier::carry(const FrameFeatures& now, const
         segment_of(camera_.back_project(k.x, k.y, cell.depth), T_s_now, shifts);
     numbers[i] = exact > 0 ? exact : cell.segment;
   }
-  fill(now, numbers);
-  return numbers;
 }
 
-/// What was hidden in the image, or outside it, has the segment of the nearest feature that is as
-/// far away, unless this is an instance of a thing class: these have borders.
+/// What was hidden in the image, or outside it: stuff goes on beside the nearest feature that is as
+/// far away; an instance, which has borders, only where most features around are on it.
 void SegmentCarrier::fill(const FrameFeatures& now, std::vector<std::uint16_t>& numbers) const {
   const auto radius = static_cast<float>(carrying::kSurfaceRadius * camera_.width);
   const std::vector<std::uint16_t> known = numbers;
+  std::vector<std::uint16_t> around;
   for (std::size_t i = 0; i < now.size(); ++i) {
-    if (known[i] != 0 || !now.has_stereo(i)) continue;
+    if (known[i] != 0) continue;
     const Keypoint& k = now.keypoint(i);
-    const double disparity = carrying::disparity_of(now, i);
-    float nearest = radius * radius;
-    now.for_each_near(k.x, k.y, radius, 0, carrying::kOctaves, [&](std::size_t n) {
-      if (known[n] == 0 || !now.has_stereo(n)) return;
-      if (std::abs(carrying::disparity_of(now, n) - disparity) > carrying::tolerance(disparity))
+    const bool deep = now.has_stereo(i);
+    const double disparity = deep ? carrying::disparity_of(now, i) : 0;
+    const float reach = deep ? radius : radius / 2;
+    float nearest = reach * reach;
+    std::uint16_t beside = 0;
+    around.clear();
+    now.for_each_near(k.x, k.y, reach, 0, carrying::kOctaves, [&](std::size_t n) {
+      if (known[n] == 0) return;
+      if (deep && (!now.has_stereo(n) || std::abs(carrying::disparity_of(now, n) - disparity) >
+                                             carrying::tolerance(disparity))) {
         return;
+      }
       const float du = now.keypoint(n).x - k.x, dv = now.keypoint(n).y - k.y;
-      if (du * du + dv * dv >= nearest) return;
-      nearest = du * du + dv * dv;
-      numbers[i] = is_thing(known[n]) ? std::uint16_t{0} : known[n];
+      const float distance = du * du + dv * dv;
+      if (distance >= reach * reach) return;
+      around.push_back(known[n]);
+      if (distance >= nearest) return;
+      nearest = distance;
+      beside = known[n];
     });
+    if (beside == 0) continue;
+    const auto alike = std::ranges::count(around, beside);
+    const bool most = alike >= kLeastAlike &&
+                      static_cast<double>(alike) >= kMostAlike * static_cast<double>(around.size());
+    if (most || (deep && !is_thing(beside))) numbers[i] = beside;
   }
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <kys/belief.h>
+#include <kys/distance_model.h>
 #include <kys/option_list.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/segment_image.h>
@@ -20,7 +21,17 @@ namespace kys_slam {
 /// Zero: that of the scene.
 using SegmentShifts = std::vector<Eigen::Vector3d>;
 
-/// The segments of one image, carried to other frames. A point seen in another frame is moved
+/// How keypoints of other frames are searched in the segmented image.
+struct SegmentSearch {
+  ScaleLevels scales;
+  const kys::DistanceModel* model = nullptr;  ///< must outlive this
+  float radius = 0;        ///< px at octave 0, around where geometry puts a keypoint
+  float max_distance = 0;  ///< bits
+  float ratio = 0;         ///< best / second best distance
+};
+
+/// The segments of one image, carried to other frames. A keypoint that is found again in the image
+/// has the segment it is on there. Else a point seen in another frame is moved
 /// to where it was when the image was taken, with the scene or with a segment that moves, and has
 /// the segment of the pixel it is seen at there, if this surface is as far away. What has
 /// no disparity has the segment that covers its pixel when all are moved, each at the depth of its
@@ -39,8 +50,10 @@ class SegmentCarrier {
   /// Per feature of another frame the number of its segment, 0: not known.
   /// \param T_s_now from the camera of that frame to that of the image
   /// \param shifts one per segment
+  /// \param search null: no keypoint is searched
   [[nodiscard]] std::vector<std::uint16_t> carry(const FrameFeatures& now, const Rigid3& T_s_now,
-                                                 const SegmentShifts& shifts) const;
+                                                 const SegmentShifts& shifts,
+                                                 const SegmentSearch* search = nullptr) const;
   /// The same for one point (m) in the camera of another frame.
   [[nodiscard]] std::uint16_t segment_of(const Eigen::Vector3d& p_now, const Rigid3& T_s_now,
                                          const SegmentShifts& shifts) const;
@@ -75,6 +88,13 @@ class SegmentCarrier {
   [[nodiscard]] double depth_at(std::uint16_t segment, std::span<const std::uint32_t> among,
                                 double u, double v) const;
   void close_gaps(std::vector<Cell>& grid) const;
+  void cover(const FrameFeatures& now, const Rigid3& T_s_now, const SegmentShifts& shifts,
+             std::span<const Cell> moved, std::vector<std::uint16_t>& numbers) const;
+  void find_again(const FrameFeatures& now, const Rigid3& T_s_now, const SegmentShifts& shifts,
+                  std::span<const Cell> moved, const SegmentSearch& search,
+                  std::vector<std::uint16_t>& numbers) const;
+  [[nodiscard]] std::vector<Cell> cells_around(const Keypoint& k,
+                                               std::span<const Cell> moved) const;
   void fill(const FrameFeatures& now, std::vector<std::uint16_t>& numbers) const;
   void put(const Cell& cell, const Eigen::Vector3d& p, std::vector<Cell>& grid) const;
   [[nodiscard]] std::vector<Cell> warp(const Rigid3& T_now_s, const SegmentShifts& shifts) const;

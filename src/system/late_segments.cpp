@@ -14,6 +14,9 @@ LateSegments::LateSegments(const StereoCamera& camera, const ScaleLevels& scales
                            double memory)
     : camera_(camera),
       scales_(scales),
+      search_{scales, &model, static_cast<float>(options.search_radius),
+              static_cast<float>(options.descriptor_distance),
+              static_cast<float>(options.descriptor_ratio)},
       start_(start),
       is_thing_(std::move(is_thing)),
       memory_(memory),
@@ -90,7 +93,7 @@ std::vector<kys::Prior> LateSegments::priors_at(const Carried& carried, double t
                                                 const Tracker& tracker) const {
   const Rigid3 T_s_w = tracker.current_pose(carried.pose);
   return carried.segments->priors_of(carried.segments->carry(
-      features, T_s_w * T_c_w.inverse(), shifts_at(carried, taken, beliefs, T_s_w)));
+      features, T_s_w * T_c_w.inverse(), shifts_at(carried, taken, beliefs, T_s_w), &search_));
 }
 
 /// Priors of the segments of an image with identities over time.

@@ -113,6 +113,7 @@ class LateSegments {
 
   StereoCamera camera_;
   ScaleLevels scales_;
+  SegmentSearch search_;
   kys::InitialBelief start_;
   std::vector<std::uint8_t> is_thing_;
   double memory_;  // s

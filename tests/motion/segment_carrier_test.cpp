@@ -6,6 +6,7 @@
 
 #include <limits>
 #include <memory>
+#include <random>
 #include <utility>
 #include <vector>
 
@@ -60,21 +61,32 @@ class Wall : public ::testing::Test {
     if (is_car(p.x(), p.y())) return kCarSegment;
     return v < kHorizon ? kSkySegment : kWallSegment;
   }
-  [[nodiscard]] SegmentCarrier carrier(const Eigen::Vector3d& centre = {0, 0, 0},
-                                       const Eigen::Vector3d& shift = {0, 0, 0}) const {
+  /// \param unseen px, column from which the image does not say what the car is
+  [[nodiscard]] std::shared_ptr<SegmentImage> segmented(const Eigen::Vector3d& centre = {0, 0, 0},
+                                                        const Eigen::Vector3d& shift = {0, 0, 0},
+                                                        int unseen = kWallCamera.width) const {
     auto image = std::make_shared<SegmentImage>();
     image->map = ImageOf<std::uint16_t>(kWallCamera.width, kWallCamera.height);
     for (int y = 0; y < kWallCamera.height; ++y) {
       for (int x = 0; x < kWallCamera.width; ++x) {
-        image->map.at(x, y) = segment_at(x, y, centre, shift);
+        const std::uint16_t segment = segment_at(x, y, centre, shift);
+        image->map.at(x, y) = segment == kCarSegment && x >= unseen ? std::uint16_t{0} : segment;
       }
     }
     for (const char* name : {"building-other-merged", "sky-other-merged", "car"}) {
       image->segments.push_back(kys::make_prior(space_.index_of(name), 0, 0, 0, false));
     }
+    return image;
+  }
+  [[nodiscard]] SegmentCarrier carrier(const std::shared_ptr<SegmentImage>& image,
+                                       std::shared_ptr<const FrameFeatures> features) const {
     std::vector<std::uint8_t> is_thing;
     for (const kys::LabelClass& c : space_.classes()) is_thing.push_back(c.thing ? 1 : 0);
-    return {kWallCamera, image, image->segments, look(centre, shift).features, is_thing};
+    return {kWallCamera, image, image->segments, std::move(features), is_thing};
+  }
+  [[nodiscard]] SegmentCarrier carrier(const Eigen::Vector3d& centre = {0, 0, 0},
+                                       const Eigen::Vector3d& shift = {0, 0, 0}) const {
+    return carrier(segmented(centre, shift), look(centre, shift).features);
   }
   /// Of the keypoints that show `segment`, the share that gets it.
   [[nodiscard]] static double share(const Seen& seen, const std::vector<std::uint16_t>& carried,
@@ -127,6 +139,52 @@ TEST_F(Wall, KeypointsWithoutDisparityHaveTheSegmentThatCoversThem) {
   EXPECT_GT(share(now, carried, kCarSegment), 0.9);
   EXPECT_GT(share(now, carried, kSkySegment), 0.9);
   EXPECT_GT(share(now, carried, kWallSegment), 0.85);
+}
+
+TEST_F(Wall, ACarGoesOnBesideItsFeaturesAndNotOntoTheWall) {
+  // Columns of features on the car: 348, 359, ..., 437; from 390 on the image does not say what it
+  // is.
+  const Seen now = look({0, 0, 0}, {0, 0, 0});
+  const auto carried = carrier(segmented({0, 0, 0}, {0, 0, 0}, 390), now.features)
+                           .carry(*now.features, Rigid3(), still_);
+  int gained = 0;
+  for (std::size_t i = 0; i < carried.size(); ++i) {
+    if (now.truth[i] != kCarSegment) {
+      EXPECT_EQ(carried[i], now.truth[i]) << i;
+      continue;
+    }
+    const float u = now.features->keypoint(i).x;
+    if (u < 390) {
+      EXPECT_EQ(carried[i], kCarSegment) << i;
+    } else {
+      gained += carried[i] == kCarSegment ? 1 : 0;
+    }
+  }
+  EXPECT_GE(gained, 20);  // the next three columns of nine, but for their ends
+}
+
+TEST_F(Wall, AKeypointThatIsFoundAgainHasTheSegmentItWasOn) {
+  const auto described = [&](float shift) {
+    std::mt19937_64 random(3);
+    FeatureSet set;
+    const Seen seen = look({0, 0, 0}, {0, 0, 0});
+    for (Keypoint k : seen.features->keypoints()) {
+      k.x += shift;
+      k.y += shift;
+      set.keypoints.push_back(k);
+      for (auto& word : set.descriptors.emplace_back().words) word = random();
+    }
+    std::vector<float> none(set.size(), std::numeric_limits<float>::quiet_NaN());
+    return std::make_shared<const FrameFeatures>(kWallCamera, std::move(set), std::move(none),
+                                                 std::vector<kys::Prior>{});
+  };
+  const SegmentCarrier then = carrier(segmented(), described(0));
+  // The image moves by 2 px; the pose does not say so.
+  const auto now = described(2);
+  const kys::DistanceModel model;
+  const SegmentSearch search{ScaleLevels(1.2, 8), &model, 3.5F, 80, 0.85F};
+  EXPECT_NE(then.carry(*now, Rigid3(), still_), then.own());
+  EXPECT_EQ(then.carry(*now, Rigid3(), still_, &search), then.own());
 }
 
 TEST_F(Wall, WhatIsInFrontOfAllHasNoSegment) {

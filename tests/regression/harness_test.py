@@ -179,5 +179,43 @@ class TwoBuilds(unittest.TestCase):
         self.assertEqual(differences(*files), ["drive.features"])
 
 
+class RowsOfRecordings(unittest.TestCase):
+    """check_recording.py: what counts as the stored row."""
+
+    ROW = {"name": "clip", "kind": "pair", "schedule": "sequential", "input": "0a", "trajectory": "1b",
+           "frames": 60, "connected": 60, "ate_se3_m": 0.07, "versions": {"compiler": "12.2.0"}}
+
+    def setUp(self):
+        try:
+            import check_recording
+        except SystemExit:
+            self.skipTest("PyYAML is not installed")
+        self.compare = check_recording.compare
+
+    def run_gave(self, **changes):
+        return self.compare(self.ROW, {**self.ROW, **changes})
+
+    def test_the_same_figures_pass(self):
+        self.assertIn("same", self.run_gave())
+
+    def test_one_other_figure_fails_with_the_same_versions(self):
+        for change in ({"trajectory": "2c"}, {"ate_se3_m": 0.0701}, {"connected": 59}):
+            with self.assertRaisesRegex(harness.Failure, next(iter(change))):
+                self.run_gave(**change)
+
+    def test_other_versions_may_differ_but_not_lose_frames(self):
+        other = {"versions": {"compiler": "14.0.6"}, "trajectory": "2c"}
+        self.assertIn("trajectory 2c, stored 1b", self.run_gave(**other, connected=59))
+        for change in ({"connected": 58}, {"frames": 61}):
+            with self.assertRaises(harness.Failure):
+                self.run_gave(**other, **change)
+
+    def test_another_recording_is_skipped_and_a_run_that_failed_is_not(self):
+        with self.assertRaises(harness.Absent):
+            self.run_gave(input="0b")
+        with self.assertRaisesRegex(harness.Failure, "status 2"):
+            self.run_gave(error="status 2: no such file")
+
+
 if __name__ == "__main__":
     unittest.main()

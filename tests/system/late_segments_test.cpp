@@ -6,6 +6,7 @@
 #include <kys_slam/system.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <memory>
 #include <random>
@@ -228,8 +229,83 @@ TEST(LateSegments, SpeedOfTheNetworkDoesNotMatter) {
       system.finish();
       return poses_of(system);
     };
-    EXPECT_TRUE(same(run(0), run(30)));
+    const std::vector<Rigid3> alone = run(0);
+    EXPECT_TRUE(same(alone, run(30)));
+    // The same while other threads take the processors.
+    std::atomic<bool> busy = true;
+    std::vector<std::thread> load;
+    for (unsigned k = 0; k < 2 * std::max(1U, std::thread::hardware_concurrency()); ++k) {
+      load.emplace_back([&] {
+        while (busy.load(std::memory_order_relaxed)) {
+        }
+      });
+    }
+    const std::vector<Rigid3> loaded = run(2);
+    busy = false;
+    for (std::thread& thread : load) thread.join();
+    EXPECT_TRUE(same(alone, loaded));
   }
+}
+
+TEST(LateSegments, AFailureHasTheSameEffectWheneverItComes) {
+  const VanAhead street;
+  constexpr int kFrames = 10;
+  // What a network gives before it fails: nothing, or the segments of frame 0.
+  for (const int given : {0, 1}) {
+    const auto run = [&](int pause_ms) {
+      System system(kitti_camera(), with(1, 4), Schedule::kSequential);
+      if (given == 1) system.add_segments(0, street.segments(0));
+      std::thread network([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(pause_ms));
+        system.end_segments();
+      });
+      if (pause_ms == 0) network.join();
+      for (int i = 0; i < kFrames; ++i) system.feed(street.look(i));
+      if (pause_ms > 0) network.join();
+      system.finish();
+      return poses_of(system);
+    };
+    EXPECT_TRUE(same(run(0), run(100))) << given;
+  }
+}
+
+TEST(LateSegments, AnImageWithoutSegmentsSaysNothing) {
+  const VanAhead street;
+  System system(kitti_camera(), with(2, 1), Schedule::kSequential);
+  std::ptrdiff_t labelled = 0;
+  system.set_observer([&](const FrameObservation& seen) {
+    labelled += std::ranges::count_if(
+        seen.priors, [](const kys::Prior& prior) { return prior.label != kys::kVoidLabel; });
+  });
+  for (int i = 0; i < 8; ++i) {
+    auto nothing = std::make_shared<SegmentImage>();
+    nothing->map = ImageOf<std::uint16_t>(kitti_camera().width, kitti_camera().height, 0);
+    if (i % 2 == 0) system.add_segments(i, nothing);
+    EXPECT_EQ(system.feed(street.look(i)).warning, "") << i;
+  }
+  system.finish();
+  poses_of(system);
+  EXPECT_EQ(labelled, 0);
+}
+
+TEST(LateSegments, OnesOlderThanTheMemoryAreNotCarried) {
+  const VanAhead street;
+  const auto coverage = [&](const char* memory) {  // of the frames from the lag on
+    Settings settings = with(1, 8);
+    settings.set("control.segment_memory", memory);
+    System system(kitti_camera(), settings, Schedule::kSequential);
+    double most = 0;
+    for (int i = 0; i < 14; ++i) {
+      system.add_segments(i, street.segments(i));
+      const FrameReport report = system.feed(street.look(i));
+      if (i > 8) most = std::max(most, report.prior_coverage);
+    }
+    system.finish();
+    poses_of(system);
+    return most;
+  };
+  EXPECT_GT(coverage("3"), 0.5);
+  EXPECT_EQ(coverage("0.5"), 0);  // 8 frames are 0.8 s
 }
 
 TEST(LateSegments, KeyframesAndLandmarksMadeBeforeGetTheirPriors) {
