@@ -12,15 +12,15 @@ namespace kys_slam {
 /// Turns float descriptors of any length D into 256 bits, by one of two codes. The same seed gives
 /// the same bits on every machine: sums have a fixed order.
 ///
-/// Signs (no period): of 256 random projections, orthogonal in groups (Ji et al., 2012: less noise).
-/// The expected Hamming distance is 256 times the angle between two descriptors over pi (Charikar,
-/// 2002). Needs no knowledge of the descriptors.
+/// Signs (no period): of 256 random projections, orthogonal in groups (Ji et al., 2012: less
+/// noise). The expected Hamming distance is 256 times the angle between two descriptors over pi
+/// (Charikar, 2002). Needs no knowledge of the descriptors.
 ///
-/// Circles (with a period): D orthonormal random projections, at most 256, share the bits. Each runs
-/// around a circle of two periods in 2n equal steps, n being the number of its bits; one bit changes
-/// at a step (Johnson's counter). The distance of two values is that of their steps along the
-/// circle: up to a period it grows with their difference, and the 256 bits with the L1 distance of
-/// the projected descriptors. Differences are resolved more finely than by signs, of which most
+/// Circles (with a period): D orthonormal random projections, at most 256, share the bits. Each
+/// runs around a circle of two periods in 2n equal steps, n being the number of its bits; one bit
+/// changes at a step (Johnson's counter). The distance of two values is that of their steps along
+/// the circle: up to a period it grows with their difference, and the 256 bits with the L1 distance
+/// of the projected descriptors. Differences are resolved more finely than by signs, of which most
 /// say little about descriptors that are near to each other.
 class Binariser {
  public:

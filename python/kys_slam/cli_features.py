@@ -15,7 +15,7 @@ from kys_slam.cli_errors import library_warns
 from kys_slam.segment_network import NetworkError, need
 
 _LATER = 3  # frames, between those that are compared over time
-_PERIODS = (0.0, 3.2, 2.2, 1.6)  # of bits, tried: standard deviations of a projection; 0: signs
+_PERIODS = (0.0, 4.0, 2.8, 2.0)  # of bits, tried: standard deviations of a projection; 0: signs
 _EVERY = 4  # pairs, one is used to choose among them
 
 

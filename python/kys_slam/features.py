@@ -28,7 +28,7 @@ def binarise(descriptors: np.ndarray, seed: int = 0, centre: Optional[Sequence[f
 
     Without period: signs of 256 random projections. Two descriptors at an angle a differ in 256 a / pi
     bits, on average. With period, in the descriptors' unit: steps along circles of two periods, of D
-    orthonormal projections; the number of bits that differ grows with the L1 distance. About 1.6 standard
+    orthonormal projections; the number of bits that differ grows with the L1 distance. About two standard
     deviations of a projection. centre: subtracted first. Raises InputError for numbers that are not finite.
     """
     descriptors = np.ascontiguousarray(descriptors, np.float32)

@@ -28,7 +28,8 @@ nb::ndarray<nb::numpy, std::uint8_t> binarise(const Floats& descriptors, std::ui
   std::vector<kys::Descriptor> bits;
   if (descriptors.shape(0) > 0) {
     const nb::gil_scoped_release released;
-    const Binariser binariser(static_cast<int>(descriptors.shape(1)), seed, std::move(centre), period);
+    const Binariser binariser(static_cast<int>(descriptors.shape(1)), seed, std::move(centre),
+                              period);
     binariser.apply({descriptors.data(), descriptors.size()}, bits);
   }
   return bits_to_numpy(bits);
