@@ -192,6 +192,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--features", a.run.features, "per image")
       ->check(CLI::Range(1, 60000))
       ->capture_default_str();
+  app.add_option("--stored-features", a.run.stored,
+                 "file of store_features.py: another extractor's features in place of ORB's");
   app.add_option("--gap", a.run.gap, "s, a query searches keyframes older than this")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
