@@ -21,10 +21,13 @@ void describe(kys::OptionList& list, FusionOptions& o, std::string_view prefix) 
 
 namespace {
 
-/// Keyframes to fuse with: the best covisible ones and their own.
+/// Keyframes to fuse with: the best covisible ones and their own. One that observes nothing that
+/// others do (its pose was wrong) has its parent for that.
 std::vector<KeyFrameId> fusion_targets(const Map& map, KeyFrameId current,
                                        const FusionOptions& options) {
   std::vector<KeyFrameId> targets = map.best_covisible(current, options.neighbours);
+  const KeyFrameId parent = map.keyframe(current).parent;
+  if (targets.empty() && map.has(parent)) targets.push_back(parent);
   const std::size_t first = targets.size();
   for (std::size_t k = 0; k < first; ++k) {
     if (options.second_neighbours == 0) break;

@@ -63,7 +63,7 @@ TEST(OneDistance, NothingOutsideTheLibraryCountsBitsOfDescriptors) {
       // Map::refresh_landmark picks the most central of a landmark's own descriptors. Nothing is
       // matched there, all observations are of one and the same point, and no prior is asked.
       const bool representative =
-          place.file == "src/map/map.cpp" &&
+          place.file == "src/map/map_landmarks.cpp" &&
           place.text.find("kys::hamming(*descriptors[i], *descriptors[j])") != std::string::npos;
       // Spreading the bits of a coordinate (the quadtree's keys) uses the masks, but adds nothing
       // up.
