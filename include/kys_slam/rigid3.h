@@ -80,10 +80,26 @@ inline Eigen::Vector3d so3_log(const Eigen::Quaterniond& q_in) {
   return 2.0 * kys::portable::atan2(n, q.w()) / n * q.vec();
 }
 
-/// Increment of a pose with decoupled rotation and translation (src/geometry/so3.h has plus_left(),
-/// the increment on SE(3)):
+/// The increment of a pose, [w; v] (rad, m), rotation first, on the left:
+///   plus_left(T_a_b, [w; v]): p_a -> exp(w) p_a + v.
+/// The derivative of a point in frame a is [-hat(p_a), I], independent of T_a_b. Solvers,
+/// adjustments of maps and covariances use it, but for plus() below.
+inline Rigid3 plus_left(const Rigid3& T_a_b, const Eigen::Matrix<double, 6, 1>& delta) {
+  const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
+  return {turn * T_a_b.rotation, turn * T_a_b.translation + delta.tail<3>()};
+}
+
+/// The increment of plus_left() from the identity to T.
+inline Eigen::Matrix<double, 6, 1> left_increment(const Rigid3& T) {
+  Eigen::Matrix<double, 6, 1> delta;
+  delta << so3_log(T.rotation), T.translation;
+  return delta;
+}
+
+/// Rotation and translation apart, of places far from the origin (pose graph, whose damping acts on
+/// translations), of the ego-motion of the prior builder, and of covariances of tracked poses:
 ///   plus(T, [w; v]) = { exp(w) * R, t + v },   minus(A, B) = [log(R_A R_B^-1); t_A - t_B].
-/// The rotation comes first (rad), then the translation (m).
+/// From T = I it is plus_left(); to first order v_left = v + hat(t) w.
 inline Rigid3 plus(const Rigid3& T, const Eigen::Matrix<double, 6, 1>& delta) {
   return {so3_exp(delta.head<3>()) * T.rotation, T.translation + delta.tail<3>()};
 }

@@ -4,12 +4,7 @@
 #include <kys/portable_math.h>
 #include <kys_slam/rigid3.h>
 
-/// Derivatives on SO(3), and the pose increment that most solvers use. Two increments are in use.
-///
-/// - plus_left(): on the left, x_a -> exp(w) x_a + v. Bundle adjustment, poses of frames and of
-///   loops, motion of instances.
-/// - plus(): rotation and translation decoupled (rigid3.h). Pose graph, ego-motion of the prior
-///   builder, covariances in the public API.
+/// Derivatives on SO(3), and of the increment of poses (plus_left(), rigid3.h).
 ///
 /// Formulas: Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics",
 /// arXiv 1812.01537, eqs. 145-146.
@@ -37,21 +32,7 @@ inline Eigen::Matrix3d so3_left_jacobian_inverse(const Eigen::Vector3d& w) {
   return Eigen::Matrix3d::Identity() - 0.5 * W + c * W * W;
 }
 
-/// The increment on the left, p_a -> exp(w) p_a + v: the derivative of a point in frame a is
-/// [-hat(p_a), I], independent of T_a_b. Relation to plus(): v = v_plus + hat(t) w.
-inline Rigid3 plus_left(const Rigid3& T_a_b, const Eigen::Matrix<double, 6, 1>& delta) {
-  const Eigen::Quaterniond turn = so3_exp(delta.head<3>());
-  return {turn * T_a_b.rotation, turn * T_a_b.translation + delta.tail<3>()};
-}
-
-/// The increment of plus_left() from the identity to T.
-inline Eigen::Matrix<double, 6, 1> left_increment(const Rigid3& T) {
-  Eigen::Matrix<double, 6, 1> delta;
-  delta << so3_log(T.rotation), T.translation;
-  return delta;
-}
-
-/// Information of such an increment, the diagonal. \param sigma_rotation rad
+/// Information of an increment, the diagonal. \param sigma_rotation rad
 /// \param sigma_translation m
 inline Eigen::Matrix<double, 6, 1> left_information(double sigma_rotation,
                                                     double sigma_translation) {

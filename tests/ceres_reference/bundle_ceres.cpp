@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
-#include <ceres/numeric_diff_cost_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
@@ -17,8 +16,6 @@
 
 namespace kys_slam {
 namespace {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 /// Ends the solution after the iteration during which `stop` was set; keeps what was reached.
 class StopCallback final : public ceres::IterationCallback {
@@ -41,33 +38,16 @@ class StopCallback final : public ceres::IterationCallback {
 /// More free poses than this make a reduced system that is worth treating as sparse.
 constexpr int kDenseSchurMaxPoses = 60;
 
-/// The expected motion between two poses, by their increments of plus(): Ceres differentiates it.
-struct MotionCost {
-  const MotionTerm* motion;
-  const Rigid3* T_a_w;
-  const Rigid3* T_b_w;
-
-  bool operator()(const double* a, const double* b, double* residuals) const {
-    const Rigid3 T_a = plus(*T_a_w, Eigen::Map<const Vector6d>(a));
-    const Rigid3 T_b = plus(*T_b_w, Eigen::Map<const Vector6d>(b));
-    const Rigid3 more = T_a * T_b.inverse() * motion->T_a_b.inverse();
-    Eigen::Map<Vector6d> error(residuals);
-    error << so3_log(more.rotation) / motion->sigma_rotation,
-        more.translation / motion->sigma_position;
-    return true;
-  }
-};
-
 class CeresBundle {
  public:
   CeresBundle(BundleProblem& bundle, const BundleOptions& options, const BundleRound& round)
       : bundle_(bundle),
         loss_stereo_(std::sqrt(options.chi2_stereo)),
         loss_mono_(std::sqrt(options.chi2_mono)),
-        increments_(bundle.T_c_w.size(), Vector6d::Zero()),
         pose_used_(bundle.T_c_w.size(), 0),
         point_used_(bundle.points.size(), 0),
         problem_(problem_options()) {
+    for (const Rigid3& T_c_w : bundle.T_c_w) poses_.push_back(to_block(T_c_w));
     for (std::size_t point = 0; point < bundle.points.size(); ++point) {
       for (auto i = bundle.first[point]; i < bundle.first[point + 1]; ++i) {
         const auto k = static_cast<std::size_t>(i);
@@ -75,17 +55,15 @@ class CeresBundle {
       }
     }
     for (const MotionTerm& motion : bundle.motions) {
-      motion_costs_.push_back(
-          std::make_unique<ceres::NumericDiffCostFunction<MotionCost, ceres::CENTRAL, 6, 6, 6>>(
-              new MotionCost{&motion, &bundle.T_c_w[motion.a], &bundle.T_c_w[motion.b]}));
-      problem_.AddResidualBlock(motion_costs_.back().get(), nullptr, increments_[motion.a].data(),
-                                increments_[motion.b].data());
+      problem_.AddResidualBlock(&motion_costs_.emplace_back(motion), nullptr,
+                                poses_[motion.a].data(), poses_[motion.b].data());
       pose_used_[motion.a] = pose_used_[motion.b] = 1;
     }
     for (std::size_t i = 0; i < pose_used_.size(); ++i) {
       if (pose_used_[i] == 0) continue;
+      problem_.SetManifold(poses_[i].data(), &manifold_);
       if (round.pose_fixed[i] != 0) {
-        problem_.SetParameterBlockConstant(increments_[i].data());
+        problem_.SetParameterBlockConstant(poses_[i].data());
       } else {
         ++free_poses_;
       }
@@ -123,25 +101,25 @@ class CeresBundle {
     ceres::Problem::Options options;
     options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     options.disable_all_safety_checks = true;
     return options;
   }
 
   void add(std::size_t k, const BundleProblem::Observation& o, bool robust) {
-    const Rigid3* T_c_w = &bundle_.T_c_w[o.pose];
-    double* pose = increments_[o.pose].data();
+    double* pose = poses_[o.pose].data();
     double* point = bundle_.points[k].data();
     const float inv_sigma = bundle_.inv_sigma[o.noise];
     pose_used_[o.pose] = 1;
     point_used_[k] = 1;
     if (std::isnan(o.u_right)) {
-      mono_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector2d(o.u, o.v), inv_sigma,
+      mono_costs_.emplace_back(&bundle_.camera, Eigen::Vector2d(o.u, o.v), inv_sigma,
                                bundle_.ratio);
       problem_.AddResidualBlock(&mono_costs_.back(), loss(k, robust ? &loss_mono_ : nullptr), pose,
                                 point);
     } else {
-      stereo_costs_.emplace_back(&bundle_.camera, T_c_w, Eigen::Vector3d(o.u, o.v, o.u_right),
-                                 inv_sigma, bundle_.ratio);
+      stereo_costs_.emplace_back(&bundle_.camera, Eigen::Vector3d(o.u, o.v, o.u_right), inv_sigma,
+                                 bundle_.ratio);
       problem_.AddResidualBlock(&stereo_costs_.back(), loss(k, robust ? &loss_stereo_ : nullptr),
                                 pose, point);
     }
@@ -161,14 +139,14 @@ class CeresBundle {
       if (point_used_[i] != 0) ordering->AddElementToGroup(bundle_.points[i].data(), 0);
     }
     for (std::size_t i = 0; i < pose_used_.size(); ++i) {
-      if (pose_used_[i] != 0) ordering->AddElementToGroup(increments_[i].data(), 1);
+      if (pose_used_[i] != 0) ordering->AddElementToGroup(poses_[i].data(), 1);
     }
     return ordering;
   }
 
   void write_poses() {
-    for (std::size_t i = 0; i < increments_.size(); ++i) {
-      if (pose_used_[i] != 0) bundle_.T_c_w[i] = plus(bundle_.T_c_w[i], increments_[i]);
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      if (pose_used_[i] != 0) bundle_.T_c_w[i] = to_pose(poses_[i].data());
     }
   }
 
@@ -177,9 +155,10 @@ class CeresBundle {
   ceres::HuberLoss loss_mono_;
   std::deque<StereoReprojectionCost> stereo_costs_;  // Ceres keeps pointers to them
   std::deque<MonoReprojectionCost> mono_costs_;
-  std::vector<std::unique_ptr<ceres::CostFunction>> motion_costs_;
+  std::deque<MotionCost> motion_costs_;
   std::vector<std::unique_ptr<ceres::ScaledLoss>> weighted_losses_;
-  std::vector<Vector6d> increments_;
+  PoseManifold manifold_;
+  std::vector<PoseBlock> poses_;
   std::vector<std::uint8_t> pose_used_;
   std::vector<std::uint8_t> point_used_;
   int free_poses_ = 0;

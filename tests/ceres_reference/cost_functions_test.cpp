@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <vector>
 
 #include "geometry/reprojection.h"
@@ -13,36 +14,49 @@ namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-/// Compares the analytic Jacobians with central differences at the given blocks. Not Ceres' own
-/// GradientChecker: it hands out Eigen matrices allocated inside the Ceres library, which must not
-/// be freed by code compiled with other alignment (sanitizers, -march=native).
-void expect_right_gradient(const ceres::CostFunction& cost, const Vector6d& first,
-                           const double* second) {
+/// Compares the analytic derivatives with central differences, of poses by their increments. Not
+/// Ceres' own GradientChecker: it hands out Eigen matrices allocated inside the Ceres library,
+/// which must not be freed by code compiled with other alignment (sanitizers, -march=native).
+void expect_right_gradient(const ceres::CostFunction& cost, const Rigid3& first,
+                           const std::vector<double>& second) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const auto& sizes = cost.parameter_block_sizes();
+  const PoseManifold manifold;
+  const PoseBlock pose = to_block(first);
+  const std::vector<double> x[] = {{pose.begin(), pose.end()}, second};
   const int rows = cost.num_residuals();
-  std::vector<Eigen::VectorXd> x{first, Eigen::Map<const Eigen::VectorXd>(second, sizes[1])};
-  std::vector<RowMajor> J{RowMajor(rows, sizes[0]), RowMajor(rows, sizes[1])};
+  std::vector<RowMajor> J;
+  for (const auto& block : x) J.emplace_back(rows, static_cast<Eigen::Index>(block.size()));
   const double* blocks[] = {x[0].data(), x[1].data()};
   double* jacobians[] = {J[0].data(), J[1].data()};
   Eigen::VectorXd residual(rows);
   ASSERT_TRUE(cost.Evaluate(blocks, residual.data(), jacobians));
+  const auto at = [&](std::size_t block, int k, double step) {
+    std::vector<double> moved = x[block];
+    if (moved.size() == kPoseSize) {
+      const Vector6d increment = step * Vector6d::Unit(k);
+      manifold.Plus(x[block].data(), increment.data(), moved.data());
+    } else {
+      moved[static_cast<std::size_t>(k)] += step;
+    }
+    const double* there[] = {block == 0 ? moved.data() : blocks[0],
+                             block == 1 ? moved.data() : blocks[1]};
+    Eigen::VectorXd result(rows);
+    cost.Evaluate(there, result.data(), nullptr);
+    return result;
+  };
   for (std::size_t block = 0; block < 2; ++block) {
-    for (int k = 0; k < sizes[block]; ++k) {
+    for (int k = 0; k < std::min<int>(6, static_cast<int>(x[block].size())); ++k) {
       constexpr double kStep = 1e-6;
-      const double value = x[block][k];
-      Eigen::VectorXd ahead(rows);
-      Eigen::VectorXd behind(rows);
-      x[block][k] = value + kStep;
-      cost.Evaluate(blocks, ahead.data(), nullptr);
-      x[block][k] = value - kStep;
-      cost.Evaluate(blocks, behind.data(), nullptr);
-      x[block][k] = value;
-      const Eigen::VectorXd numeric = (ahead - behind) / (2 * kStep);
+      const Eigen::VectorXd numeric = (at(block, k, kStep) - at(block, k, -kStep)) / (2 * kStep);
       EXPECT_LT((J[block].col(k) - numeric).norm(), 1e-6 * (1 + J[block].norm()))
           << "block " << block << ", parameter " << k;
     }
   }
+}
+
+std::vector<double> as_block(const Rigid3& T) {
+  const PoseBlock block = to_block(T);
+  return {block.begin(), block.end()};
 }
 
 class ReprojectionGradient : public ::testing::TestWithParam<int> {};
@@ -51,16 +65,13 @@ TEST_P(ReprojectionGradient, MatchesNumericDifferences) {
   Random random(static_cast<std::uint64_t>(GetParam()));
   const StereoCamera camera = kitti_camera();
   const Rigid3 T_c_w = plus(Rigid3(), random.increment(1.0, 5.0));
-  // A small increment as within one optimisation, and a large one that needs the full Jacobian.
-  for (const double size : {0.0, 1e-5, 0.3}) {
-    const Vector6d increment = random.increment(size, size);
+  for (int point = 0; point < 3; ++point) {
     const Eigen::Vector3d p_c(random.uniform(-5, 5), random.uniform(-2, 2), random.uniform(3, 40));
-    const Eigen::Vector3d p_w = plus(T_c_w, increment).inverse() * p_c;
+    const Eigen::Vector3d p_w = T_c_w.inverse() * p_c;
+    const std::vector<double> block(p_w.begin(), p_w.end());
     const Eigen::Vector3d observed = camera.project_stereo(p_c) + random.vector(3);
-    expect_right_gradient(StereoReprojectionCost(&camera, &T_c_w, observed, 0.7), increment,
-                          p_w.data());
-    expect_right_gradient(MonoReprojectionCost(&camera, &T_c_w, observed.head<2>(), 0.7), increment,
-                          p_w.data());
+    expect_right_gradient(StereoReprojectionCost(&camera, observed, 0.7), T_c_w, block);
+    expect_right_gradient(MonoReprojectionCost(&camera, observed.head<2>(), 0.7), T_c_w, block);
   }
 }
 
@@ -92,17 +103,17 @@ TEST_P(ReprojectionGradient, GoesOnBehindTheCamera) {
   }
 }
 
-TEST_P(ReprojectionGradient, RelativePose) {
+TEST_P(ReprojectionGradient, RelativePoseAndMotion) {
   Random random(static_cast<std::uint64_t>(GetParam()));
   const Rigid3 T_w_a = plus(Rigid3(), random.increment(1.0, 5.0));
   const Rigid3 T_a_b = plus(Rigid3(), random.increment(0.5, 2.0));
   for (const double error : {0.0, 0.01, 0.5}) {
     const Rigid3 T_w_b = plus(T_w_a * T_a_b, random.increment(error, error));
-    for (const double size : {0.0, 0.2}) {
-      const Vector6d second = random.increment(size, size);
-      expect_right_gradient(RelativePoseCost(&T_w_a, &T_w_b, T_a_b, 1.7),
-                            random.increment(size, size), second.data());
-    }
+    expect_right_gradient(RelativePoseCost(T_a_b, 1.7), T_w_a, as_block(T_w_b));
+    const MotionTerm motion{0, 1, T_a_b, 0.3, 0.02};
+    const Rigid3 T_b_w = T_w_b.inverse();
+    expect_right_gradient(MotionCost(motion), T_a_b * T_b_w, as_block(T_b_w));
+    expect_right_gradient(MotionCost(motion), T_w_a.inverse(), as_block(T_b_w));
   }
 }
 
@@ -121,14 +132,16 @@ TEST(RelativePoseCost, IsZeroForAgreeingPosesAndWeighsWhatIsLeft) {
   const Rigid3 T_w_a = plus(Rigid3(), random.increment(1, 3));
   const Rigid3 T_a_b = plus(Rigid3(), random.increment(1, 3));
   const Rigid3 T_w_b = T_w_a * T_a_b;
-  const Vector6d zero = Vector6d::Zero();
-  const double* blocks[] = {zero.data(), zero.data()};
+  const PoseBlock a = to_block(T_w_a), b = to_block(T_w_b);
+  const double* agreeing[] = {a.data(), b.data()};
   Vector6d residual;
-  RelativePoseCost(&T_w_a, &T_w_b, T_a_b, 2).Evaluate(blocks, residual.data(), nullptr);
+  RelativePoseCost(T_a_b, 2).Evaluate(agreeing, residual.data(), nullptr);
   EXPECT_LT(residual.norm(), 1e-12);
   // b turned by 0.1 rad about its own y axis and moved 0.5 m along its z axis.
-  const Rigid3 moved = T_w_b * Rigid3(so3_exp({0, 0.1, 0}), Eigen::Vector3d(0, 0, 0.5));
-  RelativePoseCost(&T_w_a, &moved, T_a_b, 2).Evaluate(blocks, residual.data(), nullptr);
+  const PoseBlock moved =
+      to_block(T_w_b * Rigid3(so3_exp({0, 0.1, 0}), Eigen::Vector3d(0, 0, 0.5)));
+  const double* apart[] = {a.data(), moved.data()};
+  RelativePoseCost(T_a_b, 2).Evaluate(apart, residual.data(), nullptr);
   EXPECT_NEAR(residual[1], 0.2, 1e-12);
   EXPECT_NEAR(residual[5], 1.0, 1e-12);
 }

@@ -6,7 +6,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
-#include "rig_costs.h"
+#include "pose_block.h"
 
 namespace kys_slam {
 
@@ -22,9 +22,9 @@ class PositionCost final : public ceres::SizedCostFunction<3, kPoseSize> {
     residual = weight_ * (T_c_w.inverse_t() - p_w_);
     if (jacobians == nullptr || jacobians[0] == nullptr) return true;
     // The centre is -R^T t; the increment x_c -> exp(w) x_c + v moves it by -R^T v.
-    Eigen::Map<Eigen::Matrix<double, 3, kPoseSize, Eigen::RowMajor>> J(jacobians[0]);
-    J.setZero();
-    J.middleCols<3>(3) = -weight_ * T_c_w.R().transpose();
+    Eigen::Matrix<double, 3, 6> J = Eigen::Matrix<double, 3, 6>::Zero();
+    J.rightCols<3>() = -weight_ * T_c_w.R().transpose();
+    set_pose_jacobian<3>(J, jacobians[0]);
     return true;
   }
 

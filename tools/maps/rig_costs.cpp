@@ -10,9 +10,6 @@ namespace {
 
 constexpr double kRowSigma = 0.25;  // px of the octave, as rows are measured
 
-template <int Rows, int Cols>
-using JacobianMap = Eigen::Map<Eigen::Matrix<double, Rows, Cols, Eigen::RowMajor>>;
-
 bool is_own(int place) {
   return std::any_of(kOwnParameters.begin(), kOwnParameters.end(),
                      [&](RigParameter p) { return static_cast<int>(p) == place; });
@@ -49,45 +46,6 @@ RigCorrection::Parameters join(const double* shape, const double* own) {
   return all;
 }
 
-PoseBlock to_block(const Rigid3& T) {
-  const Eigen::Vector4d& q = T.rotation.coeffs();
-  const Eigen::Vector3d& t = T.translation;
-  return {q[0], q[1], q[2], q[3], t[0], t[1], t[2]};
-}
-
-Rigid3 to_pose(const double* block) {
-  return {Eigen::Quaterniond(Eigen::Map<const Eigen::Vector4d>(block)),
-          Eigen::Map<const Eigen::Vector3d>(block + 4)};
-}
-
-bool PoseManifold::Plus(const double* x, const double* delta, double* x_plus_delta) const {
-  const Rigid3 T = to_pose(x);
-  const Eigen::Quaterniond turn = so3_exp(Eigen::Map<const Eigen::Vector3d>(delta));
-  const PoseBlock moved = to_block(
-      {turn * T.rotation, turn * T.translation + Eigen::Map<const Eigen::Vector3d>(delta + 3)});
-  std::copy(moved.begin(), moved.end(), x_plus_delta);
-  return true;
-}
-
-bool PoseManifold::PlusJacobian(const double* /*x*/, double* jacobian) const {
-  JacobianMap<kPoseSize, kPoseSize - 1> J(jacobian);
-  J.setIdentity();
-  return true;
-}
-
-bool PoseManifold::Minus(const double* y, const double* x, double* y_minus_x) const {
-  const Rigid3 T = to_pose(y) * to_pose(x).inverse();
-  Eigen::Map<Eigen::Matrix<double, 6, 1>> delta(y_minus_x);
-  delta << so3_log(T.rotation), T.translation;
-  return true;
-}
-
-bool PoseManifold::MinusJacobian(const double* /*x*/, double* jacobian) const {
-  JacobianMap<kPoseSize - 1, kPoseSize> J(jacobian);
-  J.setIdentity();
-  return true;
-}
-
 Eigen::Vector4d inverse_deviations(const MapObservations& map,
                                    const MapObservations::Observation& o) {
   const double u = o.inv_sigma;
@@ -119,13 +77,7 @@ bool MeasuredCost<kRows>::Evaluate(double const* const* parameters, double* resi
   if (!residual.allFinite()) return false;
   if (jacobians == nullptr) return true;
   const Eigen::Matrix<double, kRows, 3> J = weight.asDiagonal() * p.by_point.topRows<kRows>();
-  if (jacobians[0] != nullptr) {
-    JacobianMap<kRows, kPoseSize> by_pose(jacobians[0]);
-    by_pose.template leftCols<3>() = -J * hat(p_c);
-    by_pose.template middleCols<3>(3) = J;
-    by_pose.col(kPoseSize - 1).setZero();
-  }
-  if (jacobians[1] != nullptr) JacobianMap<kRows, 3>{jacobians[1]} = J * T_c_w.R();
+  set_view_jacobians<kRows>(J, T_c_w, p_c, jacobians);
   const Eigen::Matrix<double, kRows, RigCorrection::kSize> by_rig =
       weight.asDiagonal() * p.by_rig.topRows<kRows>();
   const auto pick = [&](auto by, const auto& places) {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <ceres/manifold.h>
 #include <ceres/sized_cost_function.h>
 #include <kys_slam/map_observations.h>
 #include <kys_slam/rigid3.h>
 
 #include <array>
 
+#include "pose_block.h"
 #include "prediction.h"
 
 namespace kys_slam {
@@ -25,25 +25,6 @@ using Own = Eigen::Matrix<double, kOwnSize, 1>;
 const std::array<int, kShapeSize>& shape_places();
 const std::array<int, kOwnSize>& own_places();
 RigCorrection::Parameters join(const double* shape, const double* own);
-
-/// A pose for Ceres: a unit quaternion (x, y, z, w) and a translation (m), T_c_w.
-constexpr int kPoseSize = 7;
-using PoseBlock = std::array<double, kPoseSize>;
-PoseBlock to_block(const Rigid3& T_c_w);
-Rigid3 to_pose(const double* block);
-
-/// Increments of six on the left, x_c -> exp(w) x_c + v. Costs give their derivatives by the
-/// increment in the first six columns of those by the pose: their product with this Jacobian is
-/// what the solver needs.
-class PoseManifold final : public ceres::Manifold {
- public:
-  [[nodiscard]] int AmbientSize() const override { return kPoseSize; }
-  [[nodiscard]] int TangentSize() const override { return kPoseSize - 1; }
-  bool Plus(const double* x, const double* delta, double* x_plus_delta) const override;
-  bool PlusJacobian(const double* x, double* jacobian) const override;
-  bool Minus(const double* y, const double* x, double* y_minus_x) const override;
-  bool MinusJacobian(const double* x, double* jacobian) const override;
-};
 
 /// Predicted less measured (u, v), (u, v, disparity), or those and the row, over their deviations.
 /// Both in px of the images as measured: predicted places, in which the derivatives are taken, have
