@@ -14,7 +14,7 @@ FrameInstances::FrameInstances(const StereoCamera& camera, const ScaleLevels& sc
                                const kys::InitialBelief& start)
     : model_(&model),
       start_(start),
-      max_vote_(options.max_instance_evidence),
+      max_instance_evidence_(options.max_instance_evidence),
       prior_gap_(options.prior_gap) {
   if (model.uses_belief()) tracker_.emplace(camera, scales, options.instances, start, model);
 }

@@ -26,7 +26,7 @@ class FrameInstances {
 
   [[nodiscard]] bool in_use() const { return tracker_.has_value(); }
   [[nodiscard]] Beliefs beliefs() const {
-    return {tracker_ ? &*tracker_ : nullptr, start_, *model_, max_vote_};
+    return {tracker_ ? &*tracker_ : nullptr, start_, *model_, max_instance_evidence_};
   }
   /// Beliefs after the last frame; null: the mode has none.
   [[nodiscard]] const InstanceTracker* tracker() const { return tracker_ ? &*tracker_ : nullptr; }
@@ -65,7 +65,7 @@ class FrameInstances {
  private:
   const kys::DistanceModel* model_;
   kys::InitialBelief start_;
-  double max_vote_;                         // nats
+  double max_instance_evidence_;            // nats
   double prior_gap_;                        // s
   std::optional<InstanceTracker> tracker_;  // when the model uses belief
   std::deque<FramePose> judged_;            // of the frames it keeps, latest first
