@@ -7,7 +7,7 @@
 #                      [--worlds DIR] [--bin DIR] [--dry-run]
 #                      [--segment-model YAML [--segment-weights FILE] [--stereo-model YAML] [--flow-model YAML]]
 #                      [--only NAME...] [--seeds N...] [--inputs NAME...] [--schedules NAME...]
-#                      [--no-setup]
+#                      [--pages] [--no-setup]
 #   --data ROOT     folder that holds KITTI odometry, KITTI Tracking, EuRoC, Virtual KITTI 2 or some
 #                   of them, anywhere in it; what is not there is simulated, and marked so
 #                   (complete: about 14 hours of two cores, 9 with --schedules pipelined; times by --dry-run)
@@ -23,11 +23,12 @@
 #   --schedules NAME...  only runs of these schedules; realtime runs take hours
 #   --worlds DIR    simulated worlds rendered before, taken where the command in their README fits
 #   --bin DIR       programs that are built already
+#   --pages         puts the tables into the pages of docs/results
 #   --no-setup      nothing is installed or built
 #   --dry-run       say what would be done, and how long it is expected to take
 set -euo pipefail
 
-scale=full cores=$(nproc) profile=local output="" setup=true networks=false dry="" bin=build/release/bin
+scale=full cores=$(nproc) profile=local output="" setup=true networks=false dry="" pages=false bin=build/release/bin
 python=${KYS_PYTHON:-.venv/bin/python}
 # Paths are the caller's: they are read before the folder changes.
 path() { realpath -m -- "$1"; }
@@ -45,6 +46,7 @@ while [ $# -gt 0 ]; do
     --data) plan+=(--data "$(path "${2:?--data ROOT}")"); shift 2 ;;
     --segment-model | --segment-weights | --stereo-model | --stereo-weights | --flow-model | --flow-weights)
       plan+=("$1" "$(path "${2:?$1 FILE}")"); networks=true; shift 2 ;;
+    --pages) pages=true; shift ;;
     --no-setup) setup=false; shift ;;
     --dry-run) dry=--dry-run; shift ;;
     --only | --seeds | --inputs | --schedules)
@@ -87,4 +89,5 @@ fi
 [ -z "$dry" ] || exit "$status"
 [ "$status" -lt 128 ] || exit "$status"
 "$python" tools/experiments/report.py "$output"
+! $pages || "$python" tools/experiments/pages.py "$output" docs/results/*.md
 exit "$status"

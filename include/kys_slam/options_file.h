@@ -12,7 +12,8 @@
 namespace kys_slam {
 
 /// Sets the option with this key. \throws InputError naming the unknown key (and the nearest known
-/// one), or the value that is not of the option's type or not in its range.
+/// one, or its present name after a renaming), or the value that is not of the option's type or not
+/// in its range.
 void set_option(const kys::OptionList& list, std::string_view key, std::string_view value);
 
 /// Reads a YAML file of nested or dotted keys into the fields that the list points to. Fields

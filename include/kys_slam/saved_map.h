@@ -32,6 +32,12 @@ struct MapInfo {
   bool beliefs = false;          ///< landmarks have a probability of being static
 };
 
+/// How observations changed.
+struct AssociationReport {
+  int dropped = 0;  ///< observations that do not agree with the map
+  int found = 0;  ///< observations of landmarks in keyframes that had not matched them, and merges
+};
+
 /// How two maps were joined.
 struct MergeReport {
   bool merged = false;        ///< there is a common place
@@ -70,6 +76,12 @@ class SavedMap {
   /// that are not among these do not move. \throws std::invalid_argument when it is of another map,
   /// or a pose or the correction is not finite
   void update(const MapObservations& adjusted);
+
+  /// Finds observations anew by poses, landmarks and correction as they are now: drops those beyond
+  /// the 95 % bound of the noise, and looks for landmarks in covisible keyframes by projection and
+  /// descriptor. A map that was made with a wrong
+  /// calibration has what agreed with that one.
+  AssociationReport associate();
 
   /// Adds another map of the same rig. Places are found, verified and joined as a run closes loops
   /// (LoopCloser). Ids of the other map are moved behind those of this one. Without a common place

@@ -60,7 +60,7 @@ class MaskAssociator {
 
   [[nodiscard]] std::int32_t identities_given() const { return next_identity_; }
 
-  /// Where the things of the frames before are expected in the next picture of a camera.
+  /// Where the things of the frames before are expected in the next image of a camera.
   [[nodiscard]] std::vector<ExpectedThing> expected(std::size_t camera) const;
   /// What keypoints say of the last frame's segments. Call it before next_frame().
   void observe(std::size_t camera, std::span<const KeypointEvidence> evidence);

@@ -22,7 +22,7 @@ constexpr double kContinuous = 0.6;  // share of these on one surface
 constexpr double kSmallPart = 0.25;  // of the area of what surrounds it
 constexpr double kSurrounded = 0.4;  // share of a small part's border
 constexpr double kClaimed = 0.5;     // of a segment under the mask of the thing it is of
-constexpr int kEstablished = 10;     // pictures in which a thing was seen by itself: it is one
+constexpr int kEstablished = 10;     // images in which a thing was seen by itself: it is one
 constexpr std::size_t kOfNone = std::numeric_limits<std::size_t>::max();
 
 /// What two segments have in common, in pairs of pixels `kBorderReach` apart.
@@ -69,7 +69,7 @@ CommonBorders find_borders(const ImageOf<float>& disparity, const ImageOf<std::u
   return borders;
 }
 
-/// Joins the segments of a picture that are parts of one object.
+/// Joins the segments of an image that are parts of one object.
 class Joiner {
  public:
   Joiner(const ImageOf<float>& disparity, const ObjectClasses& classes,

@@ -25,7 +25,7 @@ struct ThingMotion {
   double sigma = 0;                                    ///< m/s, standard deviation along any axis
 };
 
-/// A thing of earlier frames where it is expected in this picture.
+/// A thing of earlier frames where it is expected in this image.
 struct ExpectedThing {
   std::vector<MaskRun> mask;
   std::optional<ThingMotion> motion;  ///< nothing: not known
@@ -33,7 +33,7 @@ struct ExpectedThing {
   float disparity = 0;                ///< px, median when it was last seen; 0: not known
 };
 
-/// Makes the thing segments of a picture objects, with what is known of earlier frames. Networks
+/// Makes the thing segments of an image objects, with what is known of earlier frames. Networks
 /// without instances, or with several classes for the parts of one object, need it.
 ///
 /// Split: a segment that covers two or more things of earlier frames, at their depths, that move

@@ -156,7 +156,7 @@ Planes read_flo(const fs::path& path) {
   return out;
 }
 
-/// Read as KITTI's, Virtual KITTI's pictures would be nonsense, but of the right kind and size.
+/// Read as KITTI's, Virtual KITTI's images would be nonsense, but of the right kind and size.
 void check_specified(const fs::path& path, FieldEncoding encoding) {
   if (encoding != FieldEncoding::kUnspecified || !is_vkitti_field(path)) return;
   fail(path, "has a name of Virtual KITTI 2's; give the encoding, kitti or vkitti");

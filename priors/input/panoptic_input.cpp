@@ -29,7 +29,7 @@ fs::path first_png(const fs::path& folder) {
   return files.front();
 }
 
-/// Some pictures all over a folder.
+/// Some images all over a folder.
 std::vector<fs::path> some_pngs(const fs::path& folder) {
   constexpr std::size_t kMost = 5;
   std::vector<fs::path> all;
@@ -44,7 +44,7 @@ std::vector<fs::path> some_pngs(const fs::path& folder) {
   return some;
 }
 
-/// What colour pictures without a JSON show.
+/// What colour images without a JSON show.
 struct ColourSigns {
   bool blue = false;       ///< two channels leave it at 0; of COCO's ids it is the third byte
   bool instances = false;  ///< green, of two channels the instance
@@ -65,7 +65,7 @@ ColourSigns colour_signs(const fs::path& folder) {
   return signs;
 }
 
-/// Whether the values of 8-bit pictures are 1, 2, .. without a gap, few of the classes there are:
+/// Whether the values of 8-bit images are 1, 2, .. without a gap, few of the classes there are:
 /// the numbers of segments, not of classes.
 bool counts_segments(const fs::path& folder, const kys::LabelSpace& labels) {
   std::set<std::uint8_t> values;
@@ -80,7 +80,7 @@ bool counts_segments(const fs::path& folder, const kys::LabelSpace& labels) {
          2 * values.size() < labels.classes().size();
 }
 
-/// The colours of Virtual KITTI 2.0.3's class pictures (colors.txt; the same in every scene).
+/// The colours of Virtual KITTI 2.0.3's class images (colors.txt; the same in every scene).
 struct VkittiClass {
   RgbPixel colour;
   const char* name;
@@ -326,7 +326,7 @@ PanopticMap PanopticReader::read_class_map(const std::string& name) const {
 }
 
 /// Vehicles without an instance (far away, not tracked) are void: nothing tells them apart. Where
-/// the two pictures disagree at an edge the class decides.
+/// the two images disagree at an edge the class decides.
 PanopticMap PanopticReader::read_vkitti(const std::string& name) const {
   const fs::path path = class_path_of(name);
   const ImageOf<std::uint8_t> instances = read_indexed(path_of(name));

@@ -34,7 +34,7 @@ std::map<std::string, PanopticEncoding> panoptic_encodings();
 class PanopticReader {
  public:
   /// Reads DIR.json, if it exists. \throws InputError naming file and reason; with kAuto also for
-  /// pictures without DIR.json whose values may be numbers of segments.
+  /// images without DIR.json whose values may be numbers of segments.
   PanopticReader(std::filesystem::path folder, const kys::LabelSpace& labels,
                  PanopticEncoding encoding = PanopticEncoding::kAuto);
 
@@ -52,7 +52,7 @@ class PanopticReader {
 
  private:
   void read_json();
-  /// \throws InputError when pictures without the JSON hold numbers of segments, or may do so
+  /// \throws InputError when images without the JSON hold numbers of segments, or may do so
   void require_classes(const std::filesystem::path& json, const std::filesystem::path& first) const;
   [[nodiscard]] std::uint16_t label_of(std::int64_t category, const std::string& file) const;
   [[nodiscard]] PanopticMap read_coco(const std::string& name) const;

@@ -15,6 +15,8 @@ from kys_slam.cli_errors import library_warns
 from kys_slam.segment_network import NetworkError, need
 
 _LATER = 3  # frames, between those that are compared over time
+_PERIODS = (0.0, 4.0, 2.8, 2.0)  # of bits, tried: standard deviations of a projection; 0: signs
+_EVERY = 4  # pairs, one is used to choose among them
 
 
 def check_options(args) -> None:
@@ -60,11 +62,12 @@ def features_command(args) -> int:
             raise InputError(f"{recording.name}: holds features; descriptors are measured in images")
         features = open_features(args, recording)
         pairs = list(_pairs(islice(recording, args.frames), _extractor(features)))
-    centre = _centre(features, pairs)
+    if features and pairs and pairs[0][1].dtype != np.uint8:
+        _fit_bits(features, pairs)
     counts = DistanceCounts()
     for geometry, first, second in pairs:
-        counts.add(geometry, hamming(*(_bits(d, features, centre) for d in (first, second))))
-    text = _as_yaml(counts, recording.name, centre)
+        counts.add(geometry, hamming(*(_bits(d, features) for d in (first, second))))
+    text = _as_yaml(counts, recording.name, features)
     print(text, end="")
     if args.write:
         _write(Path(args.features), text)
@@ -95,25 +98,40 @@ def _pairs(frames: Iterable, extract: Callable) -> Iterator[Tuple[Any, np.ndarra
         before.append((left, of_left))
 
 
-def _centre(features: Optional[Features], pairs: list) -> Optional[np.ndarray]:
-    """The mean of descriptors that are floats; None: they are bits."""
-    if not pairs or pairs[0][1].dtype == np.uint8:
-        return None
-    total = sum(first.sum(axis=0, dtype=np.float64) for _, first, _ in pairs)
-    return np.round(total / max(1, sum(len(first) for _, first, _ in pairs)), 6)
+def _fit_bits(features: Features, pairs: list) -> None:
+    """Sets the centre, the mean of the descriptors, and the period by which most of the pairs that show the
+    same point are mutual nearest neighbours."""
+    from kys_slam.feature_pairs import hamming, mutual_matches
+    floats = np.concatenate([first for _, first, _ in pairs]).astype(np.float64)
+    if not len(floats):
+        return
+    mean = floats.mean(axis=0)
+    deviation = float(np.sqrt(np.square(floats - mean).mean()))  # of any projection, on average
+    features.centre = [float(c) for c in np.round(mean, 6)]
+
+    def found(factor: float) -> int:
+        features.period = float(f"{factor * deviation:.4g}")
+        used = [pair for pair in pairs[::_EVERY] if len(pair[1]) and len(pair[2])]
+        right = (mutual_matches(geometry, hamming(_bits(a, features), _bits(b, features)))[1]
+                 for geometry, a, b in used)
+        return sum(int(np.count_nonzero(r)) for r in right)
+
+    best = max(_PERIODS if deviation > 0 else (0.0,), key=found)  # the first of equal ones
+    features.period = float(f"{best * deviation:.4g}")
 
 
-def _bits(descriptors: np.ndarray, features: Optional[Features], centre: Optional[np.ndarray]) -> np.ndarray:
-    return descriptors if centre is None else kys_slam.binarise(descriptors, features.seed, centre)
+def _bits(descriptors: np.ndarray, features: Optional[Features]) -> np.ndarray:
+    return descriptors if descriptors.dtype == np.uint8 else features.bits(descriptors)
 
 
-def _as_yaml(counts, name: str, centre: Optional[np.ndarray]) -> str:
+def _as_yaml(counts, name: str, features: Optional[Features]) -> str:
     lines = [f"# Bits; measured on {name}: {counts.matching.sum()} pairs that show the same point, "
              f"{counts.other.sum()} that do not (kys-slam features).", "distances:"]
     for key, values in counts.quantiles().items():
         lines.append(f"  {key}: [{', '.join(f'{v:g}' for v in values)}]")
-    if centre is not None:
-        lines.append(f"centre: [{', '.join(f'{v:g}' for v in centre)}]")
+    if features and features.centre:
+        lines.append(f"period: {features.period:g}")
+        lines.append(f"centre: [{', '.join(f'{v:g}' for v in features.centre)}]")
     return "\n".join(lines) + "\n"
 
 
@@ -123,7 +141,7 @@ def _write(file: Path, text: str) -> None:
     try:
         for line in file.read_text(encoding="utf-8").splitlines():
             if not line.startswith((" ", "\t")):
-                drop = line.startswith(("distances:", "centre:", "# Bits; measured on "))
+                drop = line.startswith(("distances:", "period:", "centre:", "# Bits; measured on "))
             if not drop:
                 kept.append(f"{line}\n")
         file.write_text("".join(kept) + text, encoding="utf-8")

@@ -113,11 +113,12 @@ class FeatureNetwork(OnnxNetwork):
             self.most = most
         s = self.settings
         with self._reading(self.path):
-            bits = f"{self.digest} {s.get('seed', 0)} {s.get('centre')}"
+            bits = f"{self.digest} {s.get('seed', 0)} {s.get('centre')} {s.get('period', 0)}"
             digest = hashlib.sha256(bits.encode()).hexdigest()[:12]
             return Features(self, f"{self.name}:{digest}", reach=s.get("reach", 1.5),
                             pixel_sigma=s.get("pixel_sigma", 0.5), seed=s.get("seed", 0),
-                            centre=s.get("centre"), distances=s.get("distances"))
+                            centre=s.get("centre"), period=s.get("period", 0),
+                            distances=s.get("distances"))
 
     def __call__(self, image: np.ndarray) -> Dict[str, np.ndarray]:
         """Features of an (H, W) uint8 image, the strongest first, as Features takes them."""

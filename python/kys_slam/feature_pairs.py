@@ -10,7 +10,7 @@ pair, dense flow between two frames, or depth and poses. And how far their descr
 Needs OpenCV.
 """
 
-from typing import Dict, List, NamedTuple
+from typing import Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -89,6 +89,15 @@ def hamming(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N, M) of descriptors (N, B) and (M, B) uint8, bits."""
     x, y = (np.unpackbits(d, axis=1).astype(np.float32) for d in (a, b))
     return np.rint(x.sum(axis=1)[:, None] + y.sum(axis=1)[None] - 2 * (x @ y.T)).astype(int)
+
+
+def mutual_matches(pairs: Partners, distance: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """(N,) bool: features of the first image that have a mutual nearest neighbour, and those of them whose
+    neighbour is where it should be. distance: (N, M)."""
+    nearest, back = distance.argmin(axis=1), distance.argmin(axis=0)
+    mutual = back[nearest] == np.arange(len(nearest))
+    gap = np.linalg.norm(pairs.second[nearest] - pairs.expected, axis=1)
+    return mutual, mutual & pairs.known & (gap < NEAR)
 
 
 class DistanceCounts:

@@ -21,16 +21,21 @@ from ._core import InputError
 _KEYS = ("positions", "descriptors", "scores", "scales", "angles", "sigmas")
 
 
-def binarise(descriptors: np.ndarray, seed: int = 0, centre: Optional[Sequence[float]] = None) -> np.ndarray:
-    """(N, 32) uint8 of (N, D) floats: the signs of 256 random projections, the first in the lowest bit.
+def binarise(descriptors: np.ndarray, seed: int = 0, centre: Optional[Sequence[float]] = None,
+             period: float = 0) -> np.ndarray:
+    """(N, 32) uint8 of (N, D) floats, the first bit in the lowest one. The same seed gives the same bits
+    everywhere.
 
-    Two descriptors at an angle a differ in 256 a / pi bits, on average. The same seed gives the same bits
-    everywhere. centre: subtracted first. Raises InputError for numbers that are not finite.
+    Without period: signs of 256 random projections. Two descriptors at an angle a differ in 256 a / pi
+    bits, on average. With period, in the descriptors' unit: steps along circles of two periods, of D
+    orthonormal projections; the number of bits that differ grows with the L1 distance. About two standard
+    deviations of a projection. centre: subtracted first. Raises InputError for numbers that are not finite.
     """
     descriptors = np.ascontiguousarray(descriptors, np.float32)
     if descriptors.ndim != 2:
         raise InputError(f"descriptors are of shape {descriptors.shape}, not (N, D)")
-    return _core._binarise(descriptors, seed, [] if centre is None else [float(c) for c in centre])
+    return _core._binarise(descriptors, seed, [] if centre is None else [float(c) for c in centre],
+                           float(period))
 
 
 class Features:
@@ -50,14 +55,14 @@ class Features:
         feature is compared with all others, over `reach`.
     reach: factor on the distance, nearer or farther, over which a descriptor stays the same.
     pixel_sigma: px, standard deviation of positions at the finest level.
-    seed, centre: see binarise().
+    seed, centre, period: see binarise().
     distances: {"matching": [...], "other": [...]}, quantiles of Hamming distances as `kys-slam features`
         measures them. None: limits tuned for ORB are used as they are, often badly.
     """
 
     def __init__(self, function: Callable[[np.ndarray], Any], name: str = "", *, levels: int = 1,
                  scale_factor: float = 1.2, reach: float = 1.5, pixel_sigma: float = 0.5, seed: int = 0,
-                 centre: Optional[Sequence[float]] = None,
+                 centre: Optional[Sequence[float]] = None, period: float = 0,
                  distances: Optional[Dict[str, Sequence[float]]] = None, oriented: bool = False,
                  by_sigma: bool = False) -> None:
         """oriented: the function gives angles. by_sigma: levels are steps of sigmas, not of scales."""
@@ -67,6 +72,8 @@ class Features:
         self.pixel_sigma, self.seed = float(pixel_sigma), int(seed)
         self.oriented, self.sizes = bool(oriented), not by_sigma
         self.centre = [] if centre is None else [float(c) for c in centre]
+        self.period = float(period)
+        binarise(np.zeros((1, 1), np.float32), period=self.period)  # refuses what makes no sense
         self.distances = None
         if distances is not None:
             try:
@@ -82,8 +89,12 @@ class Features:
         """Features of an image with their descriptors as bits (N, 32)."""
         found = self._of_image(image)
         if not found["binary"]:
-            found["descriptors"] = binarise(found["descriptors"], self.seed, self.centre or None)
+            found["descriptors"] = self.bits(found["descriptors"])
         return found
+
+    def bits(self, descriptors: np.ndarray) -> np.ndarray:
+        """(N, 32) uint8 of (N, D) floats."""
+        return binarise(descriptors, self.seed, self.centre or None, self.period)
 
     def _error(self, what: str) -> InputError:
         return InputError(f"features '{self.name}': {what}")

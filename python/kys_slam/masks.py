@@ -5,7 +5,7 @@ DIR/left/NAME.png and DIR/right/NAME.png, NAME being the stem of the left image;
 both cameras' masks when there is a right one as NAME_right.png, for the left camera alone when not.
 0 means use; anything else (1, 255, instance numbers) means do not use.
 
-With a list of classes, DIR/classes.txt, the pictures are priors: a line per value or range of values,
+With a list of classes, DIR/classes.txt, the images are priors: a line per value or range of values,
 
     1-50   car moving      # instances 1 to 50; "moving": these move, others stand
     51-99  person
@@ -93,7 +93,7 @@ class MaskFolder:
     def priors(self, masks: Tuple[np.ndarray, np.ndarray]) -> PriorFrame:
         """Priors of the values that the list of classes has."""
         if any(mask is None for mask in masks):
-            raise InputError(f"{self.folder}: priors need pictures of both cameras")
+            raise InputError(f"{self.folder}: priors need images of both cameras")
         table = np.full(256, -1)
         table[list(self.classes)] = list(self.classes.values())
         return priors_from_labels(self._space, *(table[m] for m in masks),

@@ -7,7 +7,7 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
-from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, is_same_picture,
+from ._core import (InputError, StereoCamera, StereoRectifier, StereoRig, is_same_image,
                     note_of_bits, to_gray, used_bits)
 from .colour import rectified
 
@@ -86,8 +86,8 @@ class Recording:
                                  f"{image.shape[1]}x{image.shape[0]} px, the first one "
                                  f"{size[1]}x{size[0]}")
         if self._rectifier:
-            # What is one picture before rectification stays one.
-            same = is_same_picture(left, right)
+            # What is the same image before rectification stays one.
+            same = is_same_image(left, right)
             left = self._rectifier.rectify_left(left)
             right = left if same else self._rectifier.rectify_right(right)
         return PairFrame(index, name, stamp, left, right, self._colour(colour, size))

@@ -84,7 +84,7 @@ def find_image_topics(reader) -> Tuple[str, str]:
     """The left and the right image topic. Raises InputError with the topics there are."""
     images = [c.topic for c in reader.connections if c.msgtype in (_IMAGE, _COMPRESSED)]
     images = sorted(set(images))
-    # image_raw and image_raw/compressed are the same pictures: the raw ones.
+    # image_raw and image_raw/compressed are the same images: the raw ones.
     images = [t for t in images if not (t.endswith("/compressed") and t[:-11] in images)]
     left = [t for t in images if _side(t, _LEFT_WORDS) and not _side(t, _RIGHT_WORDS)]
     right = [t for t in images if _side(t, _RIGHT_WORDS) and not _side(t, _LEFT_WORDS)]

@@ -4,7 +4,7 @@
 #include <kys_slam/pair_watch.h>
 #include <kys_slam/rig_file.h>
 #include <kys_slam/row_field.h>
-#include <kys_slam/same_picture.h>
+#include <kys_slam/same_image.h>
 #include <kys_slam/stereo_rig.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/filesystem.h>
@@ -287,14 +287,14 @@ void bind_camera(nb::module_& m) {
       "left"_a, "right"_a, nb::kw_only(), "bgr"_a = false,
       "Says whether two images that should be a rectified pair are swapped or not rectified.");
   m.def(
-      "is_same_picture",
+      "is_same_image",
       [](const AnyArray& left, const AnyArray& right) {
         const ImageView l = view_of(left, "left image", false);
         const ImageView r = view_of(right, "right image", false);
         const nb::gil_scoped_release released;
-        return is_same_picture(to_gray(l), to_gray(r));
+        return is_same_image(to_gray(l), to_gray(r));
       },
-      "left"_a, "right"_a, "Whether two images are one picture, also when one was encoded again.");
+      "left"_a, "right"_a, "Whether two images are the same, also when one was encoded again.");
   nb::class_<PairHistory>(
       m, "PairHistory",
       "Compares some pairs of a drive; reports when left and right image do not "

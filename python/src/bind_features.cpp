@@ -24,11 +24,12 @@ nb::ndarray<nb::numpy, std::uint8_t> bits_to_numpy(const std::vector<kys::Descri
 }
 
 nb::ndarray<nb::numpy, std::uint8_t> binarise(const Floats& descriptors, std::uint64_t seed,
-                                              std::vector<float> centre) {
+                                              std::vector<float> centre, double period) {
   std::vector<kys::Descriptor> bits;
   if (descriptors.shape(0) > 0) {
     const nb::gil_scoped_release released;
-    const Binariser binariser(static_cast<int>(descriptors.shape(1)), seed, std::move(centre));
+    const Binariser binariser(static_cast<int>(descriptors.shape(1)), seed, std::move(centre),
+                              period);
     binariser.apply({descriptors.data(), descriptors.size()}, bits);
   }
   return bits_to_numpy(bits);
@@ -49,7 +50,7 @@ nb::dict to_dict(const FeatureSet& set) {
 }  // namespace
 
 void bind_features(nb::module_& m) {
-  m.def("_binarise", &binarise, "descriptors"_a, "seed"_a, "centre"_a);
+  m.def("_binarise", &binarise, "descriptors"_a, "seed"_a, "centre"_a, "period"_a);
   m.attr("MATCHING_SHARES") =
       nb::cast(std::vector<double>(kMatchingShares.begin(), kMatchingShares.end()));
   m.attr("OTHER_SHARES") = nb::cast(std::vector<double>(kOtherShares.begin(), kOtherShares.end()));

@@ -47,7 +47,8 @@ class PythonExtractor final : public FeatureExtractor {
       : extractor_(extractor),
         traits_(traits_of(extractor)),
         seed_(nb::cast<std::uint64_t>(extractor.attr("seed"))),
-        centre_(nb::cast<std::vector<float>>(extractor.attr("centre"))) {}
+        centre_(nb::cast<std::vector<float>>(extractor.attr("centre"))),
+        period_(nb::cast<double>(extractor.attr("period"))) {}
 
   [[nodiscard]] const ExtractorTraits& traits() const override { return traits_; }
 
@@ -85,7 +86,7 @@ class PythonExtractor final : public FeatureExtractor {
     const auto floats = nb::cast<Floats>(result["descriptors"]);
     if (floats.shape(0) == 0) return;
     const auto length = static_cast<int>(floats.shape(1));
-    if (!binariser_) binariser_.emplace(length, seed_, centre_);
+    if (!binariser_) binariser_.emplace(length, seed_, centre_, period_);
     if (binariser_->dimensions() != length) {
       throw InputError("features '" + traits_.name + "': descriptors of " + std::to_string(length) +
                        " numbers, before of " + std::to_string(binariser_->dimensions()));
@@ -98,6 +99,7 @@ class PythonExtractor final : public FeatureExtractor {
   ExtractorTraits traits_;
   std::uint64_t seed_;
   std::vector<float> centre_;
+  double period_;
   std::optional<Binariser> binariser_;
 };
 

@@ -82,6 +82,23 @@ def test_bits_follow_the_angle_and_the_seed():
     assert np.array_equal(binarise(a, centre=centre), binarise(a - centre.astype(np.float32)))
 
 
+def test_bits_with_a_period_follow_the_difference():
+    """Of four numbers each has 64 bits: half of them change over half a period, all over one, whatever the
+    orthonormal axes are; along them the distance is at most that."""
+    rng = np.random.default_rng(2)
+    a = rng.normal(size=(300, 4)).astype(np.float32)
+    step = rng.normal(size=(300, 4)).astype(np.float32)
+    distance = lambda b: np.unpackbits(binarise(a, period=2) ^ binarise(b, period=2), axis=1).sum(axis=1)
+    near, twice = distance(a + 0.1 * step), distance(a + 0.2 * step)
+    axes = np.abs(step).sum(axis=1)  # an L1 length in any other axes is at most twice and at least half of it
+    assert (near <= 2 * axes * 0.1 / 2 * 64 + 4).all() and (near >= axes / 2 * 0.1 / 2 * 64 - 4).all()
+    assert abs(twice.mean() / near.mean() - 2) < 0.05
+    one = np.zeros((1, 1), np.float32)  # one circle of 256 bits, 2 periods around
+    for value, bits in ((0.5, 64), (1, 128), (2, 256), (3, 128), (4, 0)):
+        moved = np.full((1, 1), value, np.float32)
+        assert np.unpackbits(binarise(one, period=2) ^ binarise(moved, period=2)).sum() == bits
+
+
 @pytest.mark.parametrize("given", [np.zeros((3, 64, 2)), np.full((2, 64), np.nan), np.zeros((2, 5000))])
 def test_what_is_no_descriptor_is_refused(given):
     with pytest.raises(InputError):
@@ -177,7 +194,7 @@ def test_what_a_function_gives_wrongly_is_refused(corridor, corridor_camera, res
 
 @pytest.mark.parametrize("options", [
     {"name": "two words"}, {"levels": 0}, {"levels": 200}, {"scale_factor": 1.0}, {"reach": 0.5},
-    {"pixel_sigma": 0.0}, {"distances": {"matching": [1, 2]}}, {"distances": {"matching": [1], "other": [2]}},
+    {"pixel_sigma": 0.0}, {"period": -1.0}, {"period": float("nan")}, {"distances": {"matching": [1, 2]}}, {"distances": {"matching": [1], "other": [2]}},
 ])
 def test_what_an_extractor_says_wrongly_is_refused(corridor_camera, options):
     with pytest.raises(InputError):
@@ -370,13 +387,15 @@ def test_distances_are_measured_and_written(recording, tmp_path, capsys):
     command = ["features", str(recording), "--features", str(model), "--write"]
     assert main(command) == 0
     first = model.read_text()
-    distances, centre = (yaml.safe_load(first)[key] for key in ("distances", "centre"))
+    distances, centre, period = (yaml.safe_load(first)[key] for key in ("distances", "centre", "period"))
+    assert 0 <= period < 1  # of unit vectors
     assert len(centre) == 48 and 0 < np.abs(centre).max() < 1
     assert len(distances["matching"]) == 13 and len(distances["other"]) == 11
     for values in distances.values():
         assert values == sorted(values) and 0 <= values[0] and values[-1] <= 256
     # Random filters tell points apart: half of the matches are nearer than a thousandth of the others.
     assert distances["matching"][6] < distances["other"][2]
+    assert FeatureNetwork(model).features().period == period
     # Another centre, other bits: a map of before is no longer its own.
     names = [FeatureNetwork(model).features().name]
     model.write_text(first.split("# Bits")[0])
@@ -395,7 +414,7 @@ def test_distances_are_measured_and_written(recording, tmp_path, capsys):
     ({"output": {"kind": "words"}}, "output.kind"), ({"name": None}, "name"),
     ({"input": {"channels": 1}}, "input.size"), ({"output": {"kind": "cells", "cells": "x"}}, "output.cells"),
     ({"features": 0.5}, "features"), ({"distances": [1]}, "distances"), ({"file": "none.onnx"}, "none.onnx"),
-    ({"reach": "far"}, "reach|far"), ({"output": {"kind": "points", "keypoints": "cells", "scores": "cells"}},
+    ({"reach": "far"}, "reach|far"), ({"period": "long"}, "long"), ({"period": 1e9}, "period"), ({"output": {"kind": "points", "keypoints": "cells", "scores": "cells"}},
                                       "keypoints"),
 ])
 def test_wrong_models_are_refused_in_one_line(recording, tmp_path, capsys, change, what):

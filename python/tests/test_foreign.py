@@ -335,9 +335,9 @@ def test_one_topic_twice_is_refused(bag, corridor, tmp_path, capsys):
         write_bag(path, same, infos, name=name)
         assert cli.main(["run", str(path), "--output", str(tmp_path / "out"), "--overwrite", "--quiet"]) == 2
         said = capsys.readouterr().err
-        assert "same picture" in said and "two cameras" in said
+        assert "same image" in said and "two cameras" in said
     recording = recordings.open_bag(bag(both(D=[0.05, 0, 0, 0, 0]), name="image_raw"))
-    assert not any(kys_slam._core.is_same_picture(f.left, f.right) for f in recording)
+    assert not any(kys_slam._core.is_same_image(f.left, f.right) for f in recording)
 
 
 # Masks

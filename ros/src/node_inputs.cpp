@@ -38,11 +38,11 @@ void NodeLogic::add_segments(const ImageMessage& message) {
   bool is_first_stray = false;
   {
     const std::lock_guard lock(mutex_);
-    const auto picture = std::ranges::find(pictures_, message.stamp, &Picture::stamp);
-    if (picture != pictures_.end()) {
+    const auto image = std::ranges::find(fed_images_, message.stamp, &FedImage::stamp);
+    if (image != fed_images_.end()) {
       run = run_;
-      frame = picture->frame;
-    } else if (pictures_.empty() || message.stamp > pictures_.back().stamp) {
+      frame = image->frame;
+    } else if (fed_images_.empty() || message.stamp > fed_images_.back().stamp) {
       early_.insert_or_assign(message.stamp.nanoseconds(), message);
       if (early_.size() <= kMostEarly) return;
       early_.erase(early_.begin());

@@ -14,7 +14,7 @@ namespace kys_slam::ros {
 
 namespace {
 
-constexpr std::size_t kMostPictures = 256;
+constexpr std::size_t kMostImages = 256;
 
 }  // namespace
 
@@ -122,7 +122,7 @@ void NodeLogic::begin(std::shared_ptr<Run> run, const std::string& why) {
     log_.restart();
     last_complaint_.clear();
     path_.clear();
-    pictures_.clear();
+    fed_images_.clear();
   }
   if (!why.empty()) output_->log(NodeOutput::Level::kWarn, why);
 }
@@ -188,9 +188,10 @@ void NodeLogic::expect(Run& run, const Stamp& stamp) {
   std::optional<ImageMessage> labels;
   {
     const std::lock_guard lock(mutex_);
-    if (!pictures_.empty() && pictures_.back().frame == run.fed) pictures_.pop_back();  // it failed
-    pictures_.push_back({stamp, run.fed});
-    if (pictures_.size() > kMostPictures) pictures_.pop_front();
+    if (!fed_images_.empty() && fed_images_.back().frame == run.fed)
+      fed_images_.pop_back();  // it failed
+    fed_images_.push_back({stamp, run.fed});
+    if (fed_images_.size() > kMostImages) fed_images_.pop_front();
     if (const auto early = early_.find(stamp.nanoseconds()); early != early_.end()) {
       labels = std::move(early->second);
     }

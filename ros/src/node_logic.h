@@ -84,7 +84,7 @@ class NodeLogic {
 
  private:
   struct Run;  // one system with its camera, from a start to a reset
-  struct Picture {
+  struct FedImage {
     Stamp stamp;
     std::int64_t frame = 0;
   };
@@ -121,7 +121,7 @@ class NodeLogic {
   DiagnosticsLog log_;
   std::string last_complaint_;  // logged once while it repeats
   std::deque<PoseOutput> path_;
-  std::deque<Picture> pictures_;                // the last frames of run_
+  std::deque<FedImage> fed_images_;             // the last frames of run_
   std::map<std::int64_t, ImageMessage> early_;  // label images by stamp, ns
 };
 

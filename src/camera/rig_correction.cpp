@@ -36,7 +36,7 @@ Eigen::Matrix<double, 2, kPoseTerms> pose_terms(const Eigen::Vector2d& m) {
 /// Solves m + displacement(m) = wanted: the displacement changes by a few per cent of a step.
 template <typename Ray>
 Eigen::Vector2d invert(const Eigen::Vector2d& wanted, const Ray& ray) {
-  constexpr int kSteps = 6;
+  constexpr int kSteps = 5;
   Eigen::Vector2d m = wanted;
   for (int i = 0; i < kSteps; ++i) m += wanted - ray(m);
   return m;

@@ -63,10 +63,28 @@ std::vector<double> make_projections(std::size_t length, std::uint64_t state) {
   return all;
 }
 
+/// Where on their circle the bits of a projection change, in periods, by bit: evenly; those with
+/// even numbers come first, so that the first half of all bits is even as well.
+std::vector<float> make_phases(std::size_t circles) {
+  std::vector<float> phases(kBits);
+  for (std::size_t b = 0; b < kBits; ++b) {
+    const std::size_t circle = b % circles, nth = b / circles;
+    const std::size_t count = (kBits - circle + circles - 1) / circles;
+    const std::size_t place = 2 * nth < count ? 2 * nth : 2 * (nth - (count + 1) / 2) + 1;
+    phases[b] = (static_cast<float>(place) + 0.5F) / static_cast<float>(count);
+  }
+  return phases;
+}
+
+/// Whether the whole number below is odd.
+bool in_odd_period(float value) {
+  return value - 2 * std::floor(value / 2) >= 1;
+}
+
 }  // namespace
 
-Binariser::Binariser(int dimensions, std::uint64_t seed, std::vector<float> centre)
-    : dimensions_(dimensions), centre_(std::move(centre)) {
+Binariser::Binariser(int dimensions, std::uint64_t seed, std::vector<float> centre, double period)
+    : dimensions_(dimensions), circles_(period != 0), centre_(std::move(centre)), phases_(kBits) {
   if (dimensions < 1 || dimensions > kMostDimensions) {
     throw InputError(
         fmt::format("descriptors of {} numbers: 1 to {} expected", dimensions, kMostDimensions));
@@ -78,12 +96,19 @@ Binariser::Binariser(int dimensions, std::uint64_t seed, std::vector<float> cent
   for (const float c : centre_) {
     if (!(std::abs(c) <= 1e30F)) throw InputError("the centre of descriptors is not finite");
   }
+  if (circles_ && !(period >= 1e-6 && period <= 1e6)) {
+    throw InputError(fmt::format("a period of {} of descriptors: 1e-6 to 1e6 expected", period));
+  }
   const auto length = static_cast<std::size_t>(dimensions);
+  const std::size_t circles = std::min(length, kBits);
+  if (circles_) phases_ = make_phases(circles);
   const std::vector<double> projections = make_projections(length, seed);
   weights_.resize(projections.size());
   for (std::size_t d = 0; d < length; ++d) {
     for (std::size_t b = 0; b < kBits; ++b) {
-      weights_[d * kBits + b] = static_cast<float>(projections[b * length + d]);
+      const std::size_t k = circles_ ? b % circles : b;
+      weights_[d * kBits + b] =
+          static_cast<float>(projections[k * length + d] / (circles_ ? period : 1));
     }
   }
 }
@@ -108,7 +133,8 @@ void Binariser::apply(std::span<const float> values, std::vector<kys::Descriptor
       for (std::size_t b = 0; b < kBits; ++b) sums[b] += x * weights[b];
     }
     for (std::size_t b = 0; b < kBits; ++b) {
-      if (sums[b] > 0) bits[i].words[b / 64] |= std::uint64_t{1} << (b % 64);
+      const bool one = circles_ ? in_odd_period(sums[b] + phases_[b]) : sums[b] > 0;
+      if (one) bits[i].words[b / 64] |= std::uint64_t{1} << (b % 64);
     }
   }
 }

@@ -137,7 +137,7 @@ Rgb16Image decode_rgb16(Bytes file, const std::string& name) {
 
 namespace {
 
-/// A grey picture that was saved with colour channels, as painting programs do.
+/// A grey image that was saved with colour channels, as painting programs do.
 ImageOf<std::uint8_t> decode_equal_channels(Bytes file, const std::string& name) {
   const PngDecoder png(file, name);
   RgbImage rgb(png.info().width, png.info().height);

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
 #include <kys_slam/options_file.h>
 #include <kys_slam/run_main.h>
 #include <kys_slam/util/nearest_name.h>
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "io/renamed_settings.h"
 #include "io/yaml_file.h"
 
 namespace kys_slam {
@@ -49,6 +52,10 @@ void set_option(const kys::OptionList& list, std::string_view key, std::string_v
     if (!option.settable) continue;
     if (option.key == key) return set_from_text(option, value);
     known.push_back(option.key);
+  }
+  const auto* renamed = std::ranges::find(kRenamedSettings, key, &RenamedSetting::before);
+  if (renamed != kRenamedSettings.end()) {
+    throw InputError(fmt::format("setting '{}' is now called '{}'", key, renamed->now));
   }
   throw InputError("unknown setting '" + std::string(key) + "'" + did_you_mean(key, known));
 }

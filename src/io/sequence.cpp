@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <kys_slam/error.h>
 #include <kys_slam/image_file.h>
-#include <kys_slam/same_picture.h>
+#include <kys_slam/same_image.h>
 #include <kys_slam/sequence.h>
 #include <kys_slam/stereo_rectifier.h>
 #include <kys_slam/util/paths.h>
@@ -40,8 +40,9 @@ StereoFrame Sequence::read(std::int64_t position) const {
   result.left = read_image(source.left, content_.camera, content_.bits);
   result.right = read_image(source.right, content_.camera, content_.bits);
   if (content_.rectifier) {
-    // What is one picture before rectification stays one, for those who look at rectified images.
-    const bool same = is_same_picture(result.left, result.right);
+    // What is the same image before rectification stays one, for those who look at rectified
+    // images.
+    const bool same = is_same_image(result.left, result.right);
     result.left = content_.rectifier->rectify_left(result.left);
     result.right = same ? result.left : content_.rectifier->rectify_right(result.right);
   }

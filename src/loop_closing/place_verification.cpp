@@ -194,13 +194,13 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
   const ImageCells cells(map.camera(), kAreaColumns);
   std::vector<std::uint8_t> in_view(cells.size(), 0);
   std::vector<SearchQuery> queries;
-  std::vector<LandmarkId> asked;
+  std::vector<LandmarkId> queried;
   for (const LandmarkId id : around) {
     const Landmark& landmark = map.landmark(id);
     const auto view = predict_view(map.camera(), map.scales(), T_c_w, centre, landmark);
     if (!view) continue;
     queries.push_back(query_for(*view, radius, map.scales(), landmark.descriptor, landmark.prior));
-    asked.push_back(id);
+    queried.push_back(id);
     in_view[cells.index(queries.back().u, queries.back().v)] = 1;
   }
   SearchOptions search;
@@ -209,17 +209,23 @@ VerifiedPlace match_place(const Map& map, const FrameFeatures& features, const R
       search_features(features, map.scales(), queries, search, model, statistics);
   VerifiedPlace found;
   found.T_c_w = T_c_w;
-  found.in_view = static_cast<int>(asked.size());
+  found.in_view = static_cast<int>(queried.size());
   found.landmarks.resize(features.size());
   for (std::size_t q = 0; q < matches.size(); ++q) {
     if (matches[q].feature < 0) continue;
-    found.landmarks[static_cast<std::size_t>(matches[q].feature)] = asked[q];
+    found.landmarks[static_cast<std::size_t>(matches[q].feature)] = queried[q];
   }
   found.inliers = refine(map, features, found.T_c_w, found.landmarks);
   found.area = area_share(features, found.landmarks, cells, in_view);
   return found;
 }
 
+/// Each test answers a kind of false place. Few descriptor matches: a similar texture. Few aligned
+/// ones: matches without a common geometry. A small share of what should be in view: a place
+/// beside. A small area: a vehicle that stood at both places, which has as many inliers as a
+/// facade. Few observing keyframes: landmarks that only one of them has seen. With the number of
+/// inliers alone, a truck ahead verifies as a place (README; `place.min_area: 0` in
+/// configs/baseline.yaml).
 std::optional<VerifiedPlace> verify_place(const Map& map, const FrameFeatures& features,
                                           KeyFrameId place, const PlaceVerificationOptions& options,
                                           const kys::DistanceModel& model,

@@ -17,6 +17,9 @@ void describe(kys::OptionList& list, RelocalizationOptions& o) {
   describe(list, o.verification);  // set as place.*
 }
 
+/// A lost frame has no neighbours yet that could confirm a place, so the single frame must pass the
+/// same strict verification as a loop. Of several places that pass, the one with most inliers is
+/// the nearest view.
 std::optional<VerifiedPlace> relocalize(const Map& map, const PlaceIndex& index,
                                         const FrameFeatures& features, KeyFrameId except,
                                         const RelocalizationOptions& options,

@@ -103,6 +103,10 @@ std::optional<VerifiedPlace> match_neighbour(const Map& map, KeyFrameId current,
   return seen;
 }
 
+/// After a gap two sub-maps often see one place from other sides, and no single keyframe matches
+/// enough of it. Several keyframes whose relative poses are known are one rigid observer with more
+/// landmarks. The single one may be weak; what all have together must be as strong as a loop, over
+/// different landmarks and enough area.
 std::optional<Joint> find_joint(const Map& map, KeyFrameId current, KeyFrameId place,
                                 const JointOptions& options,
                                 const PlaceVerificationOptions& verification,

@@ -20,6 +20,14 @@ struct Observation {
   friend bool operator==(const Observation&, const Observation&) = default;
 };
 
+/// Where that of a keyframe is, or would be, among the observations of a landmark.
+inline std::vector<Observation>::iterator lower_observation(std::vector<Observation>& observations,
+                                                            KeyFrameId keyframe) {
+  return std::lower_bound(
+      observations.begin(), observations.end(), keyframe,
+      [](const Observation& o, KeyFrameId wanted) { return o.keyframe < wanted; });
+}
+
 /// A number of frames, as a landmark counts them.
 [[nodiscard]] inline std::uint16_t frame_count(std::uint64_t frames) {
   return static_cast<std::uint16_t>(std::min<std::uint64_t>(frames, 0xffff));

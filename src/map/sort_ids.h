@@ -37,4 +37,17 @@ void sort_unique(std::vector<IdType>& ids) {
   ids.resize(count);
 }
 
+/// Of a sorted vector without twins.
+template <typename IdType>
+void insert_sorted(std::vector<IdType>& ids, IdType id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at == ids.end() || *at != id) ids.insert(at, id);
+}
+
+template <typename IdType>
+void erase_sorted(std::vector<IdType>& ids, IdType id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at != ids.end() && *at == id) ids.erase(at);
+}
+
 }  // namespace kys_slam

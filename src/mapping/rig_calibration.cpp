@@ -40,12 +40,12 @@ namespace {
 // certain. A miscalibrated rig changes disparities by half a pixel and more, and what a map keeps
 // is what agrees with them, so that a late estimate finds a part of the error only: the first comes
 // early. On rendered blocks the rest was 0.06-0.12 px with a first one at 20, 0.02-0.04 px at 8.
-constexpr std::array kOffsetLooks = {1.0, 2.0, 8.0};
-constexpr std::array kRigLooks = {0.25, 0.5, 1.0, 2.0, 4.0, 8.0};
+constexpr std::array kOffsetEstimates = {1.0, 2.0, 8.0};
+constexpr std::array kRigEstimates = {0.25, 0.5, 1.0, 2.0, 4.0, 8.0};
 
-std::span<const double> looks_of(const Map& map) {
-  if (map.rig().bends()) return kRigLooks;
-  return kOffsetLooks;
+std::span<const double> schedule_of(const Map& map) {
+  if (map.rig().bends()) return kRigEstimates;
+  return kOffsetEstimates;
 }
 
 constexpr double kMore = 1.25;  // keyframes at the end of a run over those at the estimate before
@@ -148,21 +148,21 @@ std::optional<RigEstimate> estimate_rig(const Map& map, const RigCalibrationOpti
 }
 
 bool RigCalibration::update(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
-  const std::span<const double> looks = looks_of(map);
-  if (!options_.enabled || looks_ >= looks.size()) return false;
+  const std::span<const double> schedule = schedule_of(map);
+  if (!options_.enabled || estimates_made_ >= schedule.size()) return false;
   const auto keyframes = static_cast<double>(seen);
-  if (keyframes < static_cast<double>(options_.keyframes) * looks[looks_]) return false;
-  ++looks_;
-  return look(map, seen, looks_ == looks.size(), stop);
+  if (keyframes < static_cast<double>(options_.keyframes) * schedule[estimates_made_]) return false;
+  ++estimates_made_;
+  return estimate(map, seen, estimates_made_ == schedule.size(), stop);
 }
 
 bool RigCalibration::finish(Map& map, std::size_t seen, const std::atomic<bool>* stop) {
-  const std::size_t all = looks_of(map).size();
-  if (looks_ == 0 || looks_ >= all) return false;
+  const std::size_t all = schedule_of(map).size();
+  if (estimates_made_ == 0 || estimates_made_ >= all) return false;
   const auto keyframes = static_cast<double>(seen);
   if (keyframes < kMore * static_cast<double>(seen_)) return false;
-  looks_ = all;
-  return look(map, seen, false, stop);
+  estimates_made_ = all;
+  return estimate(map, seen, false, stop);
 }
 
 /// Whether an estimate of the offset alone is to be applied. Decided anew every time, with all
@@ -186,8 +186,8 @@ bool RigCalibration::is_worth(const Map& map, RigEstimate& found, bool last) {
   return present == 0 || std::abs(total - present) >= least;
 }
 
-bool RigCalibration::look(Map& map, std::size_t keyframes, bool last,
-                          const std::atomic<bool>* stop) {
+bool RigCalibration::estimate(Map& map, std::size_t keyframes, bool last,
+                              const std::atomic<bool>* stop) {
   seen_ = keyframes;
   RigView view = view_of(map, options_);
   std::optional<RigEstimate> found = solve(view, prior_, stop);

@@ -62,12 +62,12 @@ class RigCalibration {
   [[nodiscard]] const std::optional<OffsetEstimate>& offset() const { return offset_; }
 
  private:
-  bool look(Map& map, std::size_t keyframes, bool last, const std::atomic<bool>* stop);
+  bool estimate(Map& map, std::size_t keyframes, bool last, const std::atomic<bool>* stop);
   [[nodiscard]] bool is_worth(const Map& map, RigEstimate& found, bool last);
 
   RigCalibrationOptions options_;
   RigEstimate prior_{{}, rig_prior()};
-  std::size_t looks_ = 0;
+  std::size_t estimates_made_ = 0;
   std::size_t seen_ = 0;  ///< keyframes at the latest estimate
   std::optional<OffsetEstimate> offset_;
 };

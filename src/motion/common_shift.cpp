@@ -65,6 +65,11 @@ bool lies_at(const Eigen::Vector3d& pixel, const Target& target) {
 
 }  // namespace
 
+/// Votes of pairs, as a Hough transform: every keypoint proposes the shifts to its nearest
+/// descriptors, and the shift that most keypoints support wins. Single nearest neighbours fail on
+/// wheels, windows and fences, whose right match is among the nearest few only. A translation is
+/// enough: between two frames an object turns by less than the tolerance (method:
+/// src/motion/README.md, one instance).
 std::optional<Eigen::Vector3d> common_shift(const StereoCamera& camera, const ScaleLevels& scales,
                                             const FrameFeatures& features,
                                             std::span<const UnknownPlace> places,

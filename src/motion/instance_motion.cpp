@@ -273,6 +273,11 @@ Matrix6d inverse(const Matrix6d& covariance) {
 
 }  // namespace
 
+/// Two hypotheses are compared by their marginal likelihoods, not by a threshold on a residual as
+/// in Eqs. 7 and 8 of the paper: a far object with a few noisy keypoints fits both, and the ratio
+/// then is near 1, so that nothing is claimed; a threshold would call it static or moving by its
+/// noise. The camera's own uncertainty is common to all points, and is part of the prior of the
+/// motion (README, one instance).
 InstanceMotion estimate_instance_motion(const StereoCamera& camera,
                                         std::span<const InstanceMatch> matches,
                                         const CameraMotion& ego, const MotionRange& range,

@@ -107,24 +107,24 @@ InstanceTracker::InstanceTracker(const InstanceTracker& other)
       options_(other.options_),
       start_(other.start_),
       model_(other.model_),
-      things_(other.things_),
+      records_(other.records_),
       changed_(other.changed_),
       frames_(other.frames_),
       last_file_(other.last_file_),
       states_(other.states_) {
-  for (auto& [instance, thing] : things_) by_instance_[instance] = &thing;
+  for (auto& [instance, record] : records_) by_instance_[instance] = &record;
 }
 
-const InstanceTracker::Thing* InstanceTracker::find(const kys::Prior& prior) const {
+const InstanceTracker::InstanceRecord* InstanceTracker::find(const kys::Prior& prior) const {
   if (!follows(prior)) return nullptr;
   const auto at = by_instance_.find(prior.instance);
   return at != by_instance_.end() ? at->second : nullptr;
 }
 
-void InstanceTracker::set_log_odds(Thing& thing, double log_odds) {
-  thing.log_odds = log_odds;
-  thing.p_static = probability(log_odds);
-  thing.belief = kys::with_belief({}, thing.p_static);
+void InstanceTracker::set_log_odds(InstanceRecord& record, double log_odds) {
+  record.log_odds = log_odds;
+  record.p_static = probability(log_odds);
+  record.belief = kys::with_belief({}, record.p_static);
 }
 
 double InstanceTracker::p_static(std::int32_t instance) const {
@@ -138,9 +138,9 @@ double InstanceTracker::log_odds(std::int32_t instance) const {
 }
 
 kys::Prior InstanceTracker::with_belief(const kys::Prior& prior) const {
-  const Thing* thing = find(prior);
-  if (thing == nullptr) return prior;
-  kys::Prior result = thing->belief;
+  const InstanceRecord* record = find(prior);
+  if (record == nullptr) return prior;
+  kys::Prior result = record->belief;
   result.label = prior.label;
   result.instance = prior.instance;
   result.scale = prior.scale;
@@ -151,19 +151,19 @@ kys::Prior InstanceTracker::with_belief(const kys::Prior& prior) const {
 /// leave the pose from frame to frame, and pull it each time.
 float InstanceTracker::weight(const kys::Prior& prior) const {
   if (!follows(prior)) return 1.0f;
-  const Thing* thing = find(prior);
-  const double p = thing != nullptr ? thing->p_static : kys::p_static(prior);
+  const InstanceRecord* record = find(prior);
+  const double p = record != nullptr ? record->p_static : kys::p_static(prior);
   return static_cast<float>(std::clamp((p - kNoWeight) / (kFullWeight - kNoWeight), 0.0, 1.0));
 }
 
 void InstanceTracker::turn_world(const Eigen::Quaterniond& R_new_old) {
-  for (auto& [instance, thing] : things_) {
-    if (thing.velocity) *thing.velocity = R_new_old * *thing.velocity;
+  for (auto& [instance, record] : records_) {
+    if (record.velocity) *record.velocity = R_new_old * *record.velocity;
   }
 }
 
 void InstanceTracker::forget_velocities() {
-  for (auto& [instance, thing] : things_) thing.velocity.reset();
+  for (auto& [instance, record] : records_) record.velocity.reset();
 }
 
 std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
@@ -171,12 +171,12 @@ std::vector<InstanceBelief> InstanceTracker::take_changed_beliefs() {
   changed.reserve(changed_.size());
   std::sort(changed_.begin(), changed_.end());
   for (const std::int32_t instance : changed_) {
-    Thing& thing = *by_instance_.at(instance);
-    thing.changed = false;
+    InstanceRecord& record = *by_instance_.at(instance);
+    record.changed = false;
     const double moving_for =
-        thing.p_static < kSurelyMoving ? thing.timestamp - thing.moving_since : 0;
+        record.p_static < kSurelyMoving ? record.timestamp - record.moving_since : 0;
     changed.push_back(
-        {instance, static_cast<float>(thing.p_static), static_cast<float>(moving_for)});
+        {instance, static_cast<float>(record.p_static), static_cast<float>(moving_for)});
   }
   changed_.clear();
   return changed;
@@ -213,8 +213,8 @@ void InstanceTracker::inherit(double timestamp, const FrameFeatures& features,
     const kys::Prior& prior = last.features->prior(i);
     if (prior.label == kys::kVoidLabel) continue;
     Eigen::Vector3d p = T_now_last * back_project(camera_, *last.features, i);
-    const Thing* thing = find(prior);
-    if (thing != nullptr && thing->velocity) p += T_now_w.rotation * (*thing->velocity * dt);
+    const InstanceRecord* record = find(prior);
+    if (record != nullptr && record->velocity) p += T_now_w.rotation * (*record->velocity * dt);
     if (p.z() <= 0.1) continue;
     const Eigen::Vector3d pixel = camera_.project_stereo(p);
     const auto u = static_cast<float>(pixel.x());
@@ -246,27 +246,27 @@ void InstanceTracker::start_beliefs(double timestamp, std::span<const kys::Prior
   const bool from_file = last_file_ == timestamp;
   for (const kys::Prior& prior : priors) {
     if (!follows(prior)) continue;
-    Thing*& known = by_instance_[prior.instance];
+    InstanceRecord*& known = by_instance_[prior.instance];
     const bool is_new = known == nullptr;
-    if (is_new) known = &things_[prior.instance];
-    Thing& thing = *known;
-    if (!is_new && thing.timestamp == timestamp) continue;
-    const double before = is_new ? 0.0 : thing.file_log_odds;
+    if (is_new) known = &records_[prior.instance];
+    InstanceRecord& record = *known;
+    if (!is_new && record.timestamp == timestamp) continue;
+    const double before = is_new ? 0.0 : record.file_log_odds;
     // A file without a decision for the instance changes nothing.
-    if (is_new || (from_file && prior.unjudged == 0)) thing.file_log_odds = start_.log_odds(prior);
+    if (is_new || (from_file && prior.unjudged == 0)) record.file_log_odds = start_.log_odds(prior);
     if (is_new) {
-      set_log_odds(thing, thing.file_log_odds);
-      thing.first_seen = thing.moving_since = timestamp;
+      set_log_odds(record, record.file_log_odds);
+      record.first_seen = record.moving_since = timestamp;
     } else {
       // Evidence of the images adds to the decision of the file, which may change.
-      const double present = thing.log_odds + thing.file_log_odds - before;
-      set_log_odds(thing, after_time(present, thing.file_log_odds, timestamp - thing.timestamp,
-                                     options_.belief));
+      const double present = record.log_odds + record.file_log_odds - before;
+      set_log_odds(record, after_time(present, record.file_log_odds, timestamp - record.timestamp,
+                                      options_.belief));
     }
-    if (thing.p_static >= kSurelyMoving) thing.moving_since = timestamp;
-    thing.label = prior.label;
-    thing.timestamp = timestamp;
-    if (!std::exchange(thing.changed, true)) changed_.push_back(prior.instance);
+    if (record.p_static >= kSurelyMoving) record.moving_since = timestamp;
+    record.label = prior.label;
+    record.timestamp = timestamp;
+    if (!std::exchange(record.changed, true)) changed_.push_back(prior.instance);
   }
 }
 
@@ -331,11 +331,11 @@ void InstanceTracker::follow(Frame& now, const Rigid3& T_now_last, const Rigid3&
   std::vector<std::size_t> sources;
   for (const auto& [instance, members] : last.keypoints) {
     if (members.empty()) continue;
-    const Thing& thing = things_.at(instance);
+    const InstanceRecord& record = records_.at(instance);
     const bool known =
-        thing.compared == last.timestamp && (thing.velocity || thing.log_odds > kSurelyStatic);
+        record.compared == last.timestamp && (record.velocity || record.log_odds > kSurelyStatic);
     Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-    if (thing.velocity) shift = T_now_w.rotation * (*thing.velocity * dt);
+    if (record.velocity) shift = T_now_w.rotation * (*record.velocity * dt);
     const std::vector<std::size_t> chosen =
         choose(members, last.back, static_cast<std::size_t>(options_.max_matches));
     const auto look = [&](double farthest, std::vector<UnknownPlace>& places) {
@@ -392,8 +392,8 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
   const Frame& last = frames_.front();
   for (std::size_t i = 0; i < now.back.size(); ++i) {
     if (now.back[i] < 0) continue;
-    const Thing* thing = find(now.features->prior(i));
-    if (thing == nullptr || thing->first_seen != now.timestamp) continue;
+    const InstanceRecord* record = find(now.features->prior(i));
+    if (record == nullptr || record->first_seen != now.timestamp) continue;
     const kys::Prior& before = last.features->prior(static_cast<std::size_t>(now.back[i]));
     if (find(before) != nullptr) ++votes[now.features->prior(i).instance][before.instance];
   }
@@ -408,30 +408,30 @@ void InstanceTracker::transfer_beliefs(const Frame& now) {
         name = old_name;
       }
     }
-    Thing& thing = things_.at(instance);
-    const Thing& old = things_.at(name);
+    InstanceRecord& record = records_.at(instance);
+    const InstanceRecord& old = records_.at(name);
     // Networks change the class of what moves by itself: a van is car and bus by turns.
     const bool same_kind =
-        old.label == thing.label || (start_.mobility(old.label) == kys::Mobility::kMobile &&
-                                     start_.mobility(thing.label) == kys::Mobility::kMobile);
+        old.label == record.label || (start_.mobility(old.label) == kys::Mobility::kMobile &&
+                                      start_.mobility(record.label) == kys::Mobility::kMobile);
     if (most < options_.motion.min_matches || 2 * most < all || old.timestamp == now.timestamp ||
         !same_kind) {
       continue;
     }
-    set_log_odds(thing, old.log_odds);
-    thing.velocity = old.velocity;
-    thing.moving_since = old.moving_since;
+    set_log_odds(record, old.log_odds);
+    record.velocity = old.velocity;
+    record.moving_since = old.moving_since;
   }
 }
 
 /// The state of an instance without a comparison with an earlier frame.
 InstanceState InstanceTracker::state_of(std::int32_t instance,
                                         const std::vector<std::size_t>& keypoints) const {
-  const Thing& thing = things_.at(instance);
+  const InstanceRecord& record = records_.at(instance);
   InstanceState state;
   state.instance = instance;
-  state.label = thing.label;
-  state.p_static = thing.p_static;
+  state.label = record.label;
+  state.p_static = record.p_static;
   state.keypoints = static_cast<int>(keypoints.size());
   return state;
 }
@@ -475,13 +475,13 @@ InstanceState InstanceTracker::test_motion(std::int32_t instance,
 
 void InstanceTracker::update_belief(const InstanceState& state, const Rigid3& T_c_w) {
   if (state.span <= 0) return;
-  Thing& thing = things_.at(state.instance);
-  set_log_odds(thing, after_evidence(thing.log_odds, state.log_ratio, options_.belief));
-  thing.compared = thing.timestamp;
-  if (thing.p_static < kMoving) {
-    thing.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
+  InstanceRecord& record = records_.at(state.instance);
+  set_log_odds(record, after_evidence(record.log_odds, state.log_ratio, options_.belief));
+  record.compared = record.timestamp;
+  if (record.p_static < kMoving) {
+    record.velocity = T_c_w.rotation.conjugate() * (state.motion.motion.tail<3>() / state.span);
   } else {
-    thing.velocity.reset();
+    record.velocity.reset();
   }
 }
 

@@ -69,7 +69,7 @@ class InstanceTracker {
                   const InstanceTrackerOptions& options, const kys::InitialBelief& start,
                   const kys::DistanceModel& model);
 
-  // by_instance_ points into things_, whose nodes stay where they are when it is moved.
+  // by_instance_ points into records_, whose nodes stay where they are when it is moved.
   InstanceTracker(const InstanceTracker& other);
   InstanceTracker& operator=(const InstanceTracker& other) {
     return *this = InstanceTracker(other);
@@ -121,14 +121,14 @@ class InstanceTracker {
   [[nodiscard]] bool follows(const kys::Prior& prior) const { return has_belief(prior, start_); }
   /// m/s in the world; nothing for what is not known to move.
   [[nodiscard]] std::optional<Eigen::Vector3d> velocity(const kys::Prior& prior) const {
-    const Thing* thing = find(prior);
-    return thing != nullptr ? thing->velocity : std::nullopt;
+    const InstanceRecord* record = find(prior);
+    return record != nullptr ? record->velocity : std::nullopt;
   }
   /// Beliefs that changed since the last call, by instance.
   [[nodiscard]] std::vector<InstanceBelief> take_changed_beliefs();
 
  private:
-  struct Thing {
+  struct InstanceRecord {
     std::uint16_t label = kys::kVoidLabel;
     double log_odds = 0;                      // of being static; set by set_log_odds()
     double p_static = 0.5;                    // the same as probability
@@ -162,8 +162,8 @@ class InstanceTracker {
                                           const std::vector<std::size_t>& keypoints,
                                           const Frame& now, const Rigid3& T_c_w,
                                           std::span<const Rigid3> past) const;
-  [[nodiscard]] const Thing* find(const kys::Prior& prior) const;
-  static void set_log_odds(Thing& thing, double log_odds);
+  [[nodiscard]] const InstanceRecord* find(const kys::Prior& prior) const;
+  static void set_log_odds(InstanceRecord& record, double log_odds);
   void update_belief(const InstanceState& state, const Rigid3& T_c_w);
 
   StereoCamera camera_;
@@ -171,11 +171,11 @@ class InstanceTracker {
   InstanceTrackerOptions options_;
   kys::InitialBelief start_;
   const kys::DistanceModel* model_;
-  std::map<std::int32_t, Thing> things_;
-  std::unordered_map<std::int32_t, Thing*> by_instance_;  // index of things_
-  std::vector<std::int32_t> changed_;                     // instances, each once
-  std::deque<Frame> frames_;                              // latest first
-  double last_file_ = -1e300;                             // s
+  std::map<std::int32_t, InstanceRecord> records_;
+  std::unordered_map<std::int32_t, InstanceRecord*> by_instance_;  // index of records_
+  std::vector<std::int32_t> changed_;                              // instances, each once
+  std::deque<Frame> frames_;                                       // latest first
+  double last_file_ = -1e300;                                      // s
   std::vector<InstanceState> states_;
 };
 

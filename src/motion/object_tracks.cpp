@@ -65,7 +65,9 @@ Covariance transition(double dt) {
   return F;
 }
 
-/// White acceleration, integrated exactly.
+/// Vehicles keep their velocity for a second and more, and what changes it is unknown: a constant
+/// velocity with white acceleration has one parameter, and gives the right growth of uncertainty
+/// for any interval between images. White acceleration, integrated exactly.
 Gaussian predict(const Gaussian& from, double dt, double density) {
   const Covariance F = transition(dt);
   Gaussian to{F * from.mean, F * from.covariance * F.transpose()};

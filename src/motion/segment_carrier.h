@@ -79,7 +79,7 @@ class SegmentCarrier {
     bool in_front = true;  // the point is nearer than all of them
   };
   [[nodiscard]] Surface surface_at(std::uint16_t segment, const Eigen::Vector3d& pixel) const;
-  /// Of a image, on a grid.
+  /// Of an image, on a grid.
   struct Cell {
     std::uint16_t segment = 0;
     float depth = 0;  // m

@@ -17,11 +17,11 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, ConsensusOptions& o) {
-  list.add("tracking.balanced", o.enabled,
+  list.add("tracking.image_area", o.enabled,
            "the pose with most image area in its inliers is used, not the one with most inliers");
   list.add("tracking.cell_columns", o.columns, {1, 1000}, "",
            "square cells across the image that measure area");
-  list.add("tracking.contested_share", o.contested, {0, 1}, "",
+  list.add("tracking.outlier_area", o.contested, {0, 1}, "",
            "share of the area with outliers above which other poses are tried");
   list.add("tracking.consensus_tolerance", o.tolerance, {0.1, 100}, "",
            "factor on the error bound within which area supports a pose");
@@ -47,10 +47,10 @@ constexpr std::size_t kRefined = 5;    // samples that are refined
 constexpr int kRefinements = 4;        // largest number per sample
 constexpr std::size_t kMinScene = 10;  // observations of the fixed scene that can give a pose
 constexpr double kSceneLead = 0.4;     // cells, of the fixed scene's pose over the initial pose
-constexpr double kSureMembers = 4;     // observations from which a cell or a thing has full weight
-constexpr std::size_t kPanel = 6;      // observations of a cell or a thing that judge a sample
-constexpr double kStands = 0.5;        // least share of fitting observations of a static thing
-constexpr double kKept = 0.95;         // least support after the last refinement over that before
+constexpr double kSureMembers = 4;  // observations from which a cell or an instance has full weight
+constexpr std::size_t kPanel = 6;   // observations of a cell or an instance that judge a sample
+constexpr double kStands = 0.5;     // least share of fitting observations of a static instance
+constexpr double kKept = 0.95;      // least support after the last refinement over that before
 constexpr double kImpossible =
     0.25;  // factor on the support of a pose with an impossible acceleration
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
@@ -65,60 +65,60 @@ class SceneCells {
       : worth_(observations.size()), weight_(observations.size()), fixed_(observations.size()) {
     const ImageCells cells(camera, options.columns);
     members_.resize(cells.size());
-    std::map<std::int32_t, Thing> things;
+    std::map<std::int32_t, Instance> instances;
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const PoseObservation& o = observations[i];
       if (!is_usable(o.u, o.v, o.u_right, o.inv_sigma)) continue;
       members_[cells.index(o.u, o.v)].push_back(i);
-      if (votes.empty() || votes[i].thing < 0) continue;
-      Thing& thing = things[votes[i].thing];
-      thing.members.push_back(i);
-      thing.cells = votes[i].log_odds / options.cell_evidence;
+      if (votes.empty() || votes[i].instance < 0) continue;
+      Instance& instance = instances[votes[i].instance];
+      instance.members.push_back(i);
+      instance.cells = votes[i].log_odds / options.cell_evidence;
     }
-    for (auto& [name, thing] : things) {
-      thing.cells *= say_of(thing.members.size());
-      things_.push_back(std::move(thing));
+    for (auto& [name, instance] : instances) {
+      instance.cells *= weight_of(instance.members.size());
+      instances_.push_back(std::move(instance));
     }
     std::erase_if(members_, [](const auto& cell) { return cell.empty(); });
-    const auto fixed = [&](std::size_t i) { return votes.empty() || votes[i].thing < 0; };
+    const auto fixed = [&](std::size_t i) { return votes.empty() || votes[i].instance < 0; };
     for (const auto& cell : members_) {
       std::vector<std::size_t> standing;
       std::copy_if(cell.begin(), cell.end(), std::back_inserter(standing), fixed);
       for (const std::size_t i : cell) {
         weight_[i] = observations[i].share / static_cast<float>(cell.size());
       }
-      const double say = say_of(standing.size());
-      add(standing, say);
-      area_ += say;
+      const double cell_weight = weight_of(standing.size());
+      add(standing, cell_weight);
+      area_ += cell_weight;
       for (const std::size_t i : standing) fixed_[i] = 1;
     }
-    for (const Thing& thing : things_) add(thing.members, thing.cells);
+    for (const Instance& instance : instances_) add(instance.members, instance.cells);
   }
 
-  struct Thing {
+  struct Instance {
     std::vector<std::size_t> members;
     double cells = 0;  ///< that it is worth where it stands still
   };
 
   /// Weight of each observation in the support of a pose that it fits, in cells.
   [[nodiscard]] const std::vector<double>& worth() const { return worth_; }
-  /// A few observations that represent each cell and thing, and their weights, in cells.
+  /// A few observations that represent each cell and instance, and their weights, in cells.
   [[nodiscard]] const std::vector<std::size_t>& panel() const { return panel_; }
   [[nodiscard]] const std::vector<double>& panel_worth() const { return panel_worth_; }
   /// Area of the fixed scene, in cells.
   [[nodiscard]] double area() const { return area_; }
   /// Observations of each occupied cell.
   [[nodiscard]] const CellMembers& members() const { return members_; }
-  [[nodiscard]] const std::vector<Thing>& things() const { return things_; }
+  [[nodiscard]] const std::vector<Instance>& instances() const { return instances_; }
   /// Whether an observation can be used and is of the fixed scene.
   [[nodiscard]] bool is_fixed(std::size_t i) const { return fixed_[i] != 0; }
   /// Weight of an observation in a fit in which all cells have the same weight.
   [[nodiscard]] float weight(std::size_t i) const { return weight_[i]; }
 
  private:
-  /// Weight of a cell or a thing, 0..1. Few observations may be wrong, or on the edge of a moving
-  /// object.
-  static double say_of(std::size_t members) {
+  /// Weight of a cell or an instance, 0..1. Few observations may be wrong, or on the edge of a
+  /// moving object.
+  static double weight_of(std::size_t members) {
     return std::min(1.0, static_cast<double>(members) / kSureMembers);
   }
 
@@ -137,14 +137,14 @@ class SceneCells {
   std::vector<double> worth_;
   std::vector<std::size_t> panel_;
   std::vector<double> panel_worth_;
-  std::vector<Thing> things_;
+  std::vector<Instance> instances_;
   std::vector<float> weight_;
   std::vector<std::uint8_t> fixed_;
   double area_ = 0;
 };
 
 /// A pose and the area that supports it, in cells.
-struct Rival {
+struct ScoredPose {
   Rigid3 T_c_w;
   double support = 0;
 };
@@ -173,7 +173,8 @@ class Consensus {
     return step.norm() / expected_->reach;
   }
 
-  /// 1 for the expected motion; decreases to kImpossible with the acceleration.
+  /// 1 for the expected motion; decreases to kImpossible with the acceleration. It never reaches 0:
+  /// after a collision or with a wrong velocity the scene must be able to outvote the expectation.
   [[nodiscard]] double plausibility(const Rigid3& T_c_w) const {
     const double ratio = acceleration(T_c_w) / options_.max_acceleration;
     return kImpossible + (1 - kImpossible) / (1 + ratio * ratio);
@@ -190,14 +191,14 @@ class Consensus {
   }
 
   /// A pose with its support: the area of its inliers, times its plausibility.
-  [[nodiscard]] Rival judged(const Rigid3& T_c_w) const {
+  [[nodiscard]] ScoredPose judged(const Rigid3& T_c_w) const {
     const double sum = support(errors_at(T_c_w), scene_.worth(), options_.tolerance);
     return {T_c_w, sum * plausibility(T_c_w)};
   }
 
   /// The same for a pose that is not refined yet, by a few observations of each cell.
   /// \param errors  memory that is used again
-  [[nodiscard]] Rival roughly_judged(const Rigid3& T_c_w, std::vector<double>& errors) const {
+  [[nodiscard]] ScoredPose roughly_judged(const Rigid3& T_c_w, std::vector<double>& errors) const {
     panel_errors_.at(T_c_w, errors);
     const double sum = support(errors, scene_.panel_worth(), options_.reach);
     return {T_c_w, sum * plausibility(T_c_w)};
@@ -205,18 +206,18 @@ class Consensus {
 
   /// The pose with most support: `best`, or one near a sample of three matches that do not fit
   /// `T_c_w_votes`.
-  [[nodiscard]] Rival best_of_samples(const Rigid3& T_c_w_votes, Rival best) const {
-    for (const Rival& sampled : best_samples(T_c_w_votes)) {
-      const Rival rival = refined(sampled.T_c_w);
-      if (rival.support > best.support) best = rival;
+  [[nodiscard]] ScoredPose best_of_samples(const Rigid3& T_c_w_votes, ScoredPose best) const {
+    for (const ScoredPose& sampled : best_samples(T_c_w_votes)) {
+      const ScoredPose competing = refined(sampled.T_c_w);
+      if (competing.support > best.support) best = competing;
     }
     return best;
   }
 
-  /// The pose from the fixed scene alone; none without things, or when the fixed scene is too
+  /// The pose from the fixed scene alone; none without instances, or when the fixed scene is too
   /// small.
-  [[nodiscard]] std::optional<Rival> fixed_scene(const Rigid3& T_c_w) const {
-    if (scene_.things().empty()) return std::nullopt;
+  [[nodiscard]] std::optional<ScoredPose> fixed_scene(const Rigid3& T_c_w) const {
+    if (scene_.instances().empty()) return std::nullopt;
     std::vector<PoseObservation> fixed;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       if (scene_.is_fixed(i)) fixed.push_back(observations_[i]);
@@ -228,11 +229,11 @@ class Consensus {
   }
 
   /// Local optimisation over the observations near the pose, while the support increases.
-  [[nodiscard]] Rival refined(const Rigid3& T_c_w) const {
-    Rival best = judged(T_c_w);
+  [[nodiscard]] ScoredPose refined(const Rigid3& T_c_w) const {
+    ScoredPose best = judged(T_c_w);
     for (int k = 0; k < kRefinements; ++k) {
       const PoseResult result = optimize_near(best.T_c_w, options_.tolerance, true);
-      const Rival next = judged(result.T_c_w);
+      const ScoredPose next = judged(result.T_c_w);
       if (result.inliers == 0 || next.support <= best.support) break;
       best = next;
     }
@@ -242,10 +243,10 @@ class Consensus {
   /// The best pose, refined over the observations that fit it. Each has full weight, unless that
   /// reduces the support: many observations of a moving object can be within the bounds of the true
   /// pose too.
-  [[nodiscard]] PoseResult final_pose(const Rival& rival) const {
-    PoseResult result = optimize_near(rival.T_c_w, 1, false);
-    if (judged(result.T_c_w).support < kKept * rival.support) {
-      result = optimize_near(rival.T_c_w, 1, true);
+  [[nodiscard]] PoseResult final_pose(const ScoredPose& competing) const {
+    PoseResult result = optimize_near(competing.T_c_w, 1, false);
+    if (judged(result.T_c_w).support < kKept * competing.support) {
+      result = optimize_near(competing.T_c_w, 1, true);
     }
     return result;
   }
@@ -255,9 +256,9 @@ class Consensus {
   /// observations.
   [[nodiscard]] PoseResult optimize_near(const Rigid3& T_c_w, double factor, bool balanced) const {
     std::vector<double> errors = errors_at(T_c_w);
-    for (const SceneCells::Thing& thing : scene_.things()) {
-      if (is_static(errors, thing)) continue;
-      for (const std::size_t i : thing.members) errors[i] = kInfinite;
+    for (const SceneCells::Instance& instance : scene_.instances()) {
+      if (is_static(errors, instance)) continue;
+      for (const std::size_t i : instance.members) errors[i] = kInfinite;
     }
     std::vector<PoseObservation> near;
     std::vector<std::size_t> at;
@@ -275,11 +276,11 @@ class Consensus {
   }
 
   /// The few samples with most support, best first.
-  [[nodiscard]] std::vector<Rival> best_samples(const Rigid3& T_c_w_votes) const {
-    std::vector<Rival> best;
+  [[nodiscard]] std::vector<ScoredPose> best_samples(const Rigid3& T_c_w_votes) const {
+    std::vector<ScoredPose> best;
     std::array<CellMembers, 2> cells;
     cells[1] = unexplained(T_c_w_votes, false);
-    cells[0] = scene_.things().empty() ? cells[1] : unexplained(T_c_w_votes, true);
+    cells[0] = scene_.instances().empty() ? cells[1] : unexplained(T_c_w_votes, true);
     std::mt19937_64 random(options_.seed);
     std::vector<double> errors;
     for (int k = 0; k < options_.samples; ++k) {
@@ -287,11 +288,11 @@ class Consensus {
       if (from.size() < kSample) continue;
       const std::optional<Rigid3> T_c_w = sample_pose(from, random);
       if (!T_c_w) continue;
-      const Rival rival = roughly_judged(*T_c_w, errors);
-      const auto place = std::find_if(best.begin(), best.end(), [&](const Rival& other) {
-        return rival.support > other.support;
+      const ScoredPose competing = roughly_judged(*T_c_w, errors);
+      const auto place = std::find_if(best.begin(), best.end(), [&](const ScoredPose& other) {
+        return competing.support > other.support;
       });
-      best.insert(place, rival);
+      best.insert(place, competing);
       if (best.size() > kRefined) best.pop_back();
     }
     return best;
@@ -359,13 +360,13 @@ class Consensus {
     return std::max(sum, 0.0);
   }
 
-  /// Whether a thing is static under a pose: many of its observations fit.
+  /// Whether an instance is static under a pose: many of its observations fit.
   [[nodiscard]] bool is_static(const std::vector<double>& errors,
-                               const SceneCells::Thing& thing) const {
+                               const SceneCells::Instance& instance) const {
     const double bound = options_.tolerance * options_.tolerance;
-    const auto count = std::count_if(thing.members.begin(), thing.members.end(),
+    const auto count = std::count_if(instance.members.begin(), instance.members.end(),
                                      [&](std::size_t i) { return errors[i] <= bound; });
-    return static_cast<double>(count) >= kStands * static_cast<double>(thing.members.size());
+    return static_cast<double>(count) >= kStands * static_cast<double>(instance.members.size());
   }
 
   const StereoCamera& camera_;
@@ -380,6 +381,12 @@ class Consensus {
 
 }  // namespace
 
+/// The steps in the order of their cost. A static scene ends after the first one: the pose with
+/// most matches also has nearly all of the area. The pose of the fixed scene has to lead by a
+/// whole cell, since it is made of fewer observations. Competing poses are searched where area is
+/// left over: from the pose that was given, from that of the fixed scene, and from samples of what
+/// the pose leaves out, which finds the scene when a vehicle holds the first two. Last, all
+/// inliers of the winner count fully, as accuracy comes from their number.
 ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_initial,
                               std::span<const PoseObservation> observations,
                               std::span<const Vote> votes,
@@ -393,30 +400,30 @@ ConsensusResult estimate_pose(const StereoCamera& camera, const Rigid3& T_c_w_in
   if (!options.enabled || observations.empty()) return result;
   const Consensus consensus(camera, observations, votes, expected, options, pose);
   if (start == Start::kConsensus) {
-    Rival best = consensus.refined(T_c_w_initial);
-    const Rival rival = consensus.best_of_samples(best.T_c_w, best);
-    if (rival.support > options.margin * best.support) best = rival;
+    ScoredPose best = consensus.refined(T_c_w_initial);
+    const ScoredPose competing = consensus.best_of_samples(best.T_c_w, best);
+    if (competing.support > options.margin * best.support) best = competing;
     result.pose = consensus.final_pose(best);
     result.contested = result.overruled = true;
     return result;
   }
-  const std::optional<Rival> scene = consensus.fixed_scene(result.pose.T_c_w);
+  const std::optional<ScoredPose> scene = consensus.fixed_scene(result.pose.T_c_w);
   const double explained = consensus.fixed_support(result.pose.T_c_w, options.clear);
-  result.contested = consensus.area() == 0 ||  // only things that can move
+  result.contested = consensus.area() == 0 ||  // only instances that can move
                      explained < (1 - options.contested) * consensus.area() ||
                      consensus.acceleration(result.pose.T_c_w) > options.doubtful_acceleration;
   if (!scene && !result.contested) return result;
   const double wanted = options.margin * consensus.judged(result.pose.T_c_w).support;
-  Rival best{result.pose.T_c_w, wanted};
+  ScoredPose best{result.pose.T_c_w, wanted};
   if (scene && scene->support > wanted + 1) best = *scene;
   if (result.contested) {
-    Rival rival = consensus.refined(T_c_w_initial);
+    ScoredPose competing = consensus.refined(T_c_w_initial);
     if (scene) {
-      const Rival other = consensus.refined(scene->T_c_w);
-      if (other.support > rival.support + kSceneLead) rival = other;
+      const ScoredPose other = consensus.refined(scene->T_c_w);
+      if (other.support > competing.support + kSceneLead) competing = other;
     }
-    rival = consensus.best_of_samples(result.pose.T_c_w, rival);
-    if (rival.support > best.support) best = rival;
+    competing = consensus.best_of_samples(result.pose.T_c_w, competing);
+    if (competing.support > best.support) best = competing;
   }
   if (best.support <= wanted) return result;
   result.overruled = true;

@@ -38,8 +38,8 @@ struct ConsensusResult {
 
 /// Prior of an observation, independent of the pose.
 struct Vote {
-  std::int32_t thing = -1;  ///< instance that can move; -1: static scene, or not known
-  float log_odds = 0;       ///< nats, of the instance being static
+  std::int32_t instance = -1;  ///< instance that can move; -1: static scene, or not known
+  float log_odds = 0;          ///< nats, of the instance being static
 };
 
 /// Pose predicted by constant velocity.

@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <utility>
@@ -10,6 +11,9 @@
 #include "geometry/levenberg.h"
 #include "geometry/reprojection.h"
 #include "geometry/so3.h"
+#include "optimization/eliminated_point.h"
+#include "optimization/rig_kernels.h"
+#include "optimization/rig_residuals.h"
 
 namespace kys_slam {
 
@@ -23,8 +27,10 @@ constexpr double kInitialDamping = 1e-4;
 // Square of Huber's delta: errors are about half of what the assumed deviations allow, and this
 // bends for the few per cent at depth edges, whose disparities lean towards the nearer surface.
 constexpr double kHuber = 0.5;
-constexpr double kFarOff = 25;      // chi2 beyond which an observation is left out of a round
-constexpr double kRowSigma = 0.25;  // px of the octave
+constexpr double kFarOff = 25;  // chi2 beyond which an observation is left out of a round
+// Step of the parameters that ends a round: standard deviations, by the assumed noise, in the
+// direction in which it has most. The cost may still fall, by points of a few observations.
+constexpr double kSmallStep = 0.03;
 constexpr double kPointDamping = 1e-6;
 // Variance of an estimate over that with independent residuals: a patch that is seen in several
 // keyframes repeats its error. With 1, errors of disparities and rows on rendered worlds (tuning
@@ -32,19 +38,6 @@ constexpr double kPointDamping = 1e-6;
 constexpr double kRepeats = 2.5;
 
 using Parameters = RigCorrection::Parameters;
-using RigJacobian = RigCorrection::Jacobian;
-
-struct Residual {
-  // u, v, disparity, row; px of the images as measured. In px of the perfect pair residuals would
-  // be smaller the more the correction shrinks the images, which would bias it.
-  Eigen::Vector4d e = Eigen::Vector4d::Zero();
-  Eigen::Vector3d scale = Eigen::Vector3d::Ones();  // measured over ideal
-  Eigen::Vector4d information = Eigen::Vector4d::Zero();
-  Eigen::Vector3d p_c = Eigen::Vector3d::Zero();
-
-  [[nodiscard]] double chi2() const { return e.head<3>().cwiseAbs2().dot(information.head<3>()); }
-  [[nodiscard]] double row_chi2() const { return e[3] * e[3] * information[3]; }
-};
 
 double huber(double chi2) {
   return chi2 <= kHuber ? chi2 : 2 * std::sqrt(kHuber * chi2) - kHuber;
@@ -53,13 +46,6 @@ double huber_weight(double chi2) {
   return chi2 <= kHuber ? 1 : std::sqrt(kHuber / chi2);
 }
 
-/// What a correction makes of an observation; the same for all poses and points.
-struct Corrected {
-  Eigen::Vector3d pixel = Eigen::Vector3d::Zero();  // u, v, u_right of the perfect pair, px
-  double row = 0;                                   // px
-  Eigen::Vector3d scale = Eigen::Vector3d::Ones();  // measured over ideal px of u, v, disparity
-};
-
 /// \tparam kRig number of parameters that are free
 template <int kRig>
 class RigBundle {
@@ -67,7 +53,11 @@ class RigBundle {
   /// \param free_parameters their numbers
   RigBundle(RigProblem& problem, const std::vector<int>& free_parameters,
             const std::atomic<bool>* stop)
-      : p_(problem), parameters_(free_parameters), stop_(stop) {
+      : p_(problem),
+        parameters_(free_parameters),
+        stop_(stop),
+        residuals_(problem),
+        before_{.T_c_w = {}, .points = {}, .residuals = RigResiduals(problem), .x = {}, .rig = {}} {
     for (std::size_t k = 0; k < p_.T_c_w.size(); ++k) {
       place_.push_back(p_.pose_fixed[k] != 0 ? -1 : 6 * free_++);
     }
@@ -81,9 +71,12 @@ class RigBundle {
     }
     prior_information_ = covariance.llt().solve(RigMatrix::Identity());
     update_rig();
-    size_ = 6 * free_ + kRig;
-    H_.resize(size_, size_);
-    b_.resize(size_);
+    const int size = 6 * free_ + kRig;
+    H_.resize(size, size);
+    b_.resize(size);
+    H_rig_.resize(std::size_t{kPadded} * kPadded);
+    H_mixed_.resize(std::size_t{6} * kPadded * static_cast<std::size_t>(free_));
+    b_rig_.resize(kPadded);
   }
 
   RigSummary solve() {
@@ -103,17 +96,19 @@ class RigBundle {
     double sum = x_.dot(prior_information_ * x_);
     for_each([&](std::size_t k, std::size_t i) {
       if (active_[i] == 0) return;
-      const Residual r = residual(i, p_.points[k]);
+      const RigResidual r = residuals_.at(i, p_.points[k]);
       sum += huber(r.chi2()) + huber(r.row_chi2());
     });
     return 0.5 * sum;
   }
 
   LevenbergStep step(double damping) {
-    if (!solve(damping)) return {LevenbergStep::Outcome::kNone};
-    before_ = {p_.T_c_w, p_.points, corrected_, x_, p_.rig};
+    LevenbergStep step{LevenbergStep::Outcome::kNone};
+    if (!solve(damping, step.last)) return step;
+    before_ = {p_.T_c_w, p_.points, residuals_, x_, p_.rig};
     move();
-    return {LevenbergStep::Outcome::kTaken};
+    step.outcome = LevenbergStep::Outcome::kTaken;
+    return step;
   }
 
   double cost_of_step() {
@@ -126,7 +121,7 @@ class RigBundle {
   void restore() {
     std::swap(p_.T_c_w, before_.T_c_w);
     std::swap(p_.points, before_.points);
-    std::swap(corrected_, before_.corrected);
+    std::swap(residuals_, before_.residuals);
     x_ = before_.x;
     p_.rig = before_.rig;
   }
@@ -134,50 +129,18 @@ class RigBundle {
  private:
   using RigMatrix = Eigen::Matrix<double, kRig, kRig>;
   using RigVector = Eigen::Matrix<double, kRig, 1>;
+  using PoseRows = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
+  static constexpr int kPadded = rig::padded(kRig);
+  static constexpr int kRigLanes = kPadded / kLanes;
 
   /// What a step changes.
   struct State {
     std::vector<Rigid3> T_c_w;
     std::vector<Eigen::Vector3d> points;
-    std::vector<Corrected> corrected;
+    RigResiduals residuals;
     RigVector x;
     RigCorrection rig;
   };
-
-  [[nodiscard]] Residual residual(std::size_t i, const Eigen::Vector3d& p_w) const {
-    const RigProblem::Observation& o = p_.observations[i];
-    const Corrected& c = corrected_[i];
-    Residual r;
-    r.p_c = p_.T_c_w[o.pose] * p_w;
-    const double unit = static_cast<double>(o.inv_sigma) * o.inv_sigma;
-    r.information.head<2>() << unit, unit * p_.information_v;
-    if (!std::isnan(o.measured.u_right)) {
-      r.information[2] = unit * p_.information_disparity;
-      if (o.row) {
-        r.e[3] = c.row;
-        r.information[3] = 1 / (kRowSigma * kRowSigma * o.scale * o.scale);
-      }
-    }
-    r.scale = c.scale;
-    r.e.head<3>() = r.scale.cwiseProduct(
-        reprojection_error(p_.camera, r.p_c, c.pixel.x(), c.pixel.y(), c.pixel.z()));
-    return r;
-  }
-
-  [[nodiscard]] Corrected correct(const RigProblem::Observation& o) const {
-    Corrected c;
-    const RigCorrection::Measured& m = o.measured;
-    if (std::isnan(m.u_right)) {
-      c.pixel.head<2>() = p_.rig.left(m.u, m.v);
-    } else {
-      const RigCorrection::Ideal ideal = p_.rig.pair(m);
-      c.pixel << ideal.u, ideal.v, ideal.u_right;
-      c.row = ideal.row;
-    }
-    const Eigen::Vector2d stretch = p_.rig.stretch(m.u, m.v);
-    c.scale << 1 / stretch.x(), 1 / stretch.y(), 1 / (stretch.x() * p_.rig.focal_scale());
-    return c;
-  }
 
   template <typename F>
   void for_each(F&& f) const {
@@ -202,112 +165,154 @@ class RigBundle {
   void choose() {
     active_.assign(p_.observations.size(), 0);
     for_each([&](std::size_t k, std::size_t i) {
-      const Residual r = residual(i, p_.points[k]);
+      const RigResidual r = residuals_.at(i, p_.points[k]);
       active_[i] = r.p_c.z() > kMinDepth && r.chi2() < kFarOff ? 1 : 0;
     });
   }
 
+  /// One observation, but for its rows of the Jacobian by the parameters.
   struct Linear {
-    std::int32_t place;                    // of its pose among the unknowns, -1: fixed
-    Eigen::Matrix<double, 3, 6> J_pose;    // by the increment of plus_left
-    Eigen::Matrix<double, 3, 3> J_point;   // by p_w
-    Eigen::Matrix<double, 3, kRig> J_rig;  // by the free parameters
-    Eigen::Vector3d e, w;                  // residual and weights
+    Eigen::Matrix<double, 3, 6> J_pose;   // by the increment of plus_left
+    Eigen::Matrix<double, 3, 3> J_point;  // by p_w
+    Eigen::Vector3d e, w;                 // residual and weights
   };
 
-  /// Adds the normal equations of a point, which is eliminated. Products with the parameters are of
-  /// sizes for which Eigen would pack matrices: lazyProduct() is faster.
+  /// Rows of the Jacobian by the parameters, with their weights and residuals.
+  struct Rows {
+    std::vector<double> J, weighted;  // kPadded per row
+    std::vector<double> e;
+
+    void clear() {
+      J.clear();
+      weighted.clear();
+      e.clear();
+    }
+    template <typename Row>
+    void add(const Row& row, double weight, double residual) {
+      for (int k = 0; k < kPadded; ++k) {
+        const double value = k < kRig ? row[k] : 0;
+        J.push_back(value);
+        weighted.push_back(weight * value);
+      }
+      e.push_back(residual);
+    }
+    [[nodiscard]] std::size_t size() const { return e.size(); }
+  };
+
+  void linearise_observation(std::size_t i, const Eigen::Vector3d& p_w) {
+    const RigProblem::Observation& o = p_.observations[i];
+    const RigResidual r = residuals_.at(i, p_w);
+    const Eigen::Matrix<double, 4, kRig> J = free_columns(residuals_.jacobian(i, r));
+    Linear l;
+    places_.push_back(place_[o.pose]);
+    const Eigen::Matrix3d J_c = r.scale.asDiagonal() * reprojection_jacobian(p_.camera, r.p_c);
+    l.J_pose << -J_c * hat(r.p_c), J_c;
+    l.J_point = J_c * p_.T_c_w[o.pose].R();
+    l.e = r.e.head<3>();
+    l.w = huber_weight(r.chi2()) * r.information.head<3>();
+    for (int row = 0; row < 3; ++row) {
+      rows_.add(J.row(row), l.w[row], l.e[row]);
+    }
+    linear_.push_back(l);
+    if (r.has_row()) {
+      epipolar_.add(J.row(3), huber_weight(r.row_chi2()) * r.information[3], r.e[3]);
+    }
+  }
+
+  /// Adds to the block of the parameters, and to their right-hand side.
+  void add(const Rows& rows) {
+    rig::add_squares(rows.J.data(), rows.weighted.data(), rows.size(), kRigLanes, H_rig_.data());
+    rig::add_rows(rows.weighted.data(), rows.e.data(), rows.size(), kRigLanes, b_rig_.data());
+  }
+
+  /// Adds the normal equations of a point, which is eliminated.
   void eliminate(std::size_t k, double damping) {
     const Eigen::Vector3d& p_w = p_.points[k];
     linear_.clear();
+    places_.clear();
+    rows_.clear();
+    epipolar_.clear();
+    for_observations(k, [&](std::size_t i) { linearise_observation(i, p_w); });
+    add(epipolar_);
+    if (linear_.size() < 2) return;
+    add(rows_);
     Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
     Eigen::Vector3d g = Eigen::Vector3d::Zero();
-    for_observations(k, [&](std::size_t i) {
-      const RigProblem::Observation& o = p_.observations[i];
-      const Residual r = residual(i, p_w);
-      // Where the point is expected: at the measured place noise would correlate with the slopes.
-      RigCorrection::Measured expected = o.measured;
-      expected.u += static_cast<float>(r.e[0]);
-      expected.v += static_cast<float>(r.e[1]);
-      expected.u_right += static_cast<float>(r.e[0] - r.e[2]);
-      expected.v_right += static_cast<float>(r.e[1] - r.e[3]);
-      const Eigen::Matrix<double, 4, kRig> J = free_columns(p_.rig.jacobian(expected));
-      Linear l;
-      l.place = place_[o.pose];
-      const Eigen::Matrix3d J_c = r.scale.asDiagonal() * reprojection_jacobian(p_.camera, r.p_c);
-      l.J_pose << -J_c * hat(r.p_c), J_c;
-      l.J_point = J_c * p_.T_c_w[o.pose].R();
-      l.J_rig = -(r.scale.asDiagonal() * J.template topRows<3>());
-      if (r.information[2] == 0) l.J_rig.row(2).setZero();
-      l.e = r.e.head<3>();
-      l.w = huber_weight(r.chi2()) * r.information.head<3>();
+    for (const Linear& l : linear_) {
       V.noalias() += l.J_point.transpose() * l.w.asDiagonal() * l.J_point;
       g.noalias() += l.J_point.transpose() * l.w.cwiseProduct(l.e);
-      linear_.push_back(l);
-      if (r.information[3] > 0) add_row(J.row(3), r);
-    });
-    if (linear_.size() < 2) return;
+    }
     V.diagonal() += (damping * V.diagonal().array() + kPointDamping).matrix();
-    const Eigen::LLT<Eigen::Matrix3d> factor(V);
-    const Eigen::Matrix3d L_inverse = factor.matrixL().solve(Eigen::Matrix3d::Identity());
+    const Eigen::Matrix3d L_inverse = inverse_of_cholesky(V);
     const Eigen::Vector3d y = L_inverse * g;
     // What is left of every unknown after the point: Z = L^-1 J_point^T W J.
     Z_.resize(linear_.size());
-    Eigen::Matrix<double, 3, kRig> Z_rig = Eigen::Matrix<double, 3, kRig>::Zero();
+    std::array<double, std::size_t{3} * kPadded> Z_rig{}, minus{};
     for (std::size_t a = 0; a < linear_.size(); ++a) {
       const Linear& l = linear_[a];
       const Eigen::Matrix3d half = L_inverse * l.J_point.transpose() * l.w.asDiagonal();
       Z_[a] = half * l.J_pose;
-      Z_rig += half.lazyProduct(l.J_rig);
-    }
-    const auto rig = static_cast<Eigen::Index>(6 * free_);
-    for (std::size_t a = 0; a < linear_.size(); ++a) {
-      const Linear& l = linear_[a];
-      const Eigen::Matrix<double, 3, kRig> weighted = l.w.asDiagonal() * l.J_rig;
-      H_.template block<kRig, kRig>(rig, rig).noalias() +=
-          l.J_rig.transpose().lazyProduct(weighted);
-      b_.template segment<kRig>(rig).noalias() += weighted.transpose() * l.e;
-      if (l.place < 0) continue;
-      H_.block<6, 6>(l.place, l.place).noalias() +=
-          l.J_pose.transpose() * l.w.asDiagonal() * l.J_pose;
-      H_.template block<kRig, 6>(rig, l.place) +=
-          weighted.transpose().lazyProduct(l.J_pose) - Z_rig.transpose().lazyProduct(Z_[a]);
-      b_.segment<6>(l.place).noalias() +=
-          l.J_pose.transpose() * l.w.cwiseProduct(l.e) - Z_[a].transpose() * y;
-      for (std::size_t c = 0; c < linear_.size(); ++c) {
-        const std::int32_t other = linear_[c].place;
-        if (other < 0 || other > l.place) continue;
-        H_.block<6, 6>(l.place, other).noalias() -= Z_[a].transpose() * Z_[c];
+      for (int r = 0; r < 3; ++r) {
+        const Eigen::Vector3d factors = half.row(r);
+        rig::add_rows(rows_.J.data() + 3 * kPadded * a, factors.data(), 3, kRigLanes,
+                      Z_rig.data() + std::ptrdiff_t{kPadded} * r);
       }
     }
-    H_.template block<kRig, kRig>(rig, rig).noalias() -= Z_rig.transpose().lazyProduct(Z_rig);
-    b_.template segment<kRig>(rig).noalias() -= Z_rig.transpose() * y;
+    for (std::size_t n = 0; n < Z_rig.size(); ++n) minus[n] = -Z_rig[n];
+    rig::add_squares(Z_rig.data(), minus.data(), 3, kRigLanes, H_rig_.data());
+    rig::add_rows(minus.data(), y.data(), 3, kRigLanes, b_rig_.data());
+    for (std::size_t a = 0; a < linear_.size(); ++a) add_pose(a, y, minus.data());
+    rig::subtract_pairs(places_.data(), Z_.front().data(), Z_.size(), H_.rows(), H_.data());
   }
 
-  void add_row(const Eigen::Matrix<double, 1, kRig>& J, const Residual& r) {
-    const double w = huber_weight(r.row_chi2()) * r.information[3];
-    const auto rig = static_cast<Eigen::Index>(6 * free_);
-    H_.template block<kRig, kRig>(rig, rig).noalias() += w * J.transpose() * J;
-    b_.template segment<kRig>(rig) += w * r.e[3] * J.transpose();
+  /// Adds what one pose has to do with itself, the parameters and the right-hand side.
+  /// \param minus_Z_rig 3 rows
+  void add_pose(std::size_t a, const Eigen::Vector3d& y, const double* minus_Z_rig) {
+    const Linear& l = linear_[a];
+    const std::int32_t place = places_[a];
+    if (place < 0) return;
+    H_.block<6, 6>(place, place).noalias() += l.J_pose.transpose() * l.w.asDiagonal() * l.J_pose;
+    b_.segment<6>(place).noalias() +=
+        l.J_pose.transpose() * l.w.cwiseProduct(l.e) - Z_[a].transpose() * y;
+    double* mixed = H_mixed_.data() + std::ptrdiff_t{kPadded} * place;
+    const PoseRows J = l.J_pose;
+    rig::add_products(rows_.weighted.data() + 3 * kPadded * a, J.data(), 3, kRigLanes, mixed);
+    rig::add_products(minus_Z_rig, Z_[a].data(), 3, kRigLanes, mixed);
   }
 
   /// The normal equations without the points, lower triangle.
   void linearise(double damping) {
     H_.setZero();
     b_.setZero();
+    H_rig_.assign(H_rig_.size(), 0);
+    H_mixed_.assign(H_mixed_.size(), 0);
+    b_rig_.assign(b_rig_.size(), 0);
     for (std::size_t k = 0; k < p_.points.size(); ++k) eliminate(k, damping);
+    using Padded = Eigen::Matrix<double, kPadded, Eigen::Dynamic>;
     const auto rig = static_cast<Eigen::Index>(6 * free_);
-    H_.template block<kRig, kRig>(rig, rig) += prior_information_;
-    b_.template segment<kRig>(rig) += prior_information_ * x_;
+    H_.template block<kRig, kRig>(rig, rig) =
+        Eigen::Map<const Padded>(H_rig_.data(), kPadded, kRig).template topRows<kRig>() +
+        prior_information_;
+    H_.bottomLeftCorner(kRig, rig) =
+        Eigen::Map<const Padded>(H_mixed_.data(), kPadded, rig).template topRows<kRig>();
+    b_.template segment<kRig>(rig) =
+        Eigen::Map<const RigVector>(b_rig_.data()) + prior_information_ * x_;
   }
 
   /// Solves for a step of all unknowns; false when the equations have no solution.
-  bool solve(double damping) {
+  /// \param last set to whether the step of the parameters is small against what they are known to
+  bool solve(double damping, bool& last) {
     linearise(damping);
     H_.diagonal() += damping * H_.diagonal().cwiseMax(Damping::kMinDiagonal);
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(H_);
     if (factor.info() != Eigen::Success) return false;
     step_ = factor.solve(-b_);
+    // The parameters come last, so that the factor's last block is that of their information alone.
+    const RigVector deviations = H_.template bottomRightCorner<kRig, kRig>()
+                                     .template triangularView<Eigen::Lower>()
+                                     .transpose() *
+                                 step_.template tail<kRig>();
+    last = deviations.norm() < kSmallStep;
     return step_.allFinite();
   }
 
@@ -324,13 +329,11 @@ class RigBundle {
     Parameters parameters = p_.prior.correction.parameters();
     for (int k = 0; k < kRig; ++k) parameters[parameters_[k]] += x_[k];
     p_.rig = RigCorrection(p_.camera, parameters);
-    corrected_.resize(p_.observations.size());
-    for (std::size_t i = 0; i < corrected_.size(); ++i) {
-      corrected_[i] = correct(p_.observations[i]);
-    }
+    residuals_.update();
   }
 
-  [[nodiscard]] Eigen::Matrix<double, 4, kRig> free_columns(const RigJacobian& J) const {
+  [[nodiscard]] Eigen::Matrix<double, 4, kRig> free_columns(
+      const RigCorrection::Jacobian& J) const {
     Eigen::Matrix<double, 4, kRig> chosen;
     for (int k = 0; k < kRig; ++k) chosen.col(k) = J.col(parameters_[k]);
     return chosen;
@@ -338,7 +341,7 @@ class RigBundle {
 
   [[nodiscard]] double point_cost(std::size_t k, const Eigen::Vector3d& p_w) const {
     double sum = 0;
-    for_observations(k, [&](std::size_t i) { sum += huber(residual(i, p_w).chi2()); });
+    for_observations(k, [&](std::size_t i) { sum += huber(residuals_.at(i, p_w).chi2()); });
     return sum;
   }
 
@@ -352,7 +355,7 @@ class RigBundle {
         Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
         Eigen::Vector3d g = Eigen::Vector3d::Zero();
         for_observations(k, [&](std::size_t i) {
-          const Residual r = residual(i, p_.points[k]);
+          const RigResidual r = residuals_.at(i, p_.points[k]);
           const Eigen::Matrix3d J = r.scale.asDiagonal() * reprojection_jacobian(p_.camera, r.p_c) *
                                     p_.T_c_w[p_.observations[i].pose].R();
           const Eigen::Vector3d w = huber_weight(r.chi2()) * r.information.head<3>();
@@ -398,8 +401,8 @@ class RigBundle {
     double sum = 0;
     for_each([&](std::size_t k, std::size_t i) {
       if (active_[i] == 0) return;
-      const Residual r = residual(i, p_.points[k]);
-      residuals += r.information[2] > 0 ? 3 : 2;
+      const RigResidual r = residuals_.at(i, p_.points[k]);
+      residuals += r.has_disparity() ? 3 : 2;
       sum += huber(r.chi2());
     });
     const int unknowns = static_cast<int>(6 * free_ + 3 * static_cast<int>(p_.points.size()));
@@ -420,16 +423,21 @@ class RigBundle {
   const std::atomic<bool>* stop_;
   std::vector<std::int32_t> place_;  // per pose: its first unknown, -1: fixed
   int free_ = 0;
-  int size_ = 0;
   RigMatrix prior_information_;
-  RigVector x_;                       // free parameters less those of the prior
-  std::vector<Corrected> corrected_;  // per observation, by the present correction
-  State before_;                      // the step
+  RigVector x_;  // free parameters less those of the prior
+  RigResiduals residuals_;
+  State before_;  // the step
   std::vector<std::uint8_t> active_;
-  std::vector<Linear> linear_;  // of the point worked on
-  std::vector<Eigen::Matrix<double, 3, 6>> Z_;
+  // Of the point worked on: its observations, their rows, and those of rows in the right image.
+  std::vector<Linear> linear_;
+  Rows rows_, epipolar_;
+  std::vector<PoseRows> Z_;
+  std::vector<std::int32_t> places_;  // of the poses of the point's observations
   Eigen::MatrixXd H_;
   Eigen::VectorXd b_, step_;
+  // Blocks of H_ and b_ while they are summed up, columns padded: parameters by parameters, lower
+  // triangle, and by poses.
+  std::vector<double> H_rig_, H_mixed_, b_rig_;
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "map_file/map_file.h"
 #include "mapping/observations_of_map.h"
 #include "saved_map/adjust_map.h"
+#include "saved_map/associate_map.h"
 #include "saved_map/merge_map.h"
 
 namespace kys_slam {
@@ -77,6 +78,10 @@ MapObservations SavedMap::observations(const MapSelection& selection) const {
 
 void SavedMap::update(const MapObservations& adjusted) {
   adjust_map(impl_->stored.map, adjusted);
+}
+
+AssociationReport SavedMap::associate() {
+  return associate_map(impl_->stored.map);
 }
 
 MergeReport SavedMap::merge(const SavedMap& other, const std::atomic<bool>* stop) {

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 #include <kys_slam/error.h>
-#include <kys_slam/same_picture.h>
+#include <kys_slam/same_image.h>
 
 #include <algorithm>
 
@@ -82,15 +82,15 @@ void System::Impl::note_masks(const StereoMasks& masks, FrameReport& report) con
   }
 }
 
-/// A frame whose images are one picture shows nothing but depths that are wrong: it is lost. A
+/// A frame whose two images are the same shows nothing but depths that are wrong: it is lost. A
 /// recording that begins with nothing else is not one of two cameras.
-bool System::Impl::drop_same_picture(const StereoFrame& frame, FrontEndResult& seen) {
+bool System::Impl::drop_same_image(const StereoFrame& frame, FrontEndResult& seen) {
   constexpr std::int64_t kMost = 5;  // frames
-  if (frame.left_features || !is_same_picture(frame.left, frame.right)) return false;
-  if (same_pictures == count && ++same_pictures >= kMost) {
+  if (frame.left_features || !is_same_image(frame.left, frame.right)) return false;
+  if (same_images == count && ++same_images >= kMost) {
     throw InputError(
         fmt::format("frame {}: {}, as in all frames before; give the images of two cameras",
-                    frame.name.empty() ? std::to_string(frame.index) : frame.name, kSamePicture));
+                    frame.name.empty() ? std::to_string(frame.index) : frame.name, kSameImage));
   }
   seen.features =
       std::make_shared<const FrameFeatures>(FrameFeatures(camera, FeatureSet{}, {}, {}));

@@ -11,7 +11,7 @@
 
 namespace kys_slam {
 
-inline constexpr const char* kSamePicture = "the left and the right image are the same picture";
+inline constexpr const char* kSameImage = "the left and the right image are the same image";
 
 /// Appends a phrase to a report's warning.
 void add_phrase(std::string& text, const std::string& phrase);

@@ -409,7 +409,7 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
     watch.lap_ms();  // the paper's delay stands outside the tracking time
   }
   FrontEndResult seen = s.front_end.process(frame, masks);
-  const bool same = s.drop_same_picture(frame, seen);
+  const bool same = s.drop_same_image(frame, seen);
   const std::vector<SegmentQueue::Delivery> arrived = s.take_segments(seen);
   Stopwatch track_watch;
   FrameReport report;
@@ -425,8 +425,8 @@ FrameReport System::Impl::feed(const StereoFrame& frame, const StereoMasks& mask
   }
   s.note_masks(masks, report);
   if (same) {
-    report.reason = kSamePicture;
-    add_phrase(report.warning, kSamePicture);
+    report.reason = kSameImage;
+    add_phrase(report.warning, kSameImage);
   }
   add_phrase(report.warning, std::exchange(s.first_note, ""));
   add_phrase(report.warning, note_of_times(s.reports));

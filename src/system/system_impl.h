@@ -80,7 +80,7 @@ struct System::Impl {
   void note(const TrackResult& tracked, const FrontEndResult& seen, FrameReport& report) const;
   void note_uncertainty(const TrackResult& tracked, FrameReport& report) const;
   void note_masks(const StereoMasks& masks, FrameReport& report) const;
-  bool drop_same_picture(const StereoFrame& frame, FrontEndResult& seen);
+  bool drop_same_image(const StereoFrame& frame, FrontEndResult& seen);
   /// Both as 8-bit grey, by the bits that the first pair uses.
   void set_images(const ImageView& left, const ImageView& right, StereoFrame& frame);
 
@@ -121,12 +121,12 @@ struct System::Impl {
   std::vector<FrameReport> reports;
   RelativeFramePoses frame_poses;  // of every frame fed
   std::vector<std::int64_t>
-      keyframe_frames;             // indices of frames, by keyframe id from first_keyframe
-  std::int64_t count = 0;          // frames fed: the index everything inside goes by
-  KeyFrameId first_keyframe{0};    // older ones come from a loaded map
-  std::int64_t same_pictures = 0;  // frames from the first one on whose images are one picture
-  int bits = 0;                    // of 16-bit views, 8 to 16; 0: no pair yet that shows it
-  std::string first_note;          // a warning of the next frame's report
+      keyframe_frames;           // indices of frames, by keyframe id from first_keyframe
+  std::int64_t count = 0;        // frames fed: the index everything inside goes by
+  KeyFrameId first_keyframe{0};  // older ones come from a loaded map
+  std::int64_t same_images = 0;  // frames from the first one on whose two images are the same
+  int bits = 0;                  // of 16-bit views, 8 to 16; 0: no pair yet that shows it
+  std::string first_note;        // a warning of the next frame's report
   InterruptibleWait stall;
   Restart restart{options.relocalization.patience};
 };

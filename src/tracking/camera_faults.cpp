@@ -54,6 +54,9 @@ CameraFaults::Trace CameraFaults::trace(const FeatureSet& features) {
   return trace;
 }
 
+/// Both cameras see the same scene, so where one has many features the other has some: a half
+/// without any is a covered lens or a damaged transfer, not a dark scene. Equal descriptors in two
+/// frames in a row are a repeated image; the other camera tells whether the scene stood still.
 std::string CameraFaults::check(const FeatureSet& left, const FeatureSet& right, int width,
                                 int height) {
   constexpr std::array<const char*, 2> kNames{"left", "right"};

@@ -12,7 +12,10 @@ namespace kys_slam {
 FrameInstances::FrameInstances(const StereoCamera& camera, const ScaleLevels& scales,
                                const TrackerOptions& options, const kys::DistanceModel& model,
                                const kys::InitialBelief& start)
-    : model_(&model), start_(start), max_vote_(options.max_vote), prior_gap_(options.prior_gap) {
+    : model_(&model),
+      start_(start),
+      max_vote_(options.max_instance_evidence),
+      prior_gap_(options.prior_gap) {
   if (model.uses_belief()) tracker_.emplace(camera, scales, options.instances, start, model);
 }
 

@@ -43,7 +43,7 @@ class FrameInstances {
   std::vector<InstanceState> judge(const TrackingContext& context, const TrackedFrame& frame,
                                    kys::Statistics& statistics);
   /// Keeps a judged frame for the comparison with later ones.
-  /// \param again it shows the picture of the frame before, of which one is kept
+  /// \param again it shows the image of the frame before, of which one is kept
   void keep(const FramePose& pose, bool again);
   /// Call it for a lost frame.
   void forget_frames();

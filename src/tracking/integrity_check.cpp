@@ -50,11 +50,11 @@ void describe(kys::OptionList& list, IntegrityOptions& o) {
            "landmarks below which a pose is degraded");
   list.add("integrity.min_share", o.min_share, {0, 1}, "",
            "share of inliers in the matches below which a pose is degraded");
-  list.add("integrity.unexplained", o.unexplained, {0, 1}, "",
+  list.add("integrity.outlier_area", o.unexplained, {0, 1}, "",
            "share of the image area without inliers from which another motion is searched");
-  list.add("integrity.rival", o.rival, {0, 1000}, "",
+  list.add("integrity.other_motion_area", o.other_area, {0, 1000}, "",
            "image area of another motion, as a part of that of the pose, that contradicts it");
-  list.add("integrity.rival_behind", o.rival_behind, {0, 1000}, "",
+  list.add("integrity.other_motion_area_behind", o.other_area_behind, {0, 1000}, "",
            "the same when it is of what lies behind: objects move in front of the scene");
   list.add("integrity.points", o.points, {3, 60000}, "",
            "points of the last frame in which another motion is searched");
@@ -65,7 +65,7 @@ void describe(kys::OptionList& list, IntegrityOptions& o) {
            "points that another motion has to fit");
   list.add("integrity.min_cells", o.min_cells, {1, 1000}, "",
            "cells of the image in which they have to lie");
-  list.add("integrity.still", o.still, {0, 1000}, "px",
+  list.add("integrity.max_still_shift", o.still, {0, 1000}, "px",
            "mean shift in the image up to which something keeps its place");
   list.add("integrity.still_frames", o.still_frames, {1, 1e6}, "frames",
            "in which something keeps its place while the camera moves, until a warning names it "
@@ -85,12 +85,15 @@ bool contradicts(const OtherMotion& other, const IntegrityOptions& o) {
   const bool lies_behind = other.behind - other.in_front >= kLead;
   const bool flows_by = other.in_front <= other.behind && other.shift > kFlow * o.still &&
                         other.shift > kFlow * other.pose_shift;
-  const double least = lies_behind || flows_by ? o.rival_behind : o.rival;
+  const double least = lies_behind || flows_by ? o.other_area_behind : o.other_area;
   return static_cast<double>(other.cells.size()) >= least * other.explained;
 }
 
 }  // namespace
 
+/// Reasons in the order of their weight; the first one stands. No pose changes by them: a rule that
+/// rejects a pose has to be right nearly always (PoseJudge), a flag for a filter may be wrong now
+/// and then (docs/pose_quality.md).
 IntegrityResult IntegrityCheck::check(const TrackingContext& c, const TrackedFrame& frame,
                                       const Evidence& evidence, bool jumped, bool follows,
                                       kys::Statistics& statistics) {
@@ -131,7 +134,10 @@ IntegrityResult IntegrityCheck::check(const TrackingContext& c, const TrackedFra
   return result;
 }
 
-/// Cells in which something keeps its place, frame after frame, while the camera moves.
+/// The own bonnet, a sticker on the lens or a vehicle at the camera's pace: what they have in
+/// common is a place in the image. A cell counts up while it stays and down otherwise, so that a
+/// single wrong search changes nothing. Cells in which something keeps its place, frame after
+/// frame, while the camera moves.
 void IntegrityCheck::remember_still(const TrackingContext& c, const OtherMotion& other) {
   const IntegrityOptions& o = c.options.integrity;
   const std::size_t size = ImageCells(c.camera, kAreaColumns).size();

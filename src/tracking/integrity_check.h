@@ -37,7 +37,7 @@ class IntegrityCheck {
 
   // Per cell of the image: frames, less those without it, in which something kept its place there.
   std::vector<int> still_;
-  std::vector<std::uint8_t> known_;  // 1: told, takes no part any more
+  std::vector<std::uint8_t> known_;  // 1: reported, takes no part any more
 };
 
 }  // namespace kys_slam

@@ -16,8 +16,8 @@ struct IntegrityOptions {
   double unexplained = 0.1;  ///< share of the area without inliers from which motions are compared
   /// Area of another motion, as a part of that of the pose, that contradicts the pose; the same
   /// when it is of what lies behind.
-  double rival = 0.8;
-  double rival_behind = 0.15;
+  double other_area = 0.8;
+  double other_area_behind = 0.15;
   int points = 100;        ///< most points of the last frame that are compared
   int samples = 60;        ///< of three matches, tried as the other motion
   std::uint64_t seed = 0;  ///< of the samples

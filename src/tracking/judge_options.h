@@ -18,17 +18,17 @@ void describe(kys::OptionList& list, SceneSupportOptions& options);
 struct JudgeOptions {
   /// share of inliers below which a pose that needs an impossible acceleration is doubted; a pose
   /// found elsewhere needs it to be compared
-  double doubtful_share = 0.4;
-  double fallen_share = 0.5;     ///< of the share in the last frame; below, a pose is doubted
+  double min_inlier_share = 0.4;
+  double inlier_drop = 0.5;      ///< of the share in the last frame; below, a pose is doubted
   double explained_share = 0.8;  ///< of inliers with which another pose replaces a doubted one
-  int sampled = 4;               ///< every n-th landmark is searched first to test a doubt
+  int sample_stride = 4;         ///< every n-th landmark is searched first to test a doubt
   /// Something moves along with the camera when this share of the other matches fits a camera that
-  /// has gone less than `stays` of the way.
-  double moves_along = 0.5;
-  double stays = 0.5;
+  /// has gone less than `co_moving_step` of the way.
+  double co_moving_share = 0.5;
+  double co_moving_step = 0.5;
   /// share of inliers with which a pose near the expected one may have few: several times the share
   /// of wrong matches that fit a pose by chance
-  double held_share = 0.15;
+  double expected_share = 0.15;
   SceneSupportOptions support;  ///< used when the mode has beliefs
 };
 /// For check_options().

@@ -70,7 +70,7 @@ KeyFrameSituation KeyFrameMaker::situation(const TrackingContext& c, const Track
                            : static_cast<int>(c.replica.keyframes().size());
   s.inliers = inliers;
   s.waiting = waiting;
-  if (inliers < c.options.keyframes.scarce) s.addable = count_addable(c, frame);
+  if (inliers < c.options.keyframes.min_tracked) s.addable = count_addable(c, frame);
   const std::size_t min_observers = s.keyframes_in_map <= 2 ? 2 : 3;
   const std::vector<LandmarkId>& expected = c.replica.keyframes().at(c.reference).landmarks;
   c.replica.landmarks().visit(expected, [&](LandmarkId, const LandmarkView& landmark) {
@@ -155,7 +155,7 @@ void KeyFrameMaker::add_stereo_landmarks(const TrackingContext& c, const Tracked
   // The first keyframe gives the map all it has: nothing else is there to track. Where little is
   // tracked the next ones do so as well.
   const bool all =
-      !message.reference.valid() || frame.landmark_count() < c.options.keyframes.scarce;
+      !message.reference.valid() || frame.landmark_count() < c.options.keyframes.min_tracked;
   constexpr std::size_t kNearest = 100;
   const float close = close_depth(c);
   const Rigid3 T_w_c = frame.T_c_w.inverse();

@@ -28,7 +28,7 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
            "they are more than keyframes.untracked_close; 0: off");
   list.add("keyframes.min_inliers", o.min_inliers, {3, 60000}, "",
            "inliers of the pose below which no keyframe is made");
-  list.add("keyframes.scarce", o.scarce, {0, 60000}, "",
+  list.add("keyframes.min_tracked", o.min_tracked, {0, 60000}, "",
            "landmarks in a frame below which a keyframe is made when it adds half as many; 0: off");
   list.add(
       "keyframes.every_frame", o.every_frame,
@@ -37,6 +37,13 @@ void describe(kys::OptionList& list, KeyFramePolicyOptions& o) {
            "keyframes queued in the back end above which no keyframe is made");
 }
 
+/// A keyframe adds landmarks before those in view run out. ORB-SLAM2 asks two questions (Sec.
+/// III-G): are fewer of the reference keyframe's landmarks tracked, and are near stereo points
+/// short, which alone fix the translation. A second close-point rule compares what could be added
+/// with what is tracked (`untracked_ratio`): a camera that turns into a new street still tracks 100
+/// near points of the old one. `min_tracked` is for views that vehicles fill, where few landmarks
+/// are left and each new one counts. Age alone makes no keyframe; counts, not times, decide, so
+/// that a run is the same on every machine.
 bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) {
   const bool few_tracked =
       s.tracked_close < o.tracked_close ||
@@ -51,8 +58,8 @@ bool needs_keyframe(const KeyFrameSituation& s, const KeyFramePolicyOptions& o) 
   const bool moved_on = s.inliers < ratio * s.reference_landmarks || close_points_short;
 
   // Few landmarks, and half as many can be added.
-  const bool scarce = s.inliers < o.scarce && 2 * s.addable > s.inliers;
-  return (((overdue || mapper_idle || starved) && moved_on) || scarce || o.every_frame) &&
+  const bool few_landmarks = s.inliers < o.min_tracked && 2 * s.addable > s.inliers;
+  return (((overdue || mapper_idle || starved) && moved_on) || few_landmarks || o.every_frame) &&
          s.inliers > o.min_inliers && s.waiting <= o.max_waiting;
 }
 

@@ -17,7 +17,7 @@ struct KeyFramePolicyOptions {
   double untracked_ratio = 3;
   int min_inliers = 15;  ///< with fewer, no keyframe is made
   /// landmarks in a frame below which addable points call for a keyframe; 0: off
-  int scarce = 100;
+  int min_tracked = 100;
   bool every_frame = false;  ///< every tracked frame becomes one: accurate, twice the mapping
   int max_waiting = 4;       ///< keyframes the back end may still have in hand; below the delay of
                              ///< the pipelined schedule, a map with few landmarks would get none
@@ -33,7 +33,7 @@ struct KeyFrameSituation {
   int reference_landmarks = 0;  ///< well-observed landmarks of the reference keyframe
   int tracked_close = 0;        ///< close stereo points of this frame with a landmark
   int untracked_close = 0;      ///< close stereo points without one
-  /// stereo points without a landmark, close or far; counted below `scarce` landmarks
+  /// stereo points without a landmark, close or far; counted below `min_tracked` landmarks
   int addable = 0;
   int waiting = 0;  ///< keyframes sent to the back end and not yet finished
 };

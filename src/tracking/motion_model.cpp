@@ -44,6 +44,9 @@ void MotionModel::add(std::int64_t index, double taken, const Rigid3& T_c_w, Lin
   last_ = {index, taken, T_c_w};
 }
 
+/// Constant velocity over the time between the images, not over frames: a missing image is a longer
+/// step. The uncertainty (`reach`, s^2, times an acceleration) grows with the interval and with the
+/// age of the velocity. A step of one period keeps the last motion as it is, without exp and log.
 std::optional<ExpectedPose> MotionModel::expected(double taken, double longest) const {
   if (!velocity_ || !last_) return std::nullopt;
   const double interval = taken - last_->taken;
@@ -75,6 +78,9 @@ bool MotionModel::is_near(const Rigid3& T_c_w, double taken, double acceleration
   return centre_distance(T_c_w, pose->T_c_w) <= acceleration * pose->reach;
 }
 
+/// No vehicle or drone that is meant here accelerates at more than 15 m/s^2; a pose that follows
+/// the wrong object often does so in its first frame. `steps` of the last motion are allowed
+/// besides, for callers that do not know whether the camera has gone on or stopped.
 bool MotionModel::is_impossible(const Rigid3& T_c_w, double taken, double steps) const {
   const std::optional<ExpectedPose> pose = expected(taken, options_.longest_check);
   if (!pose) return false;

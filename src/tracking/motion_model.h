@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "optimization/pose_consensus.h"
-#include "tracking/picture_clock.h"
+#include "tracking/image_clock.h"
 
 namespace kys_slam {
 
@@ -24,7 +24,7 @@ struct MotionModelOptions {
 /// For check_options().
 void describe(kys::OptionList& list, MotionModelOptions& options);
 
-/// Constant velocity since the last frame with a pose, and the time at which pictures were taken.
+/// Constant velocity since the last frame with a pose, and the time at which images were taken.
 /// It knows nothing of landmarks: it says where the camera should be and which motions are
 /// impossible.
 class MotionModel {
@@ -38,9 +38,9 @@ class MotionModel {
     kStarted,      ///< in a new world, in which the velocity of the last two frames goes on
   };
 
-  /// Time (s) at which the picture of a frame was taken. A repeated picture shows what the camera
+  /// Time (s) at which the image of a frame was taken. A repeated image shows what the camera
   /// saw before: the next one shows what it has done since. A camera that gives the same one for
-  /// longer stands still. No picture is taken before one that was there earlier.
+  /// longer stands still. No image is taken before one that was there earlier.
   double time_of(std::int64_t index, double timestamp, bool repeated);
 
   /// Adds a frame with a pose.
@@ -49,7 +49,7 @@ class MotionModel {
   void move_last(const Rigid3& T_c_w) { last_->T_c_w = T_c_w; }
   void forget_velocity() { velocity_.reset(); }
 
-  /// Pose of a picture taken at a time (s); none without a velocity, or when the last frame with a
+  /// Pose of an image taken at a time (s); none without a velocity, or when the last frame with a
   /// pose is too long ago.
   [[nodiscard]] std::optional<ExpectedPose> expected(double taken) const {
     return expected(taken, options_.longest);
@@ -81,7 +81,7 @@ class MotionModel {
   [[nodiscard]] std::optional<ExpectedPose> expected(double taken, double longest) const;
 
   MotionModelOptions options_;
-  PictureClock clock_;
+  ImageClock clock_;
   std::optional<Last> last_;          // last frame with a pose
   std::optional<Velocity> velocity_;  // of the last two tracked frames, perhaps of another sub-map
 };

@@ -50,7 +50,10 @@ CellCounts count_cells(const TrackingContext& c, const TrackedFrame& frame, cons
   return counts;
 }
 
-/// Points of the last frame in cells that the pose does not explain, a limited number, evenly.
+/// What contradicts a pose is area without inliers, not the number of outliers: repeated texture
+/// gives outliers all over the image, another motion gives a region without inliers. Such points
+/// are searched again by descriptor alone, since a search near the pose would find what agrees with
+/// it. Points of the last frame in cells that the pose does not explain, a limited number, evenly.
 std::vector<std::size_t> open_points(const TrackingContext& c, const ImageCells& cells,
                                      const CellCounts& counts) {
   const TrackedFrame& last = *c.last;

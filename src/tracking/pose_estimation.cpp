@@ -22,6 +22,9 @@ const char* to_string(PoseSource source) {
   return "";
 }
 
+/// A landmark is no exact point: one that a single keyframe has seen adds half the variance of a
+/// keypoint, n keyframes the n-th part of that. Where landmarks count as exact, the 95 % bound
+/// rejects good matches with new ones (docs/differences.md, noise of landmarks).
 StereoPixel pixel_of(const TrackingContext& context, const FrameFeatures& features,
                      std::size_t feature, std::size_t observers) {
   StereoPixel pixel = features.stereo_pixel(feature, context.scales);
@@ -85,9 +88,10 @@ bool needs_hold(const TrackingContext& context, const PosePrior& prior, double r
                 const PoseResult& pose, std::size_t observations) {
   const double away = centre_distance(pose.T_c_w, prior.T_c_w);
   const bool elsewhere =
-      pose.inliers < context.options.judge.doubtful_share * static_cast<double>(observations) &&
+      pose.inliers < context.options.judge.min_inlier_share * static_cast<double>(observations) &&
       away > context.options.consensus.max_acceleration * reach;
-  return !elsewhere && position_sigma(pose) > context.options.hold_share * prior.sigma_position;
+  return !elsewhere &&
+         position_sigma(pose) > context.options.max_relative_sigma * prior.sigma_position;
 }
 
 }  // namespace

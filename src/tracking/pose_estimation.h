@@ -24,7 +24,7 @@ int assign_matches(std::span<const SearchMatch> matches, std::span<const Landmar
 
 /// Pose of a candidate from its landmarks, beginning with its pose; outliers lose their landmark.
 /// Sets its pose, prior, inliers and the evidence of them.
-/// \param taken s, when the picture was taken
+/// \param taken s, when the image was taken
 /// \param expects false: the expected pose is not used
 void estimate(const TrackingContext& context, const FrameFeatures& features, double taken,
               PoseCandidate& candidate, bool expects = true);

@@ -10,20 +10,20 @@
 namespace kys_slam {
 
 void describe(kys::OptionList& list, JudgeOptions& o) {
-  list.add("tracking.doubtful_share", o.doubtful_share, {0, 1}, "",
+  list.add("tracking.min_inlier_share", o.min_inlier_share, {0, 1}, "",
            "share of inliers below which a pose far from the expected one is doubted");
-  list.add("tracking.fallen_share", o.fallen_share, {0, 1}, "",
+  list.add("tracking.inlier_drop", o.inlier_drop, {0, 1}, "",
            "share of inliers, as a part of that of the last frame, below which a pose is doubted");
   list.add("tracking.explained_share", o.explained_share, {0, 1}, "",
            "share of inliers with which another pose replaces a doubted one");
-  list.add("tracking.sampled", o.sampled, {1, 1000}, "",
+  list.add("tracking.sample_stride", o.sample_stride, {1, 1000}, "",
            "every n-th landmark of the reference keyframe is searched first to test a doubt");
-  list.add("tracking.moves_along", o.moves_along, {0, 1}, "",
+  list.add("tracking.co_moving_share", o.co_moving_share, {0, 1}, "",
            "share of the other matches that fit a slower camera, from which an object that moves "
            "along explains them");
-  list.add("tracking.stays", o.stays, {0, 1}, "",
+  list.add("tracking.co_moving_step", o.co_moving_step, {0, 1}, "",
            "part of the way that this slower camera goes at most");
-  list.add("tracking.held_share", o.held_share, {0, 1}, "",
+  list.add("tracking.expected_share", o.expected_share, {0, 1}, "",
            "share of inliers from which a pose near the expected one may have few inliers");
   describe(list, o.support);
 }
@@ -66,13 +66,18 @@ Prediction PoseJudge::predict(const TrackingContext& c, const TrackedFrame& fram
   return prediction;
 }
 
+/// When the camera turns back or stops suddenly, matches near the expected pose fit by chance, and
+/// their share of inliers falls from one frame to the next. The share also falls when an object
+/// covers much of the view: then the lost matches agree in a motion of their own, a camera that
+/// hardly moves, and the pose is right. An impossible acceleration is evidence by itself, so that a
+/// lower share is enough.
 PoseJudge::Doubt PoseJudge::doubt_about(const TrackingContext& c, const TrackedFrame& frame,
                                         const PoseCandidate& candidate, double share_before) const {
   const JudgeOptions& o = c.options.judge;
   Doubt doubt;
   doubt.impossible = c.motion.is_impossible(candidate.T_c_w, frame.taken);
-  doubt.fallen = doubt.impossible ? share_ < o.doubtful_share
-                                  : share_ < o.fallen_share * share_before &&
+  doubt.fallen = doubt.impossible ? share_ < o.min_inlier_share
+                                  : share_ < o.inlier_drop * share_before &&
                                         !others_move_along(c, frame, candidate);
   return doubt;
 }
@@ -90,9 +95,9 @@ bool PoseJudge::others_move_along(const TrackingContext& c, const TrackedFrame& 
   }
   const Rigid3& last = c.last->T_c_w;
   const PoseResult pose = optimize_pose(c.camera, last, others);
-  return pose.inliers >= c.options.judge.moves_along * static_cast<double>(others.size()) &&
+  return pose.inliers >= c.options.judge.co_moving_share * static_cast<double>(others.size()) &&
          centre_distance(pose.T_c_w, last) <
-             c.options.judge.stays * centre_distance(candidate.T_c_w, last);
+             c.options.judge.co_moving_step * centre_distance(candidate.T_c_w, last);
 }
 
 /// Nothing is expected, or nothing was found there.
@@ -132,17 +137,17 @@ void PoseJudge::compare_with_reference(const TrackingContext& c, const TrackedFr
     return c.motion.is_impossible(other.candidate.T_c_w, frame.taken);
   };
   if (!doubt.impossible) {
-    const double sampled = share_of(o.sampled);
+    const double sampled = share_of(o.sample_stride);
     const bool explains =
-        sampled >= o.explained_share || (sampled >= o.doubtful_share && is_elsewhere());
+        sampled >= o.explained_share || (sampled >= o.min_inlier_share && is_elsewhere());
     if (!explains) return;
   }
   const double share = share_of(1);
   const int inliers = prediction.candidate->evidence.inliers;
   if (share >= o.explained_share && other.candidate.evidence.inliers > inliers) {
     replace(std::move(other), "doubtful motion model", prediction);
-  } else if (!doubt.impossible && share >= o.doubtful_share && is_elsewhere()) {
-    replace_by_map(c, frame, o.doubtful_share, prediction);
+  } else if (!doubt.impossible && share >= o.min_inlier_share && is_elsewhere()) {
+    replace_by_map(c, frame, o.min_inlier_share, prediction);
   }
 }
 
@@ -175,13 +180,16 @@ bool PoseJudge::is_possible(const TrackingContext& c, const TrackedFrame& frame,
   return c.options.motion.acceleration <= 0 || !c.motion.is_impossible(T_c_w, frame.taken, 1);
 }
 
+/// ORB-SLAM calls a frame lost below 30 inliers. Near the expected pose half of them are enough:
+/// wrong matches agree in one pose by chance, but not in the expected one. `expected_share` is
+/// several times the share of wrong matches that do so.
 Objection PoseJudge::objection(const TrackingContext& c, const TrackedFrame& frame,
                                const PoseCandidate& candidate) {
   const Evidence& evidence = candidate.evidence;
   const bool sure =
       c.motion.is_near(candidate.T_c_w, frame.taken, c.options.consensus.max_acceleration) &&
-      evidence.inliers >= c.options.judge.held_share * evidence.matches;
-  const int wanted = sure ? c.options.min_held_inliers : c.options.min_local_inliers;
+      evidence.inliers >= c.options.judge.expected_share * evidence.matches;
+  const int wanted = sure ? c.options.min_predicted_inliers : c.options.min_local_inliers;
   if (evidence.inliers < wanted) {
     return {"local map: " + std::to_string(evidence.inliers) + " inliers"};
   }

@@ -31,7 +31,7 @@ struct MapSource {
   [[nodiscard]] Attempt find(const TrackingContext& context, const TrackedFrame& frame) const;
 };
 
-/// When pictures are missing and the last frame was no keyframe, too few of its landmarks are seen
+/// When images are missing and the last frame was no keyframe, too few of its landmarks are seen
 /// again, while its other stereo points are still in view. They are looked for where constant
 /// velocity expects them; points that are landmarks too become those of the frame. Call it when a
 /// pose is expected.

@@ -16,6 +16,10 @@ void describe(kys::OptionList& list, SceneSupportOptions& o) {
            "after the last support of the fixed scene in which objects alone may hold a pose");
 }
 
+/// Vehicles around the camera that move together fit a pose that moves with them, with more inliers
+/// than the road between them gives. So the pose is tested by what cannot move. The bound is the
+/// smaller of two: a share of what is in view, or as many as objects have, since where objects
+/// support little there is nothing to outvote (README, rules of the judge).
 bool SceneSupport::is_enough(const SceneSupportOptions& options) const {
   const double needed = std::min(static_cast<double>(on_objects), options.share * in_view);
   return inliers >= needed;

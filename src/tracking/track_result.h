@@ -28,7 +28,7 @@ struct TrackResult {
   TrackingStatus status = TrackingStatus::kLost;
   bool relocalised = false;  ///< tracking failed, and relocalisation succeeded
   std::string reason;        ///< why it is lost, or how the pose was found
-  double taken = 0;          ///< s, when its picture was taken: the time stamp without its jitter
+  double taken = 0;          ///< s, when its image was taken: the time stamp without its jitter
   Rigid3 T_c_w;              ///< undefined when lost
   FramePose pose;
   std::optional<PoseUncertainty> uncertainty;  ///< when tracked

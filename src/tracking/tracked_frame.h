@@ -33,7 +33,7 @@ struct FramePose {
 struct TrackedFrame {
   std::int64_t index = 0;
   double timestamp = 0;  ///< s
-  double taken = 0;      ///< s, when its picture was taken: MotionModel::time_of
+  double taken = 0;      ///< s, when its image was taken: MotionModel::time_of
   std::shared_ptr<const FrameFeatures> features;
   std::vector<LandmarkId> landmarks;  ///< per feature; invalid: none
   Rigid3 T_c_w;

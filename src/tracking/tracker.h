@@ -24,33 +24,10 @@
 #include "tracking/replica_poses.h"
 #include "tracking/track_result.h"
 #include "tracking/tracked_frame.h"
+#include "tracking/tracker_input.h"
 #include "tracking/tracker_options.h"
 
 namespace kys_slam {
-
-/// A frame from the front end.
-struct TrackerInput {
-  std::int64_t index = 0;
-  double timestamp = 0;  ///< s
-  std::shared_ptr<const FrameFeatures> features;
-  const ImagePyramid* left = nullptr;         ///< of the left image; null: features without images
-  bool repeated = false;                      ///< the left image is that of the frame before
-  std::span<const kys::Prior> segments = {};  ///< of the left image, with or without keypoints
-};
-
-/// Priors of the features of an earlier frame, from segments that came after it was tracked.
-struct LatePriors {
-  std::int64_t frame = 0;
-  std::optional<KeyFrameId> keyframe;  ///< that it became
-  std::vector<kys::Prior> priors;      ///< one per feature
-};
-
-/// Place and pose of a frame recognised in the map.
-struct KnownPlace {
-  KeyFrameId reference;
-  Rigid3 T_c_w;
-  std::vector<LandmarkId> landmarks;  ///< per feature; invalid: none
-};
 
 /// Estimates the pose of every frame against its replica of the map and decides on keyframes.
 /// Without threads: `track` depends on the frame, the replica and the last frame only.

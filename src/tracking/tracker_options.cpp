@@ -18,7 +18,7 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
            "inliers of a predicted pose below which it is dropped");
   list.add("tracking.min_local_inliers", o.min_local_inliers, {3, 60000}, "",
            "inliers with the local map below which a frame is lost");
-  list.add("tracking.min_held_inliers", o.min_held_inliers, {3, 60000}, "",
+  list.add("tracking.min_predicted_inliers", o.min_predicted_inliers, {3, 60000}, "",
            "the same for a pose predicted by constant velocity (tracking.acceleration > 0)");
   list.add("tracking.local_radius", o.local_radius, {0.1, 100}, "",
            "factor on the search radius of local landmarks (2.5 or 4 px, octave 0)");
@@ -33,10 +33,10 @@ void describe(kys::OptionList& list, TrackerOptions& o) {
            "keypoints are aligned with the image patches of their landmarks");
   list.add("tracking.landmark_noise", o.landmark_noise, {0, 100}, "",
            "variance that a landmark of one observation adds to a keypoint's (n: the n-th part)");
-  list.add("tracking.hold_share", o.hold_share, {0, 1e6}, "",
+  list.add("tracking.max_relative_sigma", o.max_relative_sigma, {0, 1e6}, "",
            "uncertainty of the position, as a part of that of the expected one, above which the "
            "expected pose holds a frame");
-  list.add("tracking.max_vote", o.max_vote, {0, 100}, "nats",
+  list.add("tracking.max_instance_evidence", o.max_instance_evidence, {0, 100}, "nats",
            "limit of what the belief about one instance says about a pose");
   list.add("tracking.prior_gap", o.prior_gap, {0, 60}, "s",
            "after a frame with priors in which one without starts no sub-map (mode verified)");

@@ -19,13 +19,13 @@ struct TrackerOptions {
   /// with fewer, the radius is doubled, then the prediction is dropped
   int min_motion_matches = 10;
   int min_reference_matches = 15;
-  int min_pose_inliers = 10;      ///< after the first pose of a frame
-  int min_local_inliers = 30;     ///< after the local map; with fewer, lost
-  int min_held_inliers = 15;      ///< the same for a pose predicted by constant velocity
-  float local_radius = 1;         ///< factor on the search radius of local landmarks
-  float local_ratio = 0.8f;       ///< best / second best
-  float max_distance = 100;       ///< bits
-  float reference_distance = 50;  ///< bits, matching without prediction
+  int min_pose_inliers = 10;       ///< after the first pose of a frame
+  int min_local_inliers = 30;      ///< after the local map; with fewer, lost
+  int min_predicted_inliers = 15;  ///< the same for a pose predicted by constant velocity
+  float local_radius = 1;          ///< factor on the search radius of local landmarks
+  float local_ratio = 0.8f;        ///< best / second best
+  float max_distance = 100;        ///< bits
+  float reference_distance = 50;   ///< bits, matching without prediction
   float reference_ratio = 0.7f;
   bool align = true;  ///< align keypoints with the patches of their landmarks, if there are images
   /// Variance that a landmark of one observation adds to that of a keypoint; n observations add the
@@ -34,8 +34,9 @@ struct TrackerOptions {
   double landmark_noise = 0.5;
   /// The expected pose is used as a prior when the position from the observations is more uncertain
   /// than this share of the uncertainty of the expected position.
-  double hold_share = 0.5;
-  double max_vote = 3;   ///< nats, limit of what one instance says: its belief may be wrong
+  double max_relative_sigma = 0.5;
+  double max_instance_evidence =
+      3;                 ///< nats, limit of what one instance says: its belief may be wrong
   double prior_gap = 1;  ///< s after a frame with priors in which one without starts no sub-map
   MotionModelOptions motion;
   JudgeOptions judge;

@@ -24,13 +24,16 @@ try:
     import figures
     import first_page
     import forest
-    import lose_pictures
+    import lose_images
     import networks
+    import pages
     import paired
     import plan
+    import prior_steps
     import report
     import results
     import step
+    import survey_steps
     import town_path
     import drive_tables  # runs knows where inputs is
     from tables import Table, show
@@ -242,7 +245,7 @@ class Statistics(unittest.TestCase):
                      row("mask", "late", seed, 4.0), row("verified", "late", seed, 1.0),
                      row("mask", "flip", seed, 1.0), row("verified", "flip", seed, 1.0)]
         table = experiment_tables.wrong_prior_table({"name": "study"}, rows)
-        exact, wrong = [r for r in table.rows if r[0] == "all"]
+        exact, wrong = table.rows
         # exact: geometric mean of 1, 2, 3; wrong: of 1/4 and 1 for every seed
         self.assertEqual(exact[2:6], ["exact", "mask", 6, "1.8"])
         self.assertEqual(wrong[2:7], ["wrong", "mask", 6, "0.5", "0.5 to 0.5"])
@@ -279,14 +282,24 @@ class Statistics(unittest.TestCase):
         self.assertEqual(table.rows, [["given data", "KYS", "", 1, 2, 1, 1, 1]])
         self.assertIn("revisits_joined", experiment_tables.RUN_COLUMNS)
 
+    def test_runs_that_are_far_off(self):
+        """Of four runs one is within 1 m, two are not, one has no result."""
+        row = {"input": "world/traffic", "variant": "", "configuration": "KYS", "tracked": 90.0}
+        rows = [{**row, "ate": ate, "status": "done"} for ate in (0.5, 1.5, 9.0)]
+        rows.append({**row, "status": "failed", "reason": "x"})
+        table = experiment_tables.far_table({"name": "s"}, rows)
+        self.assertEqual(table.rows, [["world/traffic", "KYS", 4, 2, 1, "1.500", "9.000", "90.0"]])
+        self.assertNotIn("variant", table.header, "all are of one")
+
     def test_percentile_of_exposure(self):
         """Wrong keypoints in 1 to 20 % of 20 frames: 19.05 by linear interpolation."""
         def call(command):
             with open(command[-1], "w", encoding="utf-8") as file:
                 file.write("frame,keypoints,any\n" + "".join(f"{i},100,{i}\n" for i in range(1, 21)))
         work = argparse.Namespace(program=lambda name: name)
-        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(step, "call", call):
-            found = step.exposure(work, "", "", "", folder)
+        with tempfile.TemporaryDirectory() as folder, \
+                unittest.mock.patch.object(prior_steps, "call", call):
+            found = prior_steps.exposure(work, "", "", "", folder)
         self.assertAlmostEqual(found["exposure_p95"], 19.05)
         self.assertAlmostEqual(found["exposure_mean"], 10.5)
         self.assertEqual(found["exposure_max"], 20)
@@ -632,20 +645,20 @@ class Steps(unittest.TestCase):
     def test_times_of_networks_per_frame(self):
         """Of both cameras: two images, two fields of disparity, four of flow per frame."""
         times = {"network": 3.0, "segments": 1.0, "segmented images": 20, "build": 7.0}
-        self.assertEqual(step.network_times(times), {"segmentation_ms": 400.0})
+        self.assertEqual(prior_steps.network_times(times), {"segmentation_ms": 400.0})
         times.update({"stereo": 2.0, "stereo fields": 20, "flow": 9.0, "flow fields": 36})
-        self.assertEqual(step.network_times(times), {"segmentation_ms": 400.0, "stereo_network_ms": 200.0,
+        self.assertEqual(prior_steps.network_times(times), {"segmentation_ms": 400.0, "stereo_network_ms": 200.0,
                                                      "flow_network_ms": 1000.0})
-        self.assertEqual(step.network_times({}), {})
+        self.assertEqual(prior_steps.network_times({}), {})
 
     def test_estimates_take_the_place_of_both_disparities_and_flows(self):
         files = ["--label-space", "vkitti2", "--disparity", "l", "--disparity-right", "r",
                  "--flow-left", "fl", "--flow-right", "fr"]
-        self.assertEqual(step.with_estimates(files, "sgbm", "dis"),
+        self.assertEqual(prior_steps.with_estimates(files, "sgbm", "dis"),
                          ["--label-space", "vkitti2", "--disparity", "sgbm", "--flow-left", "dis",
                           "--flow-right", "dis"])
-        self.assertEqual(step.with_estimates(files, None, None), files)
-        self.assertEqual(step.with_estimates(files, None, "dis"), files[:7] + ["dis", "--flow-right", "dis"])
+        self.assertEqual(prior_steps.with_estimates(files, None, None), files)
+        self.assertEqual(prior_steps.with_estimates(files, None, "dis"), files[:7] + ["dis", "--flow-right", "dis"])
 
     def test_the_rest_goes_on_like_what_was_done(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -665,7 +678,45 @@ class Steps(unittest.TestCase):
             self.assertAlmostEqual(seconds, 0.5 * (20 * 10 + 20 * 20) / 2)
 
 
-class LostPictures(unittest.TestCase):
+class Pages(unittest.TestCase):
+    """Tables of a report go between their markers, with the version; others stay."""
+    PAGE = "a\n\n<!-- table t-1 -->\nold\n<!-- end -->\n\nb\n\n<!-- table u -->\nkept\n<!-- end -->\n"
+    TABLE = Table("t-1", "Title", ["x"], [["1"]], "A note.").markdown()
+
+    def read(self, name):
+        return self.TABLE if name == "t-1" else None
+
+    def test_fill(self):
+        text, count = pages.fill(self.PAGE, self.read, "abc")
+        self.assertEqual(count, 1)
+        self.assertEqual(text, "a\n\n<!-- table t-1 -->\n\n| x |\n| --- |\n| 1 |\n\nTitle. Version `abc`. A note.\n\n"
+                               "<!-- end -->\n\nb\n\n<!-- table u -->\nkept\n<!-- end -->\n")
+        self.assertEqual(pages.fill(text, self.read, "abc"), (text, 1), "once more changes nothing")
+
+    def test_a_table_without_an_end_is_refused(self):
+        with self.assertRaisesRegex(pages.InputError, "without"):
+            pages.fill("<!-- table t-1 -->\nold\n", self.read, "abc")
+
+    def test_command(self):
+        with tempfile.TemporaryDirectory() as folder:
+            work, page = pathlib.Path(folder), pathlib.Path(folder) / "page.md"
+            (work / "tables").mkdir()
+            (work / "tables" / "t-1.md").write_text(self.TABLE)
+            page.write_text(self.PAGE)
+            call = lambda: subprocess.run(
+                [sys.executable, SOURCE / "tools" / "experiments" / "pages.py", work, page],
+                capture_output=True, text=True, check=False)
+            for plan_text, said in (("{}", "no plan"), ('{"version": ""}', "names no version")):
+                (work / "plan.json").write_text(plan_text)
+                done = call()
+                self.assertEqual((done.returncode, page.read_text()), (2, self.PAGE))
+                self.assertIn(said, done.stderr)
+            (work / "plan.json").write_text('{"version": "abc"}')
+            self.assertEqual(call().returncode, 0)
+            self.assertEqual(page.read_text(), pages.fill(self.PAGE, self.read, "abc")[0])
+
+
+class LostImages(unittest.TestCase):
     COUNT = 400
 
     def setUp(self):
@@ -673,7 +724,7 @@ class LostPictures(unittest.TestCase):
         self.addCleanup(temporary.cleanup)
         self.folder = pathlib.Path(temporary.name)
         self.sequence = self.folder / "sequence"
-        for camera in lose_pictures.CAMERAS:
+        for camera in lose_images.CAMERAS:
             for i in range(self.COUNT):
                 touch(self.sequence / camera / f"{i:06d}.png")
                 (self.sequence / camera / f"{i:06d}.png").write_text(f"{camera} {i}")
@@ -685,7 +736,7 @@ class LostPictures(unittest.TestCase):
         (self.sequence / "calib.txt").write_text("P0: 1\n")
 
     def lose(self, name, missing, repeated, seed=1, late=0):
-        return lose_pictures.lose(self.sequence, self.folder / name, self.folder / "given", seed, missing, repeated,
+        return lose_images.lose(self.sequence, self.folder / name, self.folder / "given", seed, missing, repeated,
                                   late)
 
     def test_every_frame_has_its_time_and_what_belongs_to_its_picture(self):
@@ -697,7 +748,7 @@ class LostPictures(unittest.TestCase):
         for k, (time, picture) in enumerate(frames):
             self.assertEqual(times[k], f"{0.1 * time:.3f}")
             self.assertEqual(poses[k], f"pose {picture}")
-            for camera in lose_pictures.CAMERAS:
+            for camera in lose_images.CAMERAS:
                 self.assertEqual((place / camera / f"{k:06d}.png").read_text(), f"{camera} {picture}")
             if picture < self.COUNT - 1:
                 self.assertEqual((place / "priors" / f"{k:06d}.kysp").read_text(), f"priors {picture}")
@@ -726,10 +777,10 @@ class LostPictures(unittest.TestCase):
 
     def test_what_is_wrong_with_a_sequence_is_said(self):
         (self.sequence / "times.txt").write_text("0.0\n0.1\n")
-        with self.assertRaisesRegex(lose_pictures.inputs.InputError, "times.txt: 2 lines for 400 pictures"):
+        with self.assertRaisesRegex(lose_images.inputs.InputError, "times.txt: 2 lines for 400 images"):
             self.lose("lost", 0.1, 0)
         (self.sequence / "image_1" / "000007.png").unlink()
-        with self.assertRaisesRegex(lose_pictures.inputs.InputError, "image_0 and image_1"):
+        with self.assertRaisesRegex(lose_images.inputs.InputError, "image_0 and image_1"):
             self.lose("lost", 0.1, 0)
 
 
@@ -765,8 +816,8 @@ class GivenPriors(unittest.TestCase):
         source = planner.input_of("kitti/07", 1, {"seeds": [1]})
         job = planner.jobs[planner.priors_of(source, "kitti/07", case, config, 1)]
         commands = []
-        with unittest.mock.patch.object(step, "call", lambda command: commands.append(command) or (0, "")):
-            step.make_priors(step.Work(self.folder), job)
+        with unittest.mock.patch.object(prior_steps, "call", lambda command: commands.append(command) or (0, "")):
+            prior_steps.make_priors(step.Work(self.folder), job)
         return self.folder / "priors" / job["id"], commands
 
     def test_exact_ones_are_taken_as_they_are(self):
@@ -799,8 +850,8 @@ class GivenPriors(unittest.TestCase):
         def times():
             planner = self.planner()
             job = planner.jobs[planner.perception_of(planner.input_of("kitti/07", 1, {"seeds": [1]}), "kitti/07")]
-            with unittest.mock.patch.object(step, "call", unittest.mock.Mock()) as call:
-                found = step.perception_times(step.Work(self.folder), job)
+            with unittest.mock.patch.object(survey_steps, "call", unittest.mock.Mock()) as call:
+                found = survey_steps.perception_times(step.Work(self.folder), job)
             for (command,), _ in call.call_args_list:
                 self.assertEqual(command[1], str(self.root / "kitti" / "07"))
             return found.keys(), call.call_count
@@ -958,7 +1009,7 @@ class PerceptionByNetworks(unittest.TestCase):
         for job in self.of_kind(planner, kind):
             if config and job["spec"].get("config") != config:
                 continue
-            with unittest.mock.patch.object(step, "call", lambda c: found.append(c) or (0, "")):
+            with unittest.mock.patch.object(prior_steps, "call", lambda c: found.append(c) or (0, "")):
                 step.KINDS[kind](step.Work(self.folder), job)
         return found
 
@@ -987,7 +1038,7 @@ class PerceptionByNetworks(unittest.TestCase):
         after = lambda option, words: words[words.index(option) + 1]
         self.assertEqual(after("--disparity-right", arguments), str(self.folder / "disparity" / "right"))
         self.assertEqual(after("--flow-back-left", arguments), str(self.folder / "flow_back" / "left"))
-        estimates = step.with_estimates(arguments, "sgbm", "dis")
+        estimates = prior_steps.with_estimates(arguments, "sgbm", "dis")
         self.assertEqual((after("--disparity", estimates), after("--flow-right", estimates)), ("sgbm", "dis"))
         self.assertFalse([word for word in estimates if "back" in word or "disparity-right" in word])
 

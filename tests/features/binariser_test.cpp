@@ -89,6 +89,66 @@ TEST(Binariser, ProjectionsOfAGroupAreOrthogonal) {
   }
 }
 
+int distance(const Binariser& binariser, std::vector<float> a, const std::vector<float>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  std::vector<kys::Descriptor> bits;
+  binariser.apply(a, bits);
+  return kys::hamming(bits[0], bits[1]);
+}
+
+TEST(Binariser, CirclesHaveTheSameBytesEverywhere) {
+  std::vector<float> ramp(64);
+  for (std::size_t i = 0; i < ramp.size(); ++i) ramp[i] = static_cast<float>(i) - 20.0F;
+  std::vector<kys::Descriptor> bits;
+  Binariser(64, 7, {}, 50).apply(ramp, bits);
+  // Computed by another program (NumPy); no value is near a step.
+  const kys::Descriptor expected{
+      {0xB450CE4B4F1659F0ULL, 0x4315911008E84000ULL, 0x041092484C4058F0ULL, 0x4B37913010E96001ULL}};
+  EXPECT_EQ(bits[0], expected);
+}
+
+TEST(Binariser, DistancesAlongACircle) {
+  // One number: 256 steps over a period, twice that around, then the same again.
+  const Binariser one(1, 3, {}, 2);
+  for (const float from : {-70.0F, -0.3F, 0.0F, 5.1F}) {
+    EXPECT_EQ(distance(one, {from}, {from + 0.5F}), 64);
+    EXPECT_EQ(distance(one, {from}, {from + 1.0F}), 128);
+    EXPECT_EQ(distance(one, {from}, {from - 2.0F}), 256);
+    EXPECT_EQ(distance(one, {from}, {from + 3.0F}), 128);
+    EXPECT_EQ(distance(one, {from}, {from + 4.0F}), 0);
+  }
+}
+
+TEST(Binariser, CirclesResolveSmallDifferencesMoreFinelyThanSigns) {
+  // Which of two descriptors, the second a fifth farther, is nearer to a third one.
+  constexpr int kTries = 400, kDimensions = 64;
+  std::mt19937 random(11);
+  std::normal_distribution<float> normal(0, 0.1F);
+  const auto draw = [&] {
+    std::vector<float> x(kDimensions);
+    for (float& v : x) v = normal(random);
+    return x;
+  };
+  const auto beside = [&](std::vector<float> x, float length) {
+    const std::vector<float> step = draw();
+    float sum = 0;
+    for (const float v : step) sum += v * v;
+    for (std::size_t i = 0; i < x.size(); ++i) x[i] += length / std::sqrt(sum) * step[i];
+    return x;
+  };
+  const Binariser signs(kDimensions), circles(kDimensions, 0, {}, 0.16);
+  int by_signs = 0, by_circles = 0;
+  for (int k = 0; k < kTries; ++k) {
+    const std::vector<float> x = draw(), near = beside(x, 0.25F), far = beside(x, 0.3F);
+    const auto mistaken = [&](const Binariser& b) {
+      return distance(b, x, near) >= distance(b, x, far) ? 1 : 0;
+    };
+    by_signs += mistaken(signs);
+    by_circles += mistaken(circles);
+  }
+  EXPECT_LT(2 * by_circles, by_signs) << by_signs << " and " << by_circles << " of " << kTries;
+}
+
 TEST(Binariser, TheLengthOfADescriptorDoesNotCountAndTheCentreDoes) {
   std::mt19937 random(5);
   std::vector<float> both = pair_at(1, 48, random);
@@ -109,6 +169,9 @@ TEST(Binariser, RefusesWhatIsNoDescriptor) {
   EXPECT_THROW(Binariser(0), InputError);
   EXPECT_THROW(Binariser(5000), InputError);
   EXPECT_THROW(Binariser(4, 0, {1, 2, 3}), InputError);
+  EXPECT_THROW(Binariser(4, 0, {}, -1), InputError);
+  EXPECT_THROW(Binariser(4, 0, {}, std::numeric_limits<double>::quiet_NaN()), InputError);
+  EXPECT_THROW(Binariser(4, 0, {}, 1e-9), InputError);
   EXPECT_THROW(Binariser(4).apply(std::vector<float>(6), bits), InputError);
   std::vector<float> values(8, 1);
   values[5] = std::numeric_limits<float>::quiet_NaN();

@@ -275,6 +275,9 @@ def clouds():
     save("point_cloud", "ascii.pcd", head + "ascii\n1 2 3 4 5\nnan nan nan 0 0\n")
     save("point_cloud", "binary.pcd", head.encode() + b"binary\n"
          + b"".join(struct.pack("<fffHH", x, x, x, 1, 2) for x in (1, 2)))
+    packed = b"\x0f" + struct.pack("<ffff", 1, 2, 1, 2) + b"\xe0\x07\x03"  # a literal run, a copy of itself
+    save("point_cloud", "compressed.pcd", head.encode() + b"binary_compressed\n"
+         + struct.pack("<II", len(packed), 32) + packed)
     save("point_cloud", "points.xyz", "# x y z\n1, 2, 3, 4\n-1e2 0.5 7\n")
 
 

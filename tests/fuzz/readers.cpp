@@ -153,7 +153,7 @@ std::string sensor(int camera) {
   return text;
 }
 
-GrayImage picture(int shift) {
+GrayImage image(int shift) {
   GrayImage image(48, 32);
   for (int y = 0; y < image.height(); ++y) {
     for (int x = 0; x < image.width(); ++x) {
@@ -170,7 +170,7 @@ const fs::path& kitti_folder() {
       const fs::path images = made / ("image_" + std::to_string(camera));
       fs::create_directories(images);
       for (const char* name : {"000000.png", "000001.png"}) {
-        write_png(images / name, picture(4 * camera));
+        write_png(images / name, image(4 * camera));
       }
     }
     write(made / "calib.txt", kCalibration);
@@ -187,7 +187,7 @@ const fs::path& euroc_folder() {
       const fs::path place = made / "mav0" / ("cam" + std::to_string(camera));
       fs::create_directories(place / "data");
       for (const char* name : {"1.png", "2.png"}) {
-        write_png(place / "data" / name, picture(4 * camera));
+        write_png(place / "data" / name, image(4 * camera));
       }
       write(place / "data.csv", "#timestamp [ns],filename\n1000000000,1.png\n2000000000,2.png\n");
       write(place / "sensor.yaml", sensor(camera));
@@ -223,7 +223,7 @@ void write_images(const fs::path& left, const fs::path& right, const char* stem)
   for (const fs::path& images : {left, right}) {
     fs::create_directories(images);
     for (int i = 0; i < 2; ++i) {
-      write_png(images / (stem + std::to_string(i) + ".png"), picture(shift));
+      write_png(images / (stem + std::to_string(i) + ".png"), image(shift));
     }
     shift += 4;
   }

@@ -27,7 +27,7 @@ def there_back_and_there(count):
     return [*range(count), *range(count - 2, 0, -1), *range(count)]
 
 
-def every_picture_twice(count):
+def every_image_twice(count):
     return [k // 2 for k in range(2 * count)]
 
 
@@ -96,7 +96,7 @@ def main():
     if count:
         return cycles(int(count[0]), programs, clip)
     failed = 0
-    for choose in (there_back_and_there, every_picture_twice):
+    for choose in (there_back_and_there, every_image_twice):
         with tempfile.TemporaryDirectory(prefix="kys_reversal_") as folder:
             frames = halve(clip, folder, choose)
             for schedule in ("pipelined", "sequential"):

@@ -117,11 +117,11 @@ class Tools(unittest.TestCase):
         self.assertIn("no world of simulate_sequence",
                       self.refused("experiments/compare_features.py", self.folder, "--output", self.folder / "out"))
 
-    def test_lose_pictures(self):
-        self.assertIn("image_0", self.refused("experiments/lose_pictures.py", self.folder / "nowhere", "--output", "x"))
+    def test_lose_images(self):
+        self.assertIn("image_0", self.refused("experiments/lose_images.py", self.folder / "nowhere", "--output", "x"))
         full = self.folder / "full"
         (full / "inside").mkdir(parents=True)
-        self.assertIn("is not empty", self.refused("experiments/lose_pictures.py", self.folder, "--output", full))
+        self.assertIn("is not empty", self.refused("experiments/lose_images.py", self.folder, "--output", full))
 
     def test_import_tables(self):
         arguments = ("--semantics", self.folder, "--output", self.folder / "out")

@@ -265,7 +265,7 @@ TEST(RateOfImages, GapsInTheNumbersAreGapsInTime) {
   ASSERT_EQ(sequence->frame_count(), 8);
   EXPECT_DOUBLE_EQ(sequence->frame(2).timestamp, 0.1);
   EXPECT_DOUBLE_EQ(sequence->frame(3).timestamp, 0.35);
-  // Every tenth picture of a recording: the rate is that of the pictures there are.
+  // Every tenth image of a recording: the rate is that of the images there are.
   fs::remove_all(folder / "left");
   fs::remove_all(folder / "right");
   for (const int i : {0, 10, 20, 40, 50}) {

@@ -210,7 +210,7 @@ TEST_F(BadKitti, RightCamera) {
   expect_refused({"image_1"});
 }
 
-TEST_F(BadKitti, TwoPicturesOfOneFrame) {
+TEST_F(BadKitti, TwoImagesOfOneFrame) {
   for (const char* camera : {"image_0", "image_1"}) {
     fs::copy(sequence_ / camera / "000003.png", sequence_ / camera / "000003.jpeg");
   }

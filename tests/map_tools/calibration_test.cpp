@@ -29,7 +29,7 @@ RigEstimate given() {
   return {RigCorrection(kKitti, RigCorrection::Parameters::Zero()), rig_prior()};
 }
 
-/// What an estimate predicts wrongly of disparities and rows over the picture.
+/// What an estimate predicts wrongly of disparities and rows over the image.
 struct FieldError {
   double worst = 0;  ///< px
   double score = 0;  ///< root mean square of errors over their standard deviations

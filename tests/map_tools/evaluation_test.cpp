@@ -54,6 +54,30 @@ TEST(PointCloud, IsReadFromEveryKindOfPly) {
       "a.ply"));
 }
 
+/// Three numbers of something else for each of the two points, then the fields of these. Four bytes
+/// and a copy of itself make the first 24, literal bytes the others.
+std::string packed_fields() {
+  std::string packed("\x03", 1);
+  put(packed, 1.25F);
+  packed += "\xe0\x0b\x03";  // 7 + 11 + 2 bytes, from 4 bytes back
+  packed += "\x17";          // 24 literals
+  for (const float x : {1.5F, -2.0F, 3.0F, -4.0F, 4.5F, -6.0F}) put(packed, x);
+  return packed;
+}
+
+std::string compressed_pcd(const std::string& packed, std::uint32_t size) {
+  std::string text =
+      "# .PCD v0.7\nVERSION 0.7\nFIELDS other x y z\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 3 1 1 1\n"
+      "WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA binary_compressed\n";
+  put(text, static_cast<std::uint32_t>(packed.size()));
+  put(text, size);
+  return text + packed;
+}
+
+std::string compressed_pcd() {
+  return compressed_pcd(packed_fields(), 48);
+}
+
 TEST(PointCloud, IsReadFromPcdAndText) {
   const std::string head =
       "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4\n"
@@ -69,6 +93,7 @@ TEST(PointCloud, IsReadFromPcdAndText) {
     for (const float value : {x, 2 * x, 3 * x, 0.0F, 2.0F, 0.0F}) put(binary, value);
   }
   expect_the_two(parse_point_cloud(binary, "a.pcd"));
+  expect_the_two(parse_point_cloud(compressed_pcd(), "a.pcd"));
   expect_the_two(parse_point_cloud("# x y z intensity\n1.5, 3, 4.5, 9\n\n-2 -4 -6\n", "a.xyz"));
 }
 
@@ -105,8 +130,20 @@ TEST(PointCloud, WhatIsNoneIsNamed) {
   std::string huge = whole;
   huge.replace(huge.find("vertex 2"), 8, "vertex 999999999999999");
   refused(huge, "truncated");
-  refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 1\nDATA binary_compressed\n",
-          "compressed");
+  const std::string packed = compressed_pcd();
+  refused(packed.substr(0, packed.size() - 1), "truncated");
+  refused(packed.substr(0, packed.size() - 33), "truncated");
+  refused(packed.substr(0, packed.size() - packed_fields().size() - 1), "size of its points");
+  refused(compressed_pcd(packed_fields(), 47), "damaged");
+  refused(compressed_pcd(packed_fields(), 49), "damaged");
+  refused(compressed_pcd(packed_fields(), 0xffffffff), "damaged");
+  refused(compressed_pcd(packed_fields().substr(0, 31), 48), "damaged");
+  refused(compressed_pcd("", 0), "truncated");
+  std::string behind = packed_fields();
+  behind[7] = 4;  // five bytes back, of four
+  refused(compressed_pcd(behind, 48), "damaged");
+  refused(compressed_pcd(std::string("\xe0", 1), 48), "damaged");
+  refused(compressed_pcd(packed_fields().substr(0, 8), 24), "truncated: 24 bytes for 2 points");
   refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n",
           "differ in number");
   refused("# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 3\nTYPE F F F\nPOINTS 1\nDATA ascii\n",

@@ -16,25 +16,9 @@ except ImportError:
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, HERE)
 import evaluate_covariance as tool  # noqa: E402
+from made_up_poses import exponential, numbers  # noqa: E402
 
 FRAMES = 400
-
-
-def exponential(d):
-    """Increment [w; v] as a matrix, for small w."""
-    angle = np.linalg.norm(d[:3])
-    axis = d[:3] / angle
-    q = np.concatenate([np.sin(angle / 2) * axis, [np.cos(angle / 2)]])
-    return tool.pose(d[3:], q)
-
-
-def quaternion(R):
-    w = np.sqrt(1 + np.trace(R)) / 2
-    return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 4 * w * w]) / (4 * w)
-
-
-def numbers(T):
-    return [f"{v:.12g}" for v in [*T[:3, 3], *quaternion(T[:3, :3])]]
 
 
 def write_run(folder, factor):

@@ -192,6 +192,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--features", a.run.features, "per image")
       ->check(CLI::Range(1, 60000))
       ->capture_default_str();
+  app.add_option("--stored-features", a.run.stored,
+                 "file of store_features.py: another extractor's features in place of ORB's");
   app.add_option("--gap", a.run.gap, "s, a query searches keyframes older than this")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
@@ -212,7 +214,7 @@ void declare(CLI::App& app, Arguments& a) {
       ->capture_default_str();
   app.add_option("--csv", a.csv, "write all pairs to this file");
   app.add_option("--draw", a.drawings,
-                 "folder for pictures of near pairs that the check refuses and of pairs that it "
+                 "folder for images of near pairs that the check refuses and of pairs that it "
                  "wrongly accepts");
   PlaceOptions& p = a.run.places;
   app.add_option("--tables", p.tables, "hash tables")->capture_default_str();

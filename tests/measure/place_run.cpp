@@ -9,7 +9,11 @@
 
 #include <algorithm>
 #include <numbers>
+#include <utility>
 
+#include "features/pair_extractor.h"
+#include "loop_closing/strict_distances.h"
+#include "measure/stored_features.h"
 #include "tracking/front_end.h"
 
 namespace kys_slam {
@@ -27,10 +31,28 @@ double degrees(double radians) {
   return radians * 180 / std::numbers::pi;
 }
 
+std::unique_ptr<FeatureExtractor> make_extractor(const PlaceRunOptions& options) {
+  if (!options.stored.empty()) return open_stored_features(options.stored);
+  OrbOptions orb;
+  orb.features = options.features;
+  return make_orb_extractor(orb);
+}
+
+/// As the system does it.
+PlaceRunOptions as_strict_for(const ExtractorTraits& traits, PlaceRunOptions options) {
+  options.places = strict_places(traits.distances, options.places);
+  make_strict(traits.distances, options.verification);
+  return options;
+}
+
 }  // namespace
 
 PlaceRun::PlaceRun(const std::filesystem::path& folder, const PlaceRunOptions& options)
-    : options_(options), index_(options.places) {
+    : PlaceRun(folder, options, make_extractor(options)) {}
+
+PlaceRun::PlaceRun(const std::filesystem::path& folder, const PlaceRunOptions& options,
+                   std::unique_ptr<FeatureExtractor> extractor)
+    : options_(as_strict_for(extractor->traits(), options)), index_(options_.places) {
   const auto sequence = open_euroc_sequence(folder);
   camera_ = sequence->camera();
   std::vector<TimedPose> stamps;
@@ -40,11 +62,11 @@ PlaceRun::PlaceRun(const std::filesystem::path& folder, const PlaceRunOptions& o
   const TrajectoryPair truth = associate_by_time(sequence->ground_truth(), stamps);
   if (truth.size() == 0) throw InputError(folder.string() + ": no frame has a true pose");
 
-  OrbOptions orb;
-  orb.features = options.features;
-  map_ = std::make_unique<Map>(camera_, ScaleLevels(orb.scale_factor, orb.levels));
-  FrontEnd front_end(camera_, make_orb_extractor(orb), StereoOptions{}, RowOptions{}, model_,
-                     nullptr);
+  const ExtractorTraits& traits = extractor->traits();
+  StereoOptions stereo;
+  stereo.max_distance = equivalent_distance(stereo.max_distance, traits.distances);
+  map_ = std::make_unique<Map>(camera_, ScaleLevels(traits));
+  FrontEnd front_end(camera_, std::move(extractor), stereo, RowOptions{}, model_, nullptr);
   Progress progress("features", static_cast<std::int64_t>(truth.size()));
   for (std::int64_t i = 0; i < sequence->frame_count() && places_.size() < truth.size(); ++i) {
     const double stamp = sequence->frame(i).timestamp;

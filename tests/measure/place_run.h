@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <kys_slam/feature_extractor.h>
 #include <kys_slam/rigid3.h>
 #include <kys_slam/stereo_camera.h>
 
@@ -22,6 +23,7 @@ struct PlaceRunOptions {
   std::int64_t every = 1;   ///< frames, only each so many becomes a keyframe
   std::int64_t frames = 0;  ///< keyframes at most; 0: all
   int features = 1200;      ///< per image
+  std::string stored;       ///< file of another extractor's features, in place of ORB's
   double gap = 10;          ///< s: a query searches keyframes that are older than this
   int candidates = 10;      ///< of each query, verified
   PlaceOptions places;
@@ -87,12 +89,14 @@ class PlaceRun {
                                                                    std::size_t query) const;
 
  private:
+  PlaceRun(const std::filesystem::path& sequence, const PlaceRunOptions& options,
+           std::unique_ptr<FeatureExtractor> extractor);
   void add_keyframe(std::size_t place);
   void ask(std::size_t query, std::size_t indexed);
   [[nodiscard]] double overlap(const FrameFeatures& features, const Rigid3& T_k_q) const;
   [[nodiscard]] PairCheck check(std::size_t query, std::size_t keyframe);
 
-  PlaceRunOptions options_;
+  PlaceRunOptions options_;  ///< distances are those of the extractor
   kys::DistanceModel model_;
   StereoCamera camera_;
   std::vector<Place> places_;

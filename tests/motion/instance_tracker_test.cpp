@@ -88,10 +88,10 @@ class Street {
     ++frames_;
     return believed;
   }
-  /// The camera gives its last picture again.
+  /// The camera gives its last image again.
   void repeat() {
     --frames_;
-    past_.erase(past_.begin());  // the picture is there once
+    past_.erase(past_.begin());  // the image is there once
     film(true);
     ++frames_;
   }
@@ -201,7 +201,7 @@ TEST(InstanceTracker, TellsTheDrivingCarFromTheParkedOneWhateverTheFileSays) {
   EXPECT_NEAR(car->motion.centre.z(), 12 - 0.1 * 6, 1.0);
 }
 
-TEST(InstanceTracker, APictureThatIsRepeatedDoesNotStopWhatMoves) {
+TEST(InstanceTracker, AnImageThatIsRepeatedDoesNotStopWhatMoves) {
   Street once, often;
   for (int i = 0; i < 8; ++i) {
     once.frame();

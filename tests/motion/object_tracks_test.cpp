@@ -20,8 +20,8 @@ Rigid3 camera_at(int frame) {
   return {so3_exp({0, 0.05 * t, 0}), Eigen::Vector3d(0.1 * t, 0, 8 * t)};
 }
 
-/// A thing that goes at a velocity, seen with noise of `sigma` on its velocity.
-struct Thing {
+/// An object that goes at a velocity, seen with noise of `sigma` on its velocity.
+struct SimulatedObject {
   std::int32_t instance = 70000;
   std::uint16_t label = 2;
   Eigen::Vector3d start{2, 1, 15};
@@ -31,7 +31,7 @@ struct Thing {
   [[nodiscard]] Eigen::Vector3d at(int frame) const { return start + kStep * frame * velocity; }
 };
 
-ObjectObservation seen(const Thing& thing, int frame, std::mt19937& random,
+ObjectObservation seen(const SimulatedObject& object, int frame, std::mt19937& random,
                        const Eigen::Vector3d& velocity) {
   std::normal_distribution<double> noise(0, 1);
   const Eigen::Matrix3d R_c_w = camera_at(frame).R().transpose();
@@ -39,15 +39,15 @@ ObjectObservation seen(const Thing& thing, int frame, std::mt19937& random,
     return Eigen::Vector3d(sigma * noise(random), sigma * noise(random), sigma * noise(random));
   };
   ObjectObservation o;
-  o.instance = thing.instance;
-  o.label = thing.label;
+  o.instance = object.instance;
+  o.label = object.label;
   o.p_moving = 0.9;
   o.keypoints = 40;
-  o.place = {camera_at(frame).inverse() * thing.at(frame) + draw(0.2),
+  o.place = {camera_at(frame).inverse() * object.at(frame) + draw(0.2),
              Eigen::Matrix3d::Identity() * 0.04};
   ObservedVelocity v;
-  v.velocity_c = R_c_w * velocity + draw(thing.sigma);
-  v.covariance = Eigen::Matrix3d::Identity() * thing.sigma * thing.sigma;
+  v.velocity_c = R_c_w * velocity + draw(object.sigma);
+  v.covariance = Eigen::Matrix3d::Identity() * object.sigma * object.sigma;
   v.span = kStep;
   o.velocity = v;
   return o;
@@ -62,7 +62,7 @@ std::vector<ObjectFrame> empty_frames(int count) {
   return frames;
 }
 
-/// What a frame shows of its first thing has no place and no velocity.
+/// What a frame shows of its first object has no place and no velocity.
 void doubt(ObjectFrame& frame) {
   ObjectObservation& seen = frame.observations[0];
   seen.doubtful = true;
@@ -70,28 +70,29 @@ void doubt(ObjectFrame& frame) {
   seen.velocity.reset();
 }
 
-std::vector<ObjectFrame> film(const std::vector<Thing>& things, int count, unsigned seed = 1) {
+std::vector<ObjectFrame> film(const std::vector<SimulatedObject>& objects, int count,
+                              unsigned seed = 1) {
   std::mt19937 random(seed);
   std::vector<ObjectFrame> frames = empty_frames(count);
   for (int k = 0; k < count; ++k) {
-    for (const Thing& thing : things) {
+    for (const SimulatedObject& object : objects) {
       frames[static_cast<std::size_t>(k)].observations.push_back(
-          seen(thing, k, random, thing.velocity));
+          seen(object, k, random, object.velocity));
     }
   }
   return frames;
 }
 
-TEST(ObjectTracks, VelocityAndPositionAreThoseOfTheThing) {
-  const Thing thing;
-  const auto estimates = track_objects(film({thing}, 40));
+TEST(ObjectTracks, VelocityAndPositionAreThoseOfTheObject) {
+  const SimulatedObject object;
+  const auto estimates = track_objects(film({object}, 40));
   ASSERT_EQ(estimates.size(), 40u);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_EQ(e.instance, object.instance);
     EXPECT_EQ(e.keypoints, 40);
-    // One velocity is known to 0.3 m/s; forty of them of a thing that hardly accelerates to less.
-    EXPECT_LT((e.velocity - thing.velocity).norm(), 0.6);
-    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.6);
+    // One velocity is known to 0.3 m/s; forty of them of an object that hardly accelerates to less.
+    EXPECT_LT((e.velocity - object.velocity).norm(), 0.6);
+    EXPECT_LT((e.position - object.at(static_cast<int>(e.frame))).norm(), 0.6);
     EXPECT_GT(e.velocity_covariance.trace(), 0);
   }
 }
@@ -100,10 +101,10 @@ TEST(ObjectTracks, CovarianceOfTheVelocityIsHonest) {
   double sum = 0;
   int count = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
-    const Thing thing;
+    const SimulatedObject object;
     // Constant velocity is less than the model allows: the covariance may be too large, not small.
-    for (const ObjectEstimate& e : track_objects(film({thing}, 20, seed))) {
-      const Eigen::Vector3d error = e.velocity - thing.velocity;
+    for (const ObjectEstimate& e : track_objects(film({object}, 20, seed))) {
+      const Eigen::Vector3d error = e.velocity - object.velocity;
       sum += error.dot(e.velocity_covariance.inverse() * error) / 3;
       ++count;
     }
@@ -114,15 +115,15 @@ TEST(ObjectTracks, CovarianceOfTheVelocityIsHonest) {
 
 TEST(ObjectTracks, FollowsAThingThatBrakes) {
   std::mt19937 random(3);
-  Thing thing;
-  thing.sigma = 0.1;
+  SimulatedObject object;
+  object.sigma = 0.1;
   std::vector<ObjectFrame> frames = empty_frames(40);
   const auto speed = [](double t) { return std::max(0.0, 9.0 - 3.0 * std::max(0.0, t - 1)); };
   double z = 15;
   std::vector<double> places;
   for (int k = 0; k < 40; ++k) {
     places.push_back(z);
-    Thing now = thing;
+    SimulatedObject now = object;
     now.start = {2, 1, z};
     now.velocity.setZero();
     ObjectObservation o = seen(now, k, random, {0, 0, speed(kStep * (k - 0.5))});
@@ -168,22 +169,22 @@ TEST(ObjectTracks, VelocityOverASpanBelongsToItsMiddle) {
 }
 
 TEST(ObjectTracks, IdentityOutlivesNewNamesAndGaps) {
-  const Thing thing;
-  std::vector<ObjectFrame> frames = film({thing}, 40);
+  const SimulatedObject object;
+  std::vector<ObjectFrame> frames = film({object}, 40);
   for (std::size_t k = 10; k < 40; ++k) frames[k].observations[0].instance = 70055;
   for (std::size_t k = 20; k < 26; ++k) frames[k].observations.clear();
   frames[30].T_w_c.reset();
   const auto estimates = track_objects(frames);
   EXPECT_EQ(estimates.size(), 33u);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_EQ(e.instance, thing.instance);
+    EXPECT_EQ(e.instance, object.instance);
     EXPECT_NE(e.frame, 30);
   }
 }
 
 TEST(ObjectTracks, AfterALongGapItIsANewThingUnlessNamedTheSame) {
-  const Thing thing;
-  std::vector<ObjectFrame> frames = film({thing}, 60);
+  const SimulatedObject object;
+  std::vector<ObjectFrame> frames = film({object}, 60);
   for (std::size_t k = 20; k < 40; ++k) frames[k].observations.clear();
   for (std::size_t k = 40; k < 60; ++k) frames[k].observations[0].instance = 70055;
   std::set<std::int32_t> names;
@@ -191,9 +192,9 @@ TEST(ObjectTracks, AfterALongGapItIsANewThingUnlessNamedTheSame) {
   EXPECT_EQ(names, (std::set<std::int32_t>{70000, 70055}));
 }
 
-// The names of two things are exchanged: places say who is who.
+// The names of two objects are exchanged: places say who is who.
 TEST(ObjectTracks, ExchangedNamesDoNotExchangeThings) {
-  Thing left, right;
+  SimulatedObject left, right;
   left.start = {-6, 1, 20};
   right.start = {6, 1, 20};
   right.instance = 70001;
@@ -207,7 +208,7 @@ TEST(ObjectTracks, ExchangedNamesDoNotExchangeThings) {
 }
 
 TEST(ObjectTracks, NoTwoThingsShareAnIdentityInAFrame) {
-  Thing a, b;
+  SimulatedObject a, b;
   b.start = {-8, 1, 25};  // the same name as the other
   const auto estimates = track_objects(film({a, b}, 20));
   ASSERT_EQ(estimates.size(), 40u);
@@ -222,8 +223,8 @@ TEST(ObjectTracks, NoTwoThingsShareAnIdentityInAFrame) {
 
 // X is named beside Y, without a place, then stands where Y was, and jumps a frame later.
 TEST(ObjectTracks, ANameThatWaitedTakesNoFramesOfTheTrackItContinues) {
-  const Thing y;
-  Thing x = y;
+  const SimulatedObject y;
+  SimulatedObject x = y;
   x.instance = y.instance + 1;
   std::mt19937 random(1);
   std::vector<ObjectFrame> frames = empty_frames(20);
@@ -244,10 +245,10 @@ TEST(ObjectTracks, ANameThatWaitedTakesNoFramesOfTheTrackItContinues) {
   EXPECT_GE(keys.size(), 20u);
 }
 
-// Frames that only name a thing are filled in, those before it is first seen well too.
+// Frames that only name an object are filled in, those before it is first seen well too.
 TEST(ObjectTracks, NamesAloneKeepATrack) {
-  const Thing thing;
-  std::vector<ObjectFrame> frames = film({thing}, 30);
+  const SimulatedObject object;
+  std::vector<ObjectFrame> frames = film({object}, 30);
   for (const std::size_t k : {0, 1, 12, 13, 29}) {
     frames[k].observations[0].place.reset();
     frames[k].observations[0].velocity.reset();
@@ -255,9 +256,9 @@ TEST(ObjectTracks, NamesAloneKeepATrack) {
   const auto estimates = track_objects(frames);
   ASSERT_EQ(estimates.size(), 30u);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_EQ(e.instance, thing.instance);
-    EXPECT_LT((e.velocity - thing.velocity).norm(), 0.8) << e.frame;
-    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+    EXPECT_EQ(e.instance, object.instance);
+    EXPECT_LT((e.velocity - object.velocity).norm(), 0.8) << e.frame;
+    EXPECT_LT((e.position - object.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
   }
   for (ObjectFrame& frame : frames) {
     frame.observations[0].place.reset();
@@ -266,13 +267,13 @@ TEST(ObjectTracks, NamesAloneKeepATrack) {
   EXPECT_TRUE(track_objects(frames).empty());
 }
 
-const Thing kComing{.start = {-3, 0, 40}, .velocity = {0, 0, -7}};
+const SimulatedObject kComing{.start = {-3, 0, 40}, .velocity = {0, 0, -7}};
 
 /// `kComing` comes into view at frame `first`. Before frame 18 the edge of what hides it is taken
-/// for it, at 22.4 m at last, where the thing is at 27.4 m; with `keypoints` where the thing
+/// for it, at 22.4 m at last, where the object is at 27.4 m; with `keypoints` where the object
 /// has 40.
 std::vector<ObjectFrame> film_behind_an_edge(std::size_t first, int keypoints) {
-  const Thing edge{.start = {-1, 0, 8}, .velocity = {0, 0, 8}};
+  const SimulatedObject edge{.start = {-1, 0, 8}, .velocity = {0, 0, 8}};
   std::vector<ObjectFrame> frames = film({kComing}, 30);
   const std::vector<ObjectFrame> before = film({edge}, 18);
   for (std::size_t k = 0; k < first; ++k) frames[k].observations.clear();
@@ -307,9 +308,9 @@ TEST(ObjectTracks, AShortPoorPartTakesTheMotionOfTheRest) {
 
 // One or two observations elsewhere are passed over, whether near or far; three are a restart.
 TEST(ObjectTracks, AMomentElsewhereIsPassedOver) {
-  const Thing thing;
+  const SimulatedObject object;
   for (const double away : {5.0, 20.0}) {
-    std::vector<ObjectFrame> frames = film({thing}, 30);
+    std::vector<ObjectFrame> frames = film({object}, 30);
     const auto move = [&](std::size_t k) {
       const Eigen::Matrix3d R_c_w = frames[k].T_w_c->R().transpose();
       frames[k].observations[0].place->centre_c += R_c_w * Eigen::Vector3d(0, 0, away);
@@ -319,21 +320,21 @@ TEST(ObjectTracks, AMomentElsewhereIsPassedOver) {
     const auto estimates = track_objects(frames);
     ASSERT_EQ(estimates.size(), 30u) << away;
     for (const ObjectEstimate& e : estimates) {
-      EXPECT_EQ(e.instance, thing.instance);
-      EXPECT_LT((e.velocity - thing.velocity).norm(), 0.8) << e.frame;
-      EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+      EXPECT_EQ(e.instance, object.instance);
+      EXPECT_LT((e.velocity - object.velocity).norm(), 0.8) << e.frame;
+      EXPECT_LT((e.position - object.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
     }
     for (std::size_t k = 12; k < 30; ++k) move(k);
     const auto moved = track_objects(frames);
     ASSERT_EQ(moved.size(), 30u) << away;
-    EXPECT_EQ(moved.back().instance == thing.instance, away < ObjectTrackOptions{}.restart_gate);
-    EXPECT_NEAR(moved.back().position.z(), thing.at(29).z() + away, 0.8);
-    EXPECT_NEAR(moved[10].position.z(), thing.at(10).z() + away, 0.8) << "from the first one on";
+    EXPECT_EQ(moved.back().instance == object.instance, away < ObjectTrackOptions{}.restart_gate);
+    EXPECT_NEAR(moved.back().position.z(), object.at(29).z() + away, 0.8);
+    EXPECT_NEAR(moved[10].position.z(), object.at(10).z() + away, 0.8) << "from the first one on";
   }
 }
 
 TEST(ObjectTracks, WrongObservationsAtItsStartDoNotBendATrack) {
-  // The edge of what hides the thing gives way to it: four observations go over from one motion to
+  // The edge of what hides the object gives way to it: four observations go over from one motion to
   // the other, near enough to each other that nothing restarts.
   std::vector<ObjectFrame> frames = film({kComing}, 30);
   for (std::size_t k = 0; k < 16; ++k) frames[k].observations.clear();
@@ -362,15 +363,15 @@ TEST(ObjectTracks, APoorPartFarFromTheRestKeepsTheName) {
     EXPECT_EQ(e.instance, kComing.instance) << e.frame;
     EXPECT_NEAR(e.velocity.z(), -7, 0.8) << e.frame;
   }
-  // With as many keypoints both parts are believed: two things.
+  // With as many keypoints both parts are believed: two objects.
   frames = film_behind_an_edge(14, 40);
   move_away();
   EXPECT_NE(track_objects(frames).back().instance, kComing.instance);
 }
 
 TEST(ObjectTracks, WhatIsUnlikelyCountsBetweenWhatIsLikelyOnly) {
-  const Thing thing;
-  std::vector<ObjectFrame> frames = film({thing}, 20);
+  const SimulatedObject object;
+  std::vector<ObjectFrame> frames = film({object}, 20);
   for (const std::size_t k : {0u, 1u, 2u, 9u, 10u, 18u, 19u}) {
     doubt(frames[k]);
     frames[k].observations[0].unlikely = true;
@@ -396,8 +397,8 @@ TEST(ObjectTracks, WhatIsUnlikelyAtARestartIsNoGap) {
 }
 
 TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
-  const Thing thing;
-  std::vector<ObjectFrame> frames = film({thing}, 30);
+  const SimulatedObject object;
+  std::vector<ObjectFrame> frames = film({object}, 30);
   const auto doubt_from = [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) doubt(frames[k]);
   };
@@ -409,14 +410,14 @@ TEST(ObjectTracks, DoubtfulObservationsContinueATrackOnly) {
   EXPECT_EQ(estimates.front().frame, 4);
   EXPECT_EQ(estimates.back().frame, 26);
   for (const ObjectEstimate& e : estimates) {
-    EXPECT_LT((e.position - thing.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
+    EXPECT_LT((e.position - object.at(static_cast<int>(e.frame))).norm(), 0.8) << e.frame;
   }
   doubt_from(11, 22);  // two are left
   EXPECT_TRUE(track_objects(frames).empty());
 }
 
 TEST(ObjectTracks, ShortTracksAreDropped) {
-  EXPECT_TRUE(track_objects(film({Thing{}}, 2)).empty());
+  EXPECT_TRUE(track_objects(film({SimulatedObject{}}, 2)).empty());
   EXPECT_TRUE(track_objects({}).empty());
   ObjectTrackOptions options;
   options.gate = 0;
@@ -424,7 +425,7 @@ TEST(ObjectTracks, ShortTracksAreDropped) {
 }
 
 TEST(ObjectTracks, EverythingMovesWithTheWorld) {
-  const std::vector<ObjectFrame> frames = film({Thing{}}, 20);
+  const std::vector<ObjectFrame> frames = film({SimulatedObject{}}, 20);
   const Rigid3 T_v_w(so3_exp({0.3, -1.1, 0.4}), Eigen::Vector3d(100, -20, 7));
   std::vector<ObjectFrame> moved = frames;
   for (ObjectFrame& frame : moved) frame.T_w_c = T_v_w * *frame.T_w_c;

@@ -27,13 +27,13 @@ Rigid3 corridor_pose(int i) {
   return {Eigen::Quaterniond::Identity(), {0, 0, 0.3 * i}};
 }
 
-constexpr int kPictures = 6;
+constexpr int kImages = 6;
 
-const std::vector<StereoFrame>& pictures() {
+const std::vector<StereoFrame>& images() {
   static const std::vector<StereoFrame> frames = [] {
     const RenderedCorridor corridor(corridor_camera(), 12);
     std::vector<StereoFrame> all;
-    for (int i = 0; i < kPictures; ++i) all.push_back(corridor.look(i, corridor_pose(i)));
+    for (int i = 0; i < kImages; ++i) all.push_back(corridor.look(i, corridor_pose(i)));
     return all;
   }();
   return frames;
@@ -99,7 +99,7 @@ class NodeLogicTest : public ::testing::Test {
     return {start, 100000007u * static_cast<std::uint32_t>(i)};
   }
   void give(int i, const Stamp& at) {
-    const StereoFrame& frame = pictures()[static_cast<std::size_t>(i)];
+    const StereoFrame& frame = images()[static_cast<std::size_t>(i)];
     node().add_image(Side::kLeft, message_of(frame.left, at));
     node().add_image(Side::kRight, message_of(frame.right, at));
   }
@@ -122,9 +122,9 @@ class NodeLogicTest : public ::testing::Test {
 TEST_F(NodeLogicTest, PosesInRosFramesWithTheStampsOfTheImages) {
   options.camera_x = 0.5;
   give_infos();
-  track(0, kPictures);
-  ASSERT_EQ(output.poses.size(), static_cast<std::size_t>(kPictures));
-  for (int i = 0; i < kPictures; ++i) {
+  track(0, kImages);
+  ASSERT_EQ(output.poses.size(), static_cast<std::size_t>(kImages));
+  for (int i = 0; i < kImages; ++i) {
     const PoseOutput& pose = output.poses[static_cast<std::size_t>(i)];
     EXPECT_EQ(pose.stamp, stamp(i));
     const Eigen::Vector3d expected(0.3 * i, 0, 0);  // forward is x
@@ -136,7 +136,7 @@ TEST_F(NodeLogicTest, PosesInRosFramesWithTheStampsOfTheImages) {
     EXPECT_NEAR(pose.poses.twist->linear.x(), 3, 0.3);  // 0.3 m in 0.1 s
     for (std::size_t k = 0; k < 6; ++k) EXPECT_GT(pose.poses.covariance[7 * k], 0) << k;
   }
-  EXPECT_EQ(node().path().size(), static_cast<std::size_t>(kPictures));
+  EXPECT_EQ(node().path().size(), static_cast<std::size_t>(kImages));
   const Diagnostics state = node().diagnostics();
   EXPECT_EQ(value_of(state, "status"), "tracked");
   EXPECT_EQ(value_of(state, "frame rate (1/s, by stamps)"), "10.0");
@@ -288,7 +288,7 @@ TEST_F(NodeLogicTest, SegmentsNeedAModeWithPriors) {
 TEST_F(NodeLogicTest, PairsThatCameTooFastAreCounted) {
   options.queue = 2;
   give_infos();
-  for (int i = 0; i < kPictures; ++i) give(i, stamp(i));
+  for (int i = 0; i < kImages; ++i) give(i, stamp(i));
   while (node().track_next()) {
   }
   EXPECT_EQ(output.poses.size(), 2u);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Raw images of a drone through the node, against the system fed with the same pictures as a
+// Raw images of a drone through the node, against the system fed with the same images as a
 // sequence.
 #include <gtest/gtest.h>
 #include <kys_slam/image_file.h>
@@ -41,7 +41,7 @@ CameraInfo driver_info(const RawCamera& raw, const StereoRectifier& rectifier, S
   return info;
 }
 
-TEST(NodeWithARecording, TracksRawImagesAsTheSequenceOfTheSamePictures) {
+TEST(NodeWithARecording, TracksRawImagesAsTheSequenceOfTheSameImages) {
   const char* chosen = std::getenv("KYS_SHARED_DATA_DIR");
   const std::filesystem::path data = chosen != nullptr ? chosen : KYS_SHARED_DATA_DIR;
   const std::filesystem::path folder = data / "euroc_v101_start";

@@ -34,7 +34,7 @@ class ForeignInput : public ::testing::Test {
     return status;
   }
   nlohmann::json summary() { return nlohmann::json::parse(read_text(work_ / "out/summary.json")); }
-  void expect_told(std::initializer_list<std::string> parts) {
+  void expect_message(std::initializer_list<std::string> parts) {
     for (const std::string& part : parts) EXPECT_NE(err_.find(part), std::string::npos) << err_;
   }
   template <typename Change>
@@ -59,7 +59,7 @@ TEST_F(ForeignInput, ABaselineInMillimetresIsRefused) {
   const StereoCamera c = small_camera();
   write_calibration(c.fx, c.cx, c.cy, 1000 * c.baseline);
   EXPECT_EQ(run(), 2);
-  expect_told({"calib.txt", "537 m", "537 mm are 0.537 m", "-fx * baseline"});
+  expect_message({"calib.txt", "537 m", "537 mm are 0.537 m", "-fx * baseline"});
   EXPECT_EQ(count_lines(err_), 1);
 }
 
@@ -78,14 +78,14 @@ TEST_F(ForeignInput, AFeatureFileWithABaselineInMillimetresIsRefused) {
   Command command("run_stereo_kitti", {file.string(), "--output", (work_ / "out").string()});
   EXPECT_EQ(command.wait(), 2);
   err_ = command.err();
-  expect_told({"mm.features", "537 mm are 0.537 m"});
+  expect_message({"mm.features", "537 mm are 0.537 m"});
 }
 
 TEST_F(ForeignInput, HalvedImagesWithTheOldIntrinsicsAreTold) {
   const StereoCamera c = small_camera();
   write_calibration(2 * c.fx, 2 * c.cx + 0.5, 2 * c.cy + 0.5, c.baseline);
   run();
-  expect_told({"images of about 800x244 px", "400x122", "multiply fx, fy, cx and cy by 0.5"});
+  expect_message({"images of about 800x244 px", "400x122", "multiply fx, fy, cx and cy by 0.5"});
   EXPECT_NE(summary()["warnings"].dump().find("800x244"), std::string::npos);
   write_calibration(c.fx, c.cx, c.cy, c.baseline);
   EXPECT_EQ(run(), 0);
@@ -107,25 +107,25 @@ TEST_F(ForeignInput, ImagesOf10And12And14BitsGiveTheSameTrajectory) {
     });
     EXPECT_EQ(run(), 0) << err_;
     EXPECT_EQ(read_text(work_ / "out/trajectory.tum"), reference) << bits;
-    expect_told({fmt::format("of which {} bits are used", bits)});
+    expect_message({fmt::format("of which {} bits are used", bits)});
     EXPECT_EQ(count_lines(err_), 1) << err_;
   }
 }
 
-TEST_F(ForeignInput, OnePictureForBothCamerasIsRefusedAndOneFrameOfItIsLost) {
+TEST_F(ForeignInput, OneImageForBothCamerasIsRefusedAndOneFrameOfItIsLost) {
   for (int i = 0; i < kSmallFrames; ++i) {
     const auto jpeg = encode_jpeg(read_gray(seq_ / "image_0" / image_name(i)), 85);
     fs::remove(seq_ / "image_1" / image_name(i));
     write_text(seq_ / "image_1" / image_name(i), {jpeg.begin(), jpeg.end()});
   }
   EXPECT_EQ(run(), 2);
-  expect_told({"000004", "same picture", "two cameras"});
+  expect_message({"000004", "same image", "two cameras"});
   fs::remove_all(seq_);
   copy_small_sequence(seq_);
   fs::copy_file(seq_ / "image_0" / image_name(6), seq_ / "image_1" / image_name(6),
                 fs::copy_options::overwrite_existing);
   EXPECT_EQ(run(), 0);
-  expect_told({"frame 6: the left and the right image are the same picture"});
+  expect_message({"frame 6: the left and the right image are the same image"});
   EXPECT_EQ(count_lines(err_), 1);
   EXPECT_EQ(count_lines(read_text(work_ / "out/trajectory.tum")), kSmallFrames - 1);
   EXPECT_LT(summary()["ate_se3_rmse_m"].get<double>(), 0.05);
@@ -163,14 +163,14 @@ TEST_F(ForeignInput, OneMaskOfAllFramesAndAnInvertedOne) {
   for (std::size_t i = 0; i < mask.size(); ++i) mask.data()[i] = mask.data()[i] == 0 ? 255 : 0;
   write_png(work_ / "mask.png", mask);
   run({"--mask", (work_ / "mask.png").string()});
-  expect_told({"frame 0: a mask covers most of the image", "inverted"});
+  expect_message({"frame 0: a mask covers most of the image", "inverted"});
   write_png(work_ / "mask.png", GrayImage(c.width, c.height, 1));
   EXPECT_EQ(run({"--mask", (work_ / "mask.png").string()}), 3);
   EXPECT_NE(read_text(work_ / "out/frames.csv").find("\"masks leave no corners of the image;"),
             std::string::npos);
   write_png(work_ / "mask.png", GrayImage(c.width, c.height + 1, 0));
   EXPECT_EQ(run({"--mask", (work_ / "mask.png").string()}), 2);
-  expect_told({"mask.png", "400x123", "400x122"});
+  expect_message({"mask.png", "400x123", "400x122"});
 }
 
 TEST_F(ForeignInput, AMapInPiecesSaysSo) {
@@ -185,7 +185,7 @@ TEST_F(ForeignInput, AMapInPiecesSaysSo) {
                                        "relocalization.patience=1"});
   EXPECT_EQ(command.wait(), 3);
   err_ = command.err();
-  expect_told({"4 of 12 frames connected", "12 are tracked", "3 sub-maps"});
+  expect_message({"4 of 12 frames connected", "12 are tracked", "3 sub-maps"});
   const std::string table = command.out();
   EXPECT_NE(table.find("frames connected             4 of 12"), std::string::npos) << table;
   EXPECT_NE(table.find("sub-maps                     3"), std::string::npos) << table;
@@ -237,7 +237,7 @@ TEST_F(ForeignInput, ANearWallWithoutCornersIsNoDeadCamera) {
     write_png(file, image);
   });
   run();
-  expect_told({"frame 4: the right half of the right image shows nothing"});
+  expect_message({"frame 4: the right half of the right image shows nothing"});
 }
 
 TEST(ForeignMap, OfAnotherCalibrationSaysWhatToDo) {

@@ -66,7 +66,7 @@ GrayImage encoded_again(const GrayImage& image, int quality) {
 }
 
 /// The corridor through cameras whose distance is `baseline`.
-class OnePicture : public ::testing::Test {
+class OneImage : public ::testing::Test {
  protected:
   static StereoFrame look(int i, double baseline) {
     StereoCamera camera = kSmall;
@@ -76,7 +76,7 @@ class OnePicture : public ::testing::Test {
   }
 };
 
-TEST_F(OnePicture, EncodedAgainOrNotIsRefusedFromTheStart) {
+TEST_F(OneImage, EncodedAgainOrNotIsRefusedFromTheStart) {
   for (const int quality : {100, 90, 60}) {
     System system(kSmall, Settings(), Schedule::kSequential);
     const auto feed = [&](int i) {
@@ -87,16 +87,16 @@ TEST_F(OnePicture, EncodedAgainOrNotIsRefusedFromTheStart) {
     for (int i = 0; i < 4; ++i) {
       const FrameReport report = feed(i);
       EXPECT_EQ(report.status, FrameStatus::kLost) << quality;
-      EXPECT_EQ(report.reason, "the left and the right image are the same picture");
+      EXPECT_EQ(report.reason, "the left and the right image are the same image");
       EXPECT_EQ(report.warning, report.reason);
     }
-    expect_input_error([&] { feed(4); }, {"frame", "4", "same picture", "two cameras"});
+    expect_input_error([&] { feed(4); }, {"frame", "4", "same image", "two cameras"});
     // A camera that wakes up late is one.
     EXPECT_EQ(system.feed(look(5, kSmall.baseline)).status, FrameStatus::kStarted);
   }
 }
 
-TEST_F(OnePicture, InTheMiddleCostsItsFrame) {
+TEST_F(OneImage, InTheMiddleCostsItsFrame) {
   System system(kSmall, Settings(), Schedule::kSequential);
   for (int i = 0; i < 8; ++i) {
     StereoFrame frame = look(i, kSmall.baseline);
@@ -105,20 +105,20 @@ TEST_F(OnePicture, InTheMiddleCostsItsFrame) {
     if (i == 5) frame.left = frame.right;
     const FrameReport report = system.feed(frame);
     EXPECT_EQ(report.status == FrameStatus::kLost, same) << i << report.reason;
-    EXPECT_EQ(report.reason.find("same picture") != std::string::npos, same) << i;
+    EXPECT_EQ(report.reason.find("same image") != std::string::npos, same) << i;
   }
   system.finish();
   const auto trajectory = system.trajectory();
   EXPECT_NEAR(trajectory[7].T_w_c.t().z() - trajectory[0].T_w_c.t().z(), 3.5, 0.05);
 }
 
-TEST_F(OnePicture, FarScenesAreTwo) {
+TEST_F(OneImage, FarScenesAreTwo) {
   // The walls stand at 7 m; disparities in the last run are 0.3 px and less.
   for (const double baseline : {0.537, 0.05, 0.02}) {
     System system(kSmall, Settings(), Schedule::kSequential);
     for (int i = 0; i < 6; ++i) {
       const FrameReport report = system.feed(look(i, baseline));
-      EXPECT_EQ(report.reason.find("same picture"), std::string::npos) << baseline;
+      EXPECT_EQ(report.reason.find("same image"), std::string::npos) << baseline;
     }
   }
 }

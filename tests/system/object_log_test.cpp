@@ -124,8 +124,8 @@ TEST(ObjectLog, LongSpansDoNotCountTwice) {
   EXPECT_GT(variance(0.4, 16e-3), variance(0.1, 1e-3));
 }
 
-/// The times are those of the pictures: one that is repeated shows nothing new.
-TEST(ObjectLog, ARepeatedPictureDoesNotStopAnObject) {
+/// The times are those of the images: one that is repeated shows nothing new.
+TEST(ObjectLog, ARepeatedImageDoesNotStopAnObject) {
   ObjectLog log({});
   for (int k = 0; k < 10; ++k) {
     const std::vector<InstanceState> things = {car(k)};
@@ -137,12 +137,12 @@ TEST(ObjectLog, ARepeatedPictureDoesNotStopAnObject) {
   }
   const auto objects = log.objects(poses(13, Rigid3()));
   ASSERT_EQ(objects.size(), 13u);
-  int pictures = 0;
+  int images = 0;
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const bool again = i % 4 == 3;
-    pictures += again ? 0 : 1;
+    images += again ? 0 : 1;
     EXPECT_NEAR(objects[i].velocity.z(), 8, 1e-3) << i;
-    EXPECT_NEAR(objects[i].position.z(), 15 + 0.8 * (pictures - 1), 1e-3) << i;
+    EXPECT_NEAR(objects[i].position.z(), 15 + 0.8 * (images - 1), 1e-3) << i;
   }
 }
 

@@ -191,7 +191,7 @@ TEST(SavedMap, OfAnotherCameraOrPyramidIsRefusedInOneLine) {
   EXPECT_EQ(refused(kitti_camera(), Settings()), "");
 }
 
-/// A parked car fills the left third of the pictures, the rest is road. `build_priors` numbers the
+/// A parked car fills the left third of the images, the rest is road. `build_priors` numbers the
 /// things of every recording anew, so all of them have car 3.
 class ParkedCar : public PriorProvider {
  public:

@@ -12,6 +12,8 @@
 #include <optional>
 #include <string>
 
+#include "io/renamed_settings.h"
+
 namespace kys_slam {
 namespace {
 
@@ -99,9 +101,36 @@ TEST(Settings, NumbersOutsideAnySenseAreRefused) {
   }
 }
 
+TEST(Settings, AnEarlierNameIsRefusedWithThePresentOne) {
+  for (const RenamedSetting& renamed : kRenamedSettings) {
+    SCOPED_TRACE(renamed.before);
+    EXPECT_NO_THROW((void)Settings().get(renamed.now));
+    EXPECT_THROW((void)Settings().get(renamed.before), InputError);
+    try {
+      Settings().set(renamed.before, Settings().get(renamed.now));
+      FAIL() << "is accepted";
+    } catch (const InputError& error) {
+      EXPECT_EQ(std::string(error.what()),
+                fmt::format("setting '{}' is now called '{}'", renamed.before, renamed.now));
+    }
+  }
+  const std::filesystem::path file =
+      std::filesystem::temp_directory_path() / "kys_renamed_settings_test.yaml";
+  std::ofstream(file) << "tracking:\n  balanced: false\n";
+  Settings settings;
+  try {
+    settings.load(file);
+    ADD_FAILURE() << "is accepted in a file";
+  } catch (const InputError& error) {
+    EXPECT_EQ(std::string(error.what()),
+              file.string() + ": setting 'tracking.balanced' is now called 'tracking.image_area'");
+  }
+  std::filesystem::remove(file);
+}
+
 TEST(Settings, AreReadBackAsTheyWere) {
   Settings settings;
-  settings.set("tracking.contested_share", "0.123456789012");
+  settings.set("tracking.outlier_area", "0.123456789012");
   settings.set("belief.carried", "-1.0000001");
   settings.set("loop.enabled", "false");
   settings.set("control.label_space", "a folder/b: \"c\" # 'd'\\");

@@ -153,9 +153,9 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
   EXPECT_EQ(
       changes_of("kys_paper.yaml"),
       (Changes{"tracking.min_motion_matches=20", "tracking.align=false",
-               "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
+               "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.image_area=false",
                "keyframes.reference_ratio=0.75", "keyframes.untracked_ratio=0",
-               "keyframes.scarce=0", "mapping.bundle_keyframes=20", "place.min_area=0",
+               "keyframes.min_tracked=0", "mapping.bundle_keyframes=20", "place.min_area=0",
                "control.pipeline_delay=3", "kys.normalize=false"}));
   EXPECT_EQ(changes_of("accurate.yaml"),
             (Changes{"keyframes.every_frame=true", "mapping.bundle_keyframes=10",
@@ -166,11 +166,11 @@ TEST(Configurations, FilesOfTheTreeChangeWhatTheySay) {
   EXPECT_EQ(
       changes_of("baseline.yaml"),
       (Changes{"orb.subpixel=false", "tracking.min_motion_matches=20", "tracking.align=false",
-               "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.balanced=false",
+               "tracking.landmark_noise=0", "tracking.acceleration=0", "tracking.image_area=false",
                "keyframes.max_frames=10", "keyframes.reference_ratio=0.75",
-               "keyframes.untracked_ratio=0", "keyframes.scarce=0", "mapping.bundle_keyframes=20",
-               "calibration.enabled=false", "place.min_area=0", "control.pipeline_delay=3",
-               "control.blend_poses=false"}));
+               "keyframes.untracked_ratio=0", "keyframes.min_tracked=0",
+               "mapping.bundle_keyframes=20", "calibration.enabled=false", "place.min_area=0",
+               "control.pipeline_delay=3", "control.blend_poses=false"}));
 }
 
 TEST(System, FramesFollowTheKeyframeBeforeThemAloneWhenPosesAreNotBlended) {

@@ -31,7 +31,7 @@ FRAMES, MIDDLE = 30, 15
 CASE = {"input": {"world": "street", "size": "620x188", "frames": FRAMES, "priors": True},
         # By votes the truck ahead captures the tracker: only priors that are right free it.
         "run": {"program": "run_stereo_kitti",
-                "arguments": ["--schedule", "sequential", "--set", "tracking.balanced=false"]}}
+                "arguments": ["--schedule", "sequential", "--set", "tracking.image_area=false"]}}
 NEAR = 3.0  # m. Nearer, whole centimetres of depth move the predicted flow by up to half a pixel.
 
 

@@ -14,7 +14,7 @@ using testing::see;
 using testing::weaving_pose;
 
 /// Features that are put together from several sources, with their columns in the right image.
-struct Picture {
+struct SyntheticFrame {
   FeatureSet left;
   std::vector<float> u_right;
 
@@ -45,15 +45,15 @@ class IntegrityOfFrames : public ::testing::Test {
                                                    std::size_t every) {
     const auto seen = see(world_, index, weaving_pose(metres));
     const auto bonnet = testing::random_features(testing::kitti_camera(), 2000, 5, 1.0);
-    Picture picture;
+    SyntheticFrame frame;
     for (std::size_t i = 0; i < seen.features->size(); ++i) {
       if (seen.features->keypoint(i).y >= top || !seen.features->has_stereo(i)) continue;
-      picture.add(*seen.features, i, disparity(*seen.features, i));
+      frame.add(*seen.features, i, disparity(*seen.features, i));
     }
     for (std::size_t i = 0; i < bonnet->size(); i += every) {
-      if (bonnet->keypoint(i).y >= top) picture.add(*bonnet, i, 60);
+      if (bonnet->keypoint(i).y >= top) frame.add(*bonnet, i, 60);
     }
-    return picture.take();
+    return frame.take();
   }
   TrackResult track(int index, std::shared_ptr<const FrameFeatures> features) {
     return tracker_.track({index, 0.1 * index, std::move(features)}, 0);
@@ -105,13 +105,13 @@ TEST_F(IntegrityOfFrames, APoseFromPointsWithoutParallaxIsUncertain) {
   const auto far = testing::random_features(testing::kitti_camera(), 400, 9, 1.0);
   int doubted = 0;
   for (int i = 0; i < 8; ++i) {
-    Picture picture;
+    SyntheticFrame frame;
     for (std::size_t k = 0; k < far->size(); ++k) {
-      picture.add(*far, k, 0.2f + 0.05f * std::sin(static_cast<float>(k + 7 * k * i)));
-      picture.left.keypoints.back().x += 0.1f * std::sin(static_cast<float>(3 * k + 11 * i));
-      picture.left.keypoints.back().y += 0.1f * std::cos(static_cast<float>(5 * k + 13 * i));
+      frame.add(*far, k, 0.2f + 0.05f * std::sin(static_cast<float>(k + 7 * k * i)));
+      frame.left.keypoints.back().x += 0.1f * std::sin(static_cast<float>(3 * k + 11 * i));
+      frame.left.keypoints.back().y += 0.1f * std::cos(static_cast<float>(5 * k + 13 * i));
     }
-    const TrackResult result = track(i, picture.take());
+    const TrackResult result = track(i, frame.take());
     if (result.status != TrackingStatus::kTracked) continue;
     const IntegrityReason reason = result.integrity.reason;
     EXPECT_TRUE(reason == IntegrityReason::kWeakGeometry || reason == IntegrityReason::kHeld)

@@ -90,7 +90,7 @@ TEST(KeyFramePolicy, WhereLittleIsTrackedWhatCanBeAddedCallsForOne) {
   s.inliers = s.reference_landmarks = 100;
   EXPECT_FALSE(needs_keyframe(s, o)) << "enough is tracked";
   s.inliers = 99;
-  o.scarce = 0;
+  o.min_tracked = 0;
   EXPECT_FALSE(needs_keyframe(s, o));
 }
 

@@ -65,7 +65,7 @@ TEST(MotionModel, ARelocalisedFrameHasNoVelocityAStartedOneKeepsIt) {
   EXPECT_FALSE(model.expected(0.6));
 }
 
-TEST(MotionModel, StepsCountMissingPictures) {
+TEST(MotionModel, StepsCountMissingImages) {
   MotionModel model = moving(5);
   EXPECT_EQ(model.steps_since(5, model.time_of(5, 0.5, false)), 1);
   EXPECT_EQ(model.steps_since(5, model.time_of(6, 0.6, false)), 2) << "by the time";

@@ -434,8 +434,8 @@ TEST_F(TrackerTest, ARelocalisedFrameIsComparedWithWhereTheLastOneIsInTheMovedMa
   EXPECT_LT((again.T_c_w.inverse().t() - T_w_c.t()).norm(), 2e-3);
 }
 
-/// The camera went on while its picture repeated, and that picture was lost besides.
-TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
+/// The camera went on while its image repeated, and that image was lost besides.
+TEST_F(TrackerTest, ALostRepeatedImageDoesNotStopTheCamera) {
   for (int i = 0; i < 3; ++i) track_world(i, 2.0 * i);
   const auto nothing = std::make_shared<const FrameFeatures>(
       testing::kitti_camera(), FeatureSet{}, std::vector<float>{}, std::vector<kys::Prior>{});
@@ -445,8 +445,8 @@ TEST_F(TrackerTest, ALostRepeatedPictureDoesNotStopTheCamera) {
   EXPECT_EQ(result.reason, "motion model");
 }
 
-/// After a repeated picture the camera has gone two steps, and the next step is a single one again.
-TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenPictures) {
+/// After a repeated image the camera has gone two steps, and the next step is a single one again.
+TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenImages) {
   constexpr double kStep = 3;
   for (int i = 0; i < 3; ++i) track_world(i, kStep * i);
   const auto repeated = see(world_, 2, weaving_pose(2 * kStep)).features;
@@ -464,9 +464,9 @@ TEST_F(TrackerTest, TheMotionModelCountsTheTimeBetweenPictures) {
   }
 }
 
-/// A camera with a high rate repeats a picture many times in half a second: it may go on meanwhile.
+/// A camera with a high rate repeats an image many times in half a second: it may go on meanwhile.
 /// Whoever shows the same for longer stands still.
-TEST_F(TrackerTest, ARepeatedPictureStopsTheCameraAfterHalfASecond) {
+TEST_F(TrackerTest, ARepeatedImageStopsTheCameraAfterHalfASecond) {
   const auto track_step = [&](int index, double metres, bool repeated = false) {
     const auto seen = see(world_, index, weaving_pose(metres)).features;
     return tracker_.track({index, 0.05 * index, seen, nullptr, repeated}, 0);
@@ -487,7 +487,7 @@ TEST_F(TrackerTest, ARepeatedPictureStopsTheCameraAfterHalfASecond) {
 }
 
 /// The same where the recording has no file for a frame.
-TEST_F(TrackerTest, TheStepAfterAMissingPictureIsASingleOne) {
+TEST_F(TrackerTest, TheStepAfterAMissingImageIsASingleOne) {
   constexpr double kStep = 3;
   int index = 0;
   for (const int i : {0, 1, 2, 4, 5}) {
@@ -693,9 +693,9 @@ TEST_F(TrackerWithPriors, FeaturesToRelocaliseHaveBeliefs) {
   }
 }
 
-/// Everything in view is on one thing. It is compared with earlier pictures, over the time since
+/// Everything in view is on one thing. It is compared with earlier images, over the time since
 /// the camera took them: a whole number of steps, whatever the time stamps.
-TEST_F(TrackerWithPriors, ThingsAreJudgedByTheTimesOfPictures) {
+TEST_F(TrackerWithPriors, ThingsAreJudgedByTheTimesOfImages) {
   const kys::LabelSpace space = kys::load_label_space("coco_panoptic_133");
   kys::ModeOptions options;
   options.mode = kys::Mode::kVerified;
@@ -707,7 +707,7 @@ TEST_F(TrackerWithPriors, ThingsAreJudgedByTheTimesOfPictures) {
     const auto seen = labelled(*see(world_, index, weaving_pose(metres)).features, thing);
     return tracker.track({index, time, seen, nullptr, repeated}, 0);
   };
-  // Every third stamp is 40 ms late; the picture of frame 21 is there twice.
+  // Every third stamp is 40 ms late; the image of frame 21 is there twice.
   for (int i = 0; i < 25; ++i) {
     const bool repeated = i == 22;
     const TrackResult result =

@@ -255,7 +255,34 @@ def best_tables(experiment, rows):
                   "at most 1.1 times plus 3 mm", ["input", "variant", "case", "verified", "best other",
                                                   "its ATE, m", "within", "tracked %", WITHOUT], body,
                   "Means over the inputs and seeds of which both have a result."),
-            *([] if experiment.get("kind") else [wrong_prior_table(experiment, rows)])]
+            *([] if experiment.get("kind") else [wrong_prior_table(experiment, rows),
+                                                 far_table(experiment, rows)])]
+
+
+def without_empty(header, body):
+    """The columns in which any row has something: a study of one variant needs no column for it."""
+    kept = [k for k in range(len(header)) if any(row[k] != "" for row in body)]
+    return [header[k] for k in kept], [[row[k] for k in kept] for row in body]
+
+
+FAR = 1.0  # m, ATE: a trajectory that is of no use
+
+
+def far_table(experiment, rows):
+    """Runs of a study that are far off, by input, variant and configuration, over cases and seeds."""
+    body = []
+    for name, variant, configuration in dict.fromkeys(
+            (r["input"], r["variant"], r["configuration"]) for r in rows):
+        mine = select(rows, input=name, variant=variant, configuration=configuration)
+        errors = [r["ate"] for r in mine if r.get("ate") is not None]
+        body.append([name, variant, configuration, len(mine), sum(e > FAR for e in errors),
+                     len(mine) - len(errors),
+                     *(show(float(f(errors)) if errors else None) for f in (np.median, np.max)),
+                     show(mean([r.get("tracked") for r in mine]), 1)])
+    header, body = without_empty(
+        ["input", "variant", "configuration", "runs", f"more than {FAR:g} m off", "without result",
+         "median ATE, m", "largest ATE, m", "tracked %"], body)
+    return Table(f"{experiment['name']}-far", f"Runs with an ATE of more than {FAR:g} m", header, body)
 
 
 def ratio_row(mine, other, own):
@@ -284,18 +311,20 @@ def wrong_prior_table(experiment, rows):
     cases = {"exact": ["exact"], "wrong": [c for c in unique(rows, "case") if c != "exact"]}
     others = [c for c in unique(rows, "configuration") if c != own]
     body = []
-    for variant, name, priors in itertools.product(unique(rows, "variant"), ["", *unique(rows, "input")],
-                                                   cases):
+    inputs = unique(rows, "input")
+    for variant, name, priors in itertools.product(
+            unique(rows, "variant"), ["", *inputs] if len(inputs) > 1 else inputs, cases):
         mine = [r for r in rows if r["variant"] == variant and r["case"] in cases[priors]
                 and name in ("", r["input"])]
         for other in others:
             row = ratio_row(mine, other, own)
             if row:
                 body.append([name or "all", variant, priors, other, *row])
+    header, body = without_empty(
+        ["input", "variant", "priors", "other", "pairs", "ratio", "95 %", "Wilcoxon p", "verdict",
+         "verified tracked %", "other tracked %", WITHOUT], body)
     return Table(f"{experiment['name']}-exact-wrong",
-                 "ATE of verified over that of the others, exact and wrong priors",
-                 ["input", "variant", "priors", "other", "pairs", "ratio", "95 %", "Wilcoxon p", "verdict",
-                  "verified tracked %", "other tracked %", WITHOUT], body,
+                 "ATE of verified over that of the others, exact and wrong priors", header, body,
                  "Geometric means over inputs and seeds; of an input and seed, over the cases.")
 
 

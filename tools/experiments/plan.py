@@ -25,22 +25,30 @@ import yaml
 
 import data_sets
 import networks
-from prior_plans import CONFIGS, LOST_PICTURES, NO_PRIORS, SOURCE, PriorPlans
-from runs import FAILED, InputError, digest, find_program, read_json, remove, write_text
+from input_plans import InputPlans
+from prior_plans import CONFIGS, LOST_IMAGES, NO_PRIORS, SOURCE, PriorPlans
+from programs import Programs
+from runs import FAILED, InputError, digest, read_json, remove, write_text
 from inputs import whole  # runs knows where it is
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 # What does the jobs.
-STEP = [os.path.join(HERE, name) for name in ("step.py", "runs.py", "loop_recall.py",
-                                              "lose_pictures.py", "networks.py", "town_path.py",
-                                              "tier_picture.py")]
+STEP = [os.path.join(HERE, name) for name in (
+    "step.py", "prior_steps.py", "survey_steps.py", "runs.py", "loop_recall.py", "lose_images.py",
+    "networks.py", "town_path.py", "tier_picture.py")]
 STEP.append(os.path.join(SOURCE, "python", "kys_slam", "kysp.py"))
 SCALES = ("full", "quick", "miniature")
 DEFAULT_LABEL_SPACE = "coco_panoptic_133"  # of the programs
-SEED_STEP = 1000  # from one seed of a substitute to the next
 
 # The miniature: enough to go through every step, far too little to say anything.
 MINIATURE = {"size": "414x126", "frames": 16, "seeds": [1]}
+
+
+def version_of(source):
+    """The commit of the source, with a mark when it was changed since; "" outside of a clone."""
+    said = subprocess.run(["git", "describe", "--always", "--dirty", "--exclude", "*"], cwd=source,
+                          capture_output=True, text=True, check=False)
+    return said.stdout.strip() if said.returncode == 0 else ""
 
 
 def load_yaml(name):
@@ -65,40 +73,6 @@ def slug(*words):
     return re.sub(r"[^A-Za-z0-9.+]+", "-", "-".join(str(w) for w in words if w != "")).strip("-")
 
 
-class Programs:
-    """The programs, what they are (a digest), and what the run programs know."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        self._digests = {}
-        run = self.path("run_stereo_kitti")
-        listed = subprocess.run([run, "--list-settings"], capture_output=True, text=True, check=True)
-        self.settings = self._keys(listed.stdout)
-        match = re.search(r"^  mode: \w+ +# (.*)$", listed.stdout, re.MULTILINE)
-        if match is None:
-            raise InputError(f"{run}: --list-settings names no modes")
-        self.modes = set(re.split(", | or ", match[1]))
-
-    @staticmethod
-    def _keys(text):
-        keys, group = set(), ""
-        for line in text.splitlines():
-            key = line.split("#")[0].partition(":")[0]
-            if key and not key.startswith(" "):
-                group = key.strip()
-            elif key.strip():
-                keys.add(f"{group}.{key.strip()}")
-        return keys
-
-    def path(self, name):
-        return find_program(self.folder, name)
-
-    def key(self, name):
-        if name not in self._digests:
-            self._digests[name] = digest(self.path(name))
-        return self._digests[name]
-
-
 def schedules_of(experiment, seed):
     """Schedules of the runs with a seed, each with its number of repeats. Repeated are, as of a
     recording, the runs of the first seed only."""
@@ -107,7 +81,7 @@ def schedules_of(experiment, seed):
             if repeats.get(schedule, 1) == 1 or seed == experiment["seeds"][0]]
 
 
-class Planner(PriorPlans):
+class Planner(InputPlans, PriorPlans):
     lengths = {}     # frames of whole recordings, by name
 
     def __init__(self, options):
@@ -131,74 +105,6 @@ class Planner(PriorPlans):
                             "threads": threads, "cost": cost}
         return ident
 
-    # --- given data ----------------------------------------------------------------------------
-
-    def state_of(self, *places):
-        if places not in self.states:
-            self.states[places] = data_sets.state_of(*places)
-        return self.states[places]
-
-    def given_labels(self, name, experiment):
-        """Labels of a recording: a part of it has another name and origin than the whole, and so never
-        stands beside figures of the whole."""
-        here = self.given[name].frames()
-        total, ran = self.lengths.get(name, here), min(experiment.get("frames") or here, here)
-        if ran >= total:
-            return {"origin": "given", "input": name}
-        part = f"{name} ({ran} of {total} frames)"
-        return {"origin": "partial", "input": part}
-
-    # --- input ---------------------------------------------------------------------------------
-
-    def input_of(self, name, seed, experiment):
-        """Job id (None: given data), folder relative to the work folder or absolute, and labels."""
-        if name in self.given:
-            if seed != experiment["seeds"][0]:
-                return None  # a recording has no seeds
-            return None, self.given[name].folder, self.given_labels(name, experiment)
-        spec, _, size = name.partition("@")
-        if spec.startswith("world/"):
-            substitute = {"world": spec.removeprefix("world/"), "seed": 0}
-            what, steps = "simulated", 1
-        else:
-            if spec not in self.substitutes:
-                raise InputError(f"{name}: no such sequence")
-            substitute = self.substitutes[spec]
-            if self.options.scale == "miniature":
-                substitute = {**substitute, "seed": 1}  # few worlds for all experiments
-            what, steps = "substitute", SEED_STEP
-        size = size or experiment.get("size", "620x188")
-        number = substitute["seed"] + (seed if steps == 1 else steps * (seed - 1))
-        frames = experiment.get("frames", substitute.get("frames", 0))
-        arguments = [substitute["world"], "--seed", str(number), "--size", size]
-        if frames:
-            arguments += ["--frames", str(frames)]
-        width, height = (int(x) for x in size.split("x"))
-        cost = (frames or 250) * width * height / 480e3
-        job = self.add("input", [substitute["world"], number, size, frames or "all"],
-                       {"program": self.programs.key("simulate_sequence"), "arguments": arguments},
-                       [], 2, cost)
-        label = f"{what}: {substitute['world']}, seed {number}"
-        return job, f"inputs/{job}", {"origin": what, "input": name, "what": label}
-
-    def drive_of(self, name, seed, experiment, perception):
-        """The same of a drive: a feature file, whose priors have the errors of `perception`."""
-        traffic, _, real = name.removeprefix("drive/").partition("@")
-        frames = experiment.get("frames", 0)
-        arguments = ["--traffic", traffic, "--perception", perception, "--seed", str(seed)]
-        spec = {"program": self.programs.key("simulate_features"), "arguments": arguments}
-        if real:
-            spec.update(trajectory=self.trajectories[real], state=digest(self.trajectories[real]))
-            arguments += ["--frame-rate", "20"]
-            arguments += ["--frames", str(frames)] if frames else []
-        else:
-            spec["path"] = [frames or 2000, seed]
-        job = self.add("drive", [name.removeprefix("drive/"), seed, perception], spec, [], 1,
-                       0.02 * (frames or 2000))
-        where = f"real trajectory {real}" if real else "round a block"
-        return job, f"inputs/{job}/drive.features", {
-            "origin": "drive", "input": name, "what": f"drive: {where}, traffic {traffic}, seed {seed}"}
-
     # --- runs ----------------------------------------------------------------------------------
 
     def known(self, settings):
@@ -214,7 +120,7 @@ class Planner(PriorPlans):
 
     def run_of(self, source, name, configuration, settings, case, schedule, repeat, seed, experiment):
         mode, drive = configuration["mode"], name.startswith("drive/")
-        loses = bool(LOST_PICTURES & self.cases[case].keys())
+        loses = bool(LOST_IMAGES & self.cases[case].keys())
         if drive:
             perception = "exact" if mode in NO_PRIORS else self.cases[case].get("perception", "exact")
             source = self.drive_of(name, seed, experiment, perception)
@@ -242,7 +148,7 @@ class Planner(PriorPlans):
         for setting in settings:
             arguments += ["--set", setting]
         if loses:
-            lost = self.with_lost_pictures(source, case, priors, seed)
+            lost = self.with_lost_images(source, case, priors, seed)
             needs, priors, spec["input"] = [lost], priors and lost, f"inputs/{lost}"
         euroc = "euroc/" in name or "hall" in name
         if job is not None and not drive:
@@ -346,7 +252,7 @@ class Planner(PriorPlans):
         """Whether a recording has no prior files and none can be made: said once."""
         if source[0] is not None:
             return False
-        perceived = "exact" if LOST_PICTURES & self.cases[case].keys() else case
+        perceived = "exact" if LOST_IMAGES & self.cases[case].keys() else case
         why = self.why_no_priors(name, perceived, config)
         if why is not None:
             self.leave_out(experiment["name"], f"{source[2]['input']} with priors", why)
@@ -424,7 +330,8 @@ class Planner(PriorPlans):
             if wanted not in known:
                 raise InputError(f"--inputs {wanted}: there are {', '.join(sorted(known))}")
         experiments.sort(key=lambda e: e.get("order", 99))
-        return {"scale": self.options.scale, "source": SOURCE, "bin": self.options.bin,
+        return {"scale": self.options.scale, "source": SOURCE, "version": version_of(SOURCE),
+                "bin": self.options.bin,
                 "data": self.options.data, "worlds": self.options.worlds, "cores": self.options.cores,
                 "given": {self.given_labels(n, {})["input"]: s.folder for n, s in self.given.items()},
                 "jobs": list(self.jobs),

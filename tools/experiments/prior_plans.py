@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The part of a plan that is about priors: what a recording has of them, the jobs that make perception
-outputs by networks, prior files, and prior files of inputs that lose pictures.
+outputs by networks, prior files, and prior files of inputs that lose images.
 """
 import os
 
@@ -11,7 +11,7 @@ from runs import digest
 SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 CONFIGS = os.path.join(SOURCE, "configs")
 NO_PRIORS = ("stock", "scaled")  # modes that use none
-LOST_PICTURES = {"missing", "repeated", "late"}  # keys of a case about pictures, not perception
+LOST_IMAGES = {"missing", "repeated", "late"}  # keys of a case about images, not perception
 
 
 class PriorPlans:
@@ -84,8 +84,8 @@ class PriorPlans:
         words = [labels["input"].replace("/", ""), seed, case, (config or "").replace(".yaml", "")]
         return self.add("priors", words, spec, needs, 1, 4 if not recipe.get("disparity") else 60)
 
-    def with_lost_pictures(self, source, case, priors, seed):
-        """Job id of an input without some of its pictures, and of the prior files of the others."""
+    def with_lost_images(self, source, case, priors, seed):
+        """Job id of an input without some of its images, and of the prior files of the others."""
         job, folder, labels = source
         return self.add("lost", [labels["input"].replace("/", ""), seed, case],
                         {"input": folder, "priors": priors, "case": dict(self.cases[case]), "seed": seed},

@@ -155,12 +155,13 @@ PointCloud read_records(std::string_view data, const Layout& layout) {
     const bool swap = (layout.encoding == Layout::Encoding::kBigEndian) !=
                       (std::endian::native == std::endian::big);
     for (std::size_t k = 0; k < layout.count; ++k) {
-      const char* record = data.data() + k * layout.stride;
       add_point(
           wanted,
           [&](int column) {
             const Column& c = layout.columns[static_cast<std::size_t>(column)];
-            return number_at(record + c.offset, c.type, swap);
+            const std::size_t at = layout.by_field ? c.offset * layout.count + k * c.width
+                                                   : k * layout.stride + c.offset;
+            return number_at(data.data() + at, c.type, swap);
           },
           cloud);
     }

@@ -22,10 +22,10 @@ struct PointCloud {
   [[nodiscard]] std::string name_of_class(int number) const;
 };
 
-/// Reads PLY (ASCII and binary; x, y, z, and nx, ny, nz, class when they are there), PCD (ASCII and
-/// binary; x, y, z, normal_x.., label), or text with x, y, z at the beginning of every line ("#":
-/// comment). The content tells which.
-/// \throws InputError naming the file: unreadable, damaged, without points, compressed
+/// Reads PLY (ASCII and binary; x, y, z, and nx, ny, nz, class when they are there), PCD (ASCII,
+/// binary and compressed; x, y, z, normal_x.., label), or text with x, y, z at the beginning of
+/// every line ("#": comment). The content tells which. \throws InputError naming the file:
+/// unreadable, damaged, without points
 PointCloud read_point_cloud(const std::filesystem::path& file);
 /// The same in memory; `name` is used in messages.
 PointCloud parse_point_cloud(std::string_view bytes, const std::string& name);
@@ -40,6 +40,7 @@ struct Column {
   std::string name;
   Type type = Type::kFloat32;
   std::size_t offset = 0;  ///< in a binary record
+  std::size_t width = 0;   ///< bytes of the field that it begins
 };
 /// How the records of points follow each other.
 struct Layout {
@@ -47,6 +48,7 @@ struct Layout {
   Encoding encoding = Encoding::kText;
   std::vector<Column> columns;
   std::size_t stride = 0;  ///< bytes of a binary record
+  bool by_field = false;   ///< binary: a field of all points, then the next field
   std::size_t count = 0;
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Headers of PLY (Turk, "The PLY polygon file format", 1994) and PCD 0.7 (Point Cloud Library).
+#include <kys_slam/util/memory_limit.h>
 #include <kys_slam/util/parse_number.h>
 
 #include <array>
@@ -7,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "lzf.h"
 #include "point_cloud.h"
 
 namespace kys_slam::cloud_format {
@@ -63,10 +65,32 @@ Type pcd_type(std::string_view letter, std::size_t size) {
   refuse_header("has a field of an unknown type");
 }
 
-void add_column(Layout& layout, std::string_view name, Type type) {
+/// \param repeated numbers in the field that it begins
+void add_column(Layout& layout, std::string_view name, Type type, std::size_t repeated = 1) {
   if (layout.columns.size() >= kMostColumns) refuse_header("has too many columns");
-  layout.columns.push_back({std::string(name), type, layout.stride});
+  layout.columns.push_back({std::string(name), type, layout.stride, repeated * size_of(type)});
   layout.stride += size_of(type);
+}
+
+/// Two sizes (bytes, packed and unpacked), and LZF.
+std::string unpack(std::string_view bytes) {
+  constexpr std::size_t kSizes = 8, kGrowth = 4;  // as in memory, with the tree
+  const auto number = [&](std::size_t at) {
+    std::size_t value = 0;
+    for (std::size_t k = 4; k-- > 0;)
+      value = 256 * value + static_cast<unsigned char>(bytes[at + k]);
+    return value;
+  };
+  if (bytes.size() < kSizes) refuse_header("is truncated: without the size of its points");
+  const std::size_t packed = number(0), size = number(4);
+  bytes.remove_prefix(kSizes);
+  if (packed > bytes.size()) {
+    refuse_header("is truncated: " + std::to_string(bytes.size()) + " bytes of " +
+                  std::to_string(packed));
+  }
+  if (size > kMostLzfGrowth * packed) refuse_header("is compressed, and damaged");
+  check_memory("the compressed points", kGrowth * size);
+  return unpack_lzf(bytes.substr(0, packed), size);
 }
 
 std::string join_words(const std::vector<std::string_view>& words, std::size_t from) {
@@ -136,13 +160,11 @@ PointCloud parse_pcd(std::string_view bytes) {
     if (words[0] == "POINTS" && words.size() == 2) layout.count = count_of(words[1]);
     if (words[0] != "DATA") continue;
     if (words.size() != 2) refuse_header("is a PCD file with DATA of an unknown kind");
-    if (words[1] == "binary_compressed") {
-      refuse_header("is a compressed PCD file; pcl_convert_pcd_ascii_binary makes another one");
-    }
-    if (words[1] != "ascii" && words[1] != "binary") {
+    layout.by_field = words[1] == "binary_compressed";
+    if (words[1] != "ascii" && words[1] != "binary" && !layout.by_field) {
       refuse_header("is a PCD file with DATA of an unknown kind");
     }
-    if (words[1] == "binary") layout.encoding = Layout::Encoding::kLittleEndian;
+    if (words[1] != "ascii") layout.encoding = Layout::Encoding::kLittleEndian;
     break;
   }
   if (fields.size() != types.size() || fields.size() != sizes.size() ||
@@ -153,11 +175,11 @@ PointCloud parse_pcd(std::string_view bytes) {
     const std::size_t repeated = counts.empty() ? 1 : count_of(counts[k]);
     if (repeated > kMostColumns) refuse_header("has too many columns");
     for (std::size_t r = 0; r < repeated; ++r) {
-      add_column(layout, r == 0 ? fields[k] : std::string(),
-                 pcd_type(types[k], count_of(sizes[k])));
+      add_column(layout, r == 0 ? fields[k] : std::string(), pcd_type(types[k], count_of(sizes[k])),
+                 r == 0 ? repeated : 1);
     }
   }
-  return read_records(bytes, layout);
+  return layout.by_field ? read_records(unpack(bytes), layout) : read_records(bytes, layout);
 }
 
 }  // namespace kys_slam::cloud_format

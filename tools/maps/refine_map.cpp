@@ -17,7 +17,7 @@
 
 #include "common/command_line.h"
 #include "given_rig.h"
-#include "refinement.h"
+#include "refine_in_rounds.h"
 
 namespace {
 
@@ -32,6 +32,7 @@ struct Arguments {
   fs::path input, output, calibration, json, covariances, from;
   double unit = 1;
   std::vector<std::string> free;
+  int associations = 2;
   double hold_out = 0.1;
   std::int64_t seed = 1;
   bool covariance = false;
@@ -47,6 +48,10 @@ void declare(CLI::App& app, Arguments& a) {
          "distortion")
       ->delimiter(',');
   app.add_flag("--covariance", a.covariance, "covariances of keyframes, relative to the first");
+  app.add_option("--associations", a.associations,
+                 "with --free: times that observations are found anew, each with an adjustment")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
   app.add_option("--hold-out", a.hold_out, "share of observations that are predicted, not used")
       ->check(finite_range(0, 0.5))
       ->capture_default_str();
@@ -95,8 +100,9 @@ std::string residual_line(const char* name, const Residuals& r) {
   return text + fmt::format(" {:>9}\n", r.count[0]);
 }
 
-std::string table(const RefinementResult& result, const RefinementOptions& options, bool any) {
+std::string table(const RoundsResult& rounds, const RefinementOptions& options, bool any) {
   std::string text;
+  const RefinementResult &result = rounds.last, &first = rounds.first;
   if (any) {
     text += fmt::format("{:<14} {:>11} {:>11} {:>11} {:>11}  {}\n", "parameter", "before", "after",
                         "sigma", "prior", "determined");
@@ -123,10 +129,13 @@ std::string table(const RefinementResult& result, const RefinementOptions& optio
                                                                 &RefinementResult::Stage::held_out),
                                    {"used", &RefinementResult::Stage::used}}) {
     text += fmt::format("{}\n", name);
-    text += residual_line("in the map as it was", result.read.*part);
+    text += residual_line("in the map as it was", first.read.*part);
     text +=
-        residual_line(any ? "adjusted, correction as it was" : "adjusted", result.adjusted.*part);
-    if (any) text += residual_line("adjusted with the correction", result.refined.*part);
+        residual_line(any ? "adjusted, correction as it was" : "adjusted", first.adjusted.*part);
+    if (any) text += residual_line("adjusted with the correction", first.refined.*part);
+    if (!rounds.associations.empty()) {
+      text += residual_line("with observations found anew", result.refined.*part);
+    }
   }
   return text;
 }
@@ -139,8 +148,9 @@ nlohmann::json to_json(const Residuals& r) {
   return json;
 }
 
-nlohmann::json figures(const Arguments& a, const MapObservations& map,
-                       const RefinementResult& result, const RefinementOptions& options) {
+nlohmann::json figures(const Arguments& a, const MapObservations& map, const RoundsResult& rounds,
+                       const RefinementOptions& options) {
+  const RefinementResult &result = rounds.last, &first = rounds.first;
   nlohmann::json json{{"map", printable(a.input.string())},
                       {"keyframes", map.T_c_w.size()},
                       {"landmarks", map.landmarks.size()},
@@ -149,6 +159,9 @@ nlohmann::json figures(const Arguments& a, const MapObservations& map,
                       {"iterations", result.iterations},
                       {"complete", !result.stopped},
                       {"unit", result.unit}};
+  for (const AssociationReport& r : rounds.associations) {
+    json["associations"].push_back({{"dropped", r.dropped}, {"found", r.found}});
+  }
   json["parameters"] = nlohmann::json::array();
   for (int k = 0; k < RigCorrection::kSize; ++k) {
     const RigParameterName& name = rig_parameter_names().at(static_cast<std::size_t>(k));
@@ -164,9 +177,10 @@ nlohmann::json figures(const Arguments& a, const MapObservations& map,
          {"free", free},
          {"determined", free && deviation(result.after, k) < kDetermined * prior}});
   }
-  for (const auto& [name, stage] : {std::pair("map", &result.read),
-                                    {"adjusted", &result.adjusted},
-                                    {"refined", &result.refined}}) {
+  for (const auto& [name, stage] : {std::pair("map", &first.read),
+                                    {"adjusted", &first.adjusted},
+                                    {"refined", &first.refined},
+                                    {"found_anew", &result.refined}}) {
     json["residuals_px"][name] = {{"used", to_json(stage->used)},
                                   {"held_out", to_json(stage->held_out)}};
   }
@@ -219,7 +233,7 @@ int run(Arguments a) {
   std::atomic<bool> stop{false};
   InterruptGuard guard([&] { stop = true; });
   options.watch.stop = &stop;
-  RefinementResult result;
+  RoundsResult rounds;
   {
     std::optional<Progress> progress;
     options.watch.progress = [&](int done, int most, const std::string& what) {
@@ -229,8 +243,10 @@ int run(Arguments a) {
       }
       progress->update(done, what);
     };
-    result = refine(observations, options);
+    rounds = refine_in_rounds(map, selection, options, a.free.empty() ? 0 : a.associations,
+                              observations);
   }
+  const RefinementResult& result = rounds.last;
   if (!observations.rig.correction.parameters().allFinite() ||
       !observations.rig.covariance.allFinite()) {
     throw InputError(a.input.string() + ": does not determine a calibration");
@@ -242,11 +258,11 @@ int run(Arguments a) {
                                                                            observations.rig}));
   }
   if (a.covariance) write_file_atomic(a.covariances, covariance_table(observations, result));
-  write_file_atomic(a.json, figures(a, observations, result, options).dump(2) + "\n");
+  write_file_atomic(a.json, figures(a, observations, rounds, options).dump(2) + "\n");
   print_text(fmt::format("{} keyframes, {} landmarks, {} observations, {} iterations\n\n",
                          observations.T_c_w.size(), observations.landmarks.size(),
                          result.observations, result.iterations));
-  print_text(table(result, options, !a.free.empty()));
+  print_text(table(rounds, options, !a.free.empty()));
   if (result.stopped) print_text("interrupted: this is the best so far\n");
   return 0;
 }

@@ -109,10 +109,10 @@ class Refinement {
   }
 
  private:
-  /// The correction in the map with what is not known about its free parameters: as the run knew
-  /// them, or the prior.
+  /// The correction that images were compared with, and what is not known about its free
+  /// parameters: as the run knew them, or the prior.
   [[nodiscard]] RigEstimate before() {
-    RigEstimate known = map_.map().rig;
+    RigEstimate known = options_.compared_with.value_or(map_.map().rig);
     for (int k = 0; k < RigCorrection::kSize; ++k) {
       const bool free = options_.free.at(static_cast<std::size_t>(k));
       if (free && known.covariance(k, k) > 0) continue;

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -27,6 +28,9 @@ struct RefinementOptions {
   FreeParameters free{};     ///< the others stay as they are in the map
   RigEstimate prior;         ///< of all parameters before anything is seen
   bool covariances = false;  ///< of keyframes
+  /// With which the images were compared; nothing: that in the map. Disparities whose rows have not
+  /// been measured have an error by what it does not know.
+  std::optional<RigEstimate> compared_with;
   /// Adds residuals of other measurements, without loss or with one, on blocks of the map. Called
   /// whenever a problem has been built. Their deviations are taken as they are.
   std::function<void(ceres::Problem&, MapProblem&)> more;

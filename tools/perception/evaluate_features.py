@@ -18,9 +18,9 @@ import sys
 import numpy as np
 
 import kys_slam
-from kys_slam import InputError, binarise
+from kys_slam import InputError
 from kys_slam.feature_network import FeatureNetwork
-from kys_slam.feature_pairs import NEAR, flow_field, hamming, partners, stereo_field
+from kys_slam.feature_pairs import flow_field, hamming, mutual_matches, partners, stereo_field
 from kys_slam.segment_network import NetworkError
 
 def moved_field(field, camera, T_second_first):
@@ -44,11 +44,8 @@ class Counts:
     def __init__(self):
         self.right = self.judged = self.found = self.possible = 0
 
-    def add(self, distance, pairs, second):
-        nearest, back = distance.argmin(axis=1), distance.argmin(axis=0)
-        mutual = back[nearest] == np.arange(len(nearest))
-        gap = np.linalg.norm(second[nearest] - pairs.expected, axis=1)
-        right = mutual & pairs.known & (gap < NEAR)
+    def add(self, distance, pairs):
+        mutual, right = mutual_matches(pairs, distance)
         self.right += int(np.count_nonzero(right))
         self.found += int(np.count_nonzero(right[pairs.matching[:, 0]]))
         # A match of a feature that leaves the image or is hidden cannot be judged by its place.
@@ -62,7 +59,7 @@ class Counts:
 def distances(a, b, features):
     """{kind: (N, M) distances} of float descriptors."""
     result = {"floats": 1 - a["descriptors"] @ b["descriptors"].T}
-    x, y = (binarise(f["descriptors"], features.seed, features.centre or None) for f in (a, b))
+    x, y = (features.bits(f["descriptors"]) for f in (a, b))
     for bits in (256, 128, 64):
         result[f"{bits} bits"] = hamming(x[:, :bits // 8], y[:, :bits // 8])
     return result
@@ -100,10 +97,10 @@ def measure(args):
         def add(kind, field, first, second, first_orb, second_orb):
             pairs = partners(first, second, field)
             for name, distance in distances(first, second, features).items():
-                table.setdefault((kind, name), Counts()).add(distance, pairs, second["positions"])
+                table.setdefault((kind, name), Counts()).add(distance, pairs)
             pairs = partners(first_orb, second_orb, field)
             table.setdefault((kind, "ORB"), Counts()).add(
-                hamming(first_orb["descriptors"], second_orb["descriptors"]), pairs, second_orb["positions"])
+                hamming(first_orb["descriptors"], second_orb["descriptors"]), pairs)
 
         pose = pose_of(recording, frame.timestamp)
         if end:

@@ -191,7 +191,7 @@ void feed_all(System& system, FrameSource& source, const StereoMasks& masks,
               InterruptGuard& guard, RunInfo& info) {
   Progress progress("tracking", total, quiet ? Progress::Style::kNone : Progress::Style::kAuto);
   std::int64_t done = 0;
-  std::set<std::string> told;  // each warning once; summary.json has how often
+  std::set<std::string> reported;  // each warning once; summary.json has how often
   Stopwatch clock;
   std::optional<double> first_time;
   while (std::optional<StereoFrame> frame = source.next()) {
@@ -209,7 +209,7 @@ void feed_all(System& system, FrameSource& source, const StereoMasks& masks,
     if (report.status == FrameStatus::kLost) {
       spdlog::debug("frame {} lost: {}", report.index, report.reason);
     }
-    if (!report.warning.empty() && told.insert(report.warning).second) {
+    if (!report.warning.empty() && reported.insert(report.warning).second) {
       spdlog::warn("frame {}: {}", report.index, printable(report.warning));
     }
     progress.update(++done);

@@ -29,7 +29,7 @@ def pair_left_is_right(f, programs):
     result = programs.kitti(f)
     expect(result.status == 2, f"status {result.status}")
     warning, error = result.err.splitlines()
-    expect("same picture" in warning, result.err)
+    expect("same image" in warning, result.err)
     expect("000004" in error and "give the images of two cameras" in error, result.err)
     saved(f, 4)
 

@@ -10,13 +10,13 @@
 
 namespace kys_slam {
 
-/// When a camera takes its pictures: at a constant rate, whatever the jitter of its time stamps.
-/// Software gives a picture its stamp when it arrives, tens of milliseconds late. The line through
-/// the last stamps over the numbers of their pictures (least squares) gives the rate, and the
-/// number of a new picture: missing ones count. Without a constant rate the stamps count.
-class PictureClock {
+/// When a camera takes its images: at a constant rate, whatever the jitter of its time stamps.
+/// Software gives an image its stamp when it arrives, tens of milliseconds late. The line through
+/// the last stamps over the numbers of their images (least squares) gives the rate, and the
+/// number of a new image: missing ones count. Without a constant rate the stamps count.
+class ImageClock {
  public:
-  /// Time (s) at which the picture with the stamp `stamp` (s) was taken: the stamp itself when it
+  /// Time (s) at which the image with the stamp `stamp` (s) was taken: the stamp itself when it
   /// is within kTolerance of the line, else the time on the line. Stamps increase; the last one may
   /// be asked for again.
   double time_of(double stamp) {
@@ -30,7 +30,7 @@ class PictureClock {
     return std::abs(stamp - expected) <= kTolerance * now.period ? stamp : expected;
   }
 
-  /// How many steps of the camera an interval (s) between two pictures is: a whole number, at least
+  /// How many steps of the camera an interval (s) between two images is: a whole number, at least
   /// 1. Nothing without a constant rate.
   [[nodiscard]] std::optional<double> steps_in(double interval) const {
     if (period_ <= 0) return std::nullopt;
@@ -39,7 +39,7 @@ class PictureClock {
 
   /// How many times as long as a step of `before` (s) one of `interval` (s) is. The jitter of time
   /// stamps is larger than real changes of the velocity: steps have other lengths only where
-  /// pictures are missing.
+  /// images are missing.
   [[nodiscard]] double ratio(double interval, double before) const {
     if (const auto steps = steps_in(interval)) return *steps / *steps_in(before);
     const double times = interval / before;
@@ -47,18 +47,18 @@ class PictureClock {
   }
 
  private:
-  static constexpr std::size_t kWindow = 24;  // pictures
-  static constexpr double kLongestGap = 24;   // pictures
+  static constexpr std::size_t kWindow = 24;  // images
+  static constexpr double kLongestGap = 24;   // images
   static constexpr double kTolerance = 0.1;   // periods
   // Periods; a larger deviation from the line is that of a camera without a constant rate. Times
   // that have nothing to do with the line deviate by 0.29 periods from the nearest number.
   static constexpr double kRegular = 0.2;
   // A step that takes this many times as long as another, of a camera without a constant rate: a
-  // picture is missing.
+  // image is missing.
   static constexpr double kMissing = 1.5;
 
   struct Stamp {
-    double number = 0;  // of the picture
+    double number = 0;  // of the image
     double time = 0;    // s
   };
   struct Line {
@@ -85,7 +85,7 @@ class PictureClock {
     stamps_.pop_front();
   }
 
-  /// At the start: numbers by the mean interval without those in which pictures are missing.
+  /// At the start: numbers by the mean interval without those in which images are missing.
   void number_all() {
     if (stamps_.size() == 1) return;
     std::vector<double> intervals;

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""A sequence as a camera records it that loses pictures: some are missing, others repeat the one before,
+"""A sequence as a camera records it that loses images: some are missing, others repeat the one before,
 or they get their time stamps too late.
 
-    lose_pictures.py SEQUENCE --output DIR [--priors PRIORS] [--missing SHARE] [--repeated SHARE] [--late SHARE]
+    lose_images.py SEQUENCE --output DIR [--priors PRIORS] [--missing SHARE] [--repeated SHARE] [--late SHARE]
 
 SEQUENCE is in the layout of KITTI odometry with its own poses.txt, as simulate_sequence writes it. DIR
-gets links to its pictures, numbered anew, with the time stamps and poses of what is left; DIR/priors the
-same of the prior files PRIORS. A missing picture takes its time stamp with it. A repeated one has its own,
-and the pose of the picture that it shows. The first four pictures are never lost: a map has to start.
+gets links to its images, numbered anew, with the time stamps and poses of what is left; DIR/priors the
+same of the prior files PRIORS. A missing image takes its time stamp with it. A repeated one has its own,
+and the pose of the image that it shows. The first four images are never lost: a map has to start.
 Stamps are late by up to a share of the mean interval, each by another time.
 """
 import argparse
@@ -22,11 +22,11 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "common"))
 import inputs  # noqa: E402
 
 CAMERAS = ("image_0", "image_1")
-KEPT = 4  # pictures at the start
+KEPT = 4  # images at the start
 
 
 def shown(count, missing, repeated, seed):
-    """Per frame of the new sequence: the frame whose time it has, and the one whose picture it shows."""
+    """Per frame of the new sequence: the frame whose time it has, and the one whose image it shows."""
     generator = random.Random(seed)
     frames = []
     for i in range(count):
@@ -53,7 +53,7 @@ def lines_of(path, count):
     with inputs.reading(path), open(path, encoding="utf-8") as file:
         lines = file.read().splitlines()
     if len(lines) != count:
-        inputs.fail(f"{path}: {len(lines)} lines for {count} pictures")
+        inputs.fail(f"{path}: {len(lines)} lines for {count} images")
     return lines
 
 
@@ -69,30 +69,30 @@ def link(source, target):
 
 def lose(sequence, output, priors, seed, missing=0, repeated=0, late=0):
     """Writes the new sequence; returns its frames as shown() gives them."""
-    pictures = names_in(os.path.join(sequence, CAMERAS[0]))
-    if not pictures:
-        inputs.fail(f"{sequence}/{CAMERAS[0]}: no pictures")
-    if names_in(os.path.join(sequence, CAMERAS[1])) != pictures:
-        inputs.fail(f"{sequence}: {CAMERAS[0]} and {CAMERAS[1]} have other pictures")
-    times, poses = (lines_of(os.path.join(sequence, name), len(pictures)) for name in ("times.txt", "poses.txt"))
+    images = names_in(os.path.join(sequence, CAMERAS[0]))
+    if not images:
+        inputs.fail(f"{sequence}/{CAMERAS[0]}: no images")
+    if names_in(os.path.join(sequence, CAMERAS[1])) != images:
+        inputs.fail(f"{sequence}: {CAMERAS[0]} and {CAMERAS[1]} have other images")
+    times, poses = (lines_of(os.path.join(sequence, name), len(images)) for name in ("times.txt", "poses.txt"))
     times = late_times(os.path.join(sequence, "times.txt"), times, late, seed)
-    frames = shown(len(pictures), missing, repeated, seed)
+    frames = shown(len(images), missing, repeated, seed)
     for camera in CAMERAS:
         os.makedirs(os.path.join(output, camera))
     shutil.copy(os.path.join(sequence, "calib.txt"), output)
-    for k, (_, picture) in enumerate(frames):
-        extension = os.path.splitext(pictures[picture])[1]
+    for k, (_, image) in enumerate(frames):
+        extension = os.path.splitext(images[image])[1]
         for camera in CAMERAS:
-            link(os.path.join(sequence, camera, pictures[picture]),
+            link(os.path.join(sequence, camera, images[image]),
                  os.path.join(output, camera, f"{k:06d}{extension}"))
     for name, lines in (("times.txt", [times[i] for i, _ in frames]),
-                        ("poses.txt", [poses[picture] for _, picture in frames])):
+                        ("poses.txt", [poses[image] for _, image in frames])):
         pathlib.Path(output, name).write_text("\n".join(lines) + "\n", encoding="utf-8")
     if priors:
         os.makedirs(os.path.join(output, "priors"))
         there = set(names_in(priors))
-        for k, (_, picture) in enumerate(frames):
-            name = os.path.splitext(pictures[picture])[0] + ".kysp"
+        for k, (_, image) in enumerate(frames):
+            name = os.path.splitext(images[image])[0] + ".kysp"
             if name in there:
                 link(os.path.join(priors, name), os.path.join(output, "priors", f"{k:06d}.kysp"))
     return frames
@@ -116,13 +116,13 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     if options.missing + options.repeated > 0.9:
-        parser.error("more than 0.9 of the pictures are lost")
+        parser.error("more than 0.9 of the images are lost")
     if os.path.isdir(options.output) and os.listdir(options.output):
         inputs.fail(f"{options.output}: is not empty")
     frames = lose(options.sequence, options.output, options.priors, options.seed, options.missing,
                   options.repeated, options.late)
-    again = sum(i != picture for i, picture in frames)
-    print(f"{len(frames)} frames, {again} with a repeated picture, in {options.output}")
+    again = sum(i != image for i, image in frames)
+    print(f"{len(frames)} frames, {again} with a repeated image, in {options.output}")
     return 0
 
 

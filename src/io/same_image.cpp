@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <kys_slam/same_picture.h>
+#include <kys_slam/same_image.h>
 #include <kys_slam/util/median.h>
 
 #include <algorithm>
@@ -84,7 +84,7 @@ std::optional<double> shift_of(const Patch& patch) {
 
 }  // namespace
 
-bool is_same_picture(const GrayImage& left, const GrayImage& right) {
+bool is_same_image(const GrayImage& left, const GrayImage& right) {
   if (left.width() != right.width() || left.height() != right.height()) return false;
   std::vector<Patch> patches;
   const auto fits = [](const Patch& p) {

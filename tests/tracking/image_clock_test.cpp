@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "tracking/picture_clock.h"
+#include "tracking/image_clock.h"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@ namespace {
 constexpr double kPeriod = 0.1;
 
 std::vector<double> times_of(const std::vector<double>& stamps) {
-  PictureClock clock;
+  ImageClock clock;
   std::vector<double> times;
   for (const double stamp : stamps) times.push_back(clock.time_of(stamp));
   return times;
@@ -24,7 +24,7 @@ struct Recording {
   std::vector<double> stamps;  ///< s
 };
 
-/// Stamps that are wrong by up to `jitter` periods, and one picture in `missing_in` is missing (0:
+/// Stamps that are wrong by up to `jitter` periods, and one image in `missing_in` is missing (0:
 /// none).
 Recording record(double jitter, unsigned missing_in, unsigned seed) {
   std::mt19937 random(seed);
@@ -53,31 +53,31 @@ int wrong_intervals(const std::vector<double>& times, const std::vector<double>&
   return wrong;
 }
 
-TEST(PictureClock, GoodStampsStayAsTheyAre) {
+TEST(ImageClock, GoodStampsStayAsTheyAre) {
   std::vector<double> stamps;
   std::mt19937 random(1);
   for (int i = 0; i < 200; ++i) {
-    // 1403636579.76 s: a stamp of today's size. A few milliseconds of jitter; pictures are missing.
+    // 1403636579.76 s: a stamp of today's size. A few milliseconds of jitter; images are missing.
     if (i > 3 && random() % 5 == 0) continue;
     stamps.push_back(1403636579.76 + kPeriod * i + 1e-5 * static_cast<double>(random() % 300));
   }
   EXPECT_EQ(times_of(stamps), stamps);
 }
 
-TEST(PictureClock, JitterIsTakenOut) {
+TEST(ImageClock, JitterIsTakenOut) {
   const Recording recording = record(0.2, 0, 2);
   EXPECT_GT(wrong_intervals(recording.stamps, recording.taken, 30), 20) << "the test needs jitter";
   EXPECT_EQ(wrong_intervals(times_of(recording.stamps), recording.taken, 30), 0);
 }
 
-TEST(PictureClock, MissingPicturesCountInJitterToo) {
+TEST(ImageClock, MissingImagesCountInJitterToo) {
   const Recording recording = record(0.15, 6, 3);
   EXPECT_EQ(wrong_intervals(times_of(recording.stamps), recording.taken, 30), 0);
 }
 
-TEST(PictureClock, IntervalsAreWholeSteps) {
+TEST(ImageClock, IntervalsAreWholeSteps) {
   const Recording recording = record(0.15, 4, 5);
-  PictureClock clock;
+  ImageClock clock;
   double last = clock.time_of(recording.stamps[0]);
   EXPECT_FALSE(clock.steps_in(kPeriod));
   for (std::size_t i = 1; i < recording.stamps.size(); ++i) {
@@ -91,9 +91,9 @@ TEST(PictureClock, IntervalsAreWholeSteps) {
   EXPECT_EQ(clock.steps_in(0.1 * kPeriod), 1);
 }
 
-/// Of one to four pictures; an error of 0.2 periods changes no ratio.
-TEST(PictureClock, StepsOfMorePicturesAreLonger) {
-  PictureClock clock;
+/// Of one to four images; an error of 0.2 periods changes no ratio.
+TEST(ImageClock, StepsOfMoreImagesAreLonger) {
+  ImageClock clock;
   for (int i = 0; i < 30; ++i) clock.time_of(kPeriod * i + 0.01 * (i % 2));
   for (const double before : {1, 2, 3, 4}) {
     for (const double now : {1, 2, 3, 4}) {
@@ -103,17 +103,17 @@ TEST(PictureClock, StepsOfMorePicturesAreLonger) {
   }
 }
 
-TEST(PictureClock, WithoutARateStepsAreAsLongAsTheirTime) {
-  const PictureClock clock;
+TEST(ImageClock, WithoutARateStepsAreAsLongAsTheirTime) {
+  const ImageClock clock;
   EXPECT_EQ(clock.ratio(0.14, 0.1), 1);
   EXPECT_EQ(clock.ratio(0.07, 0.1), 1);
   EXPECT_DOUBLE_EQ(clock.ratio(0.16, 0.1), 1.6);
   EXPECT_DOUBLE_EQ(clock.ratio(0.06, 0.1), 0.6);
 }
 
-TEST(PictureClock, TheLastStampCanBeAskedForAgain) {
-  PictureClock once;
-  PictureClock twice;
+TEST(ImageClock, TheLastStampCanBeAskedForAgain) {
+  ImageClock once;
+  ImageClock twice;
   for (const double stamp : record(0.2, 6, 4).stamps) {
     const double time = once.time_of(stamp);
     EXPECT_EQ(twice.time_of(stamp), time);
@@ -122,7 +122,7 @@ TEST(PictureClock, TheLastStampCanBeAskedForAgain) {
 }
 
 /// A camera that halves its rate in the dark, and doubles it again.
-TEST(PictureClock, AnotherRateIsFollowed) {
+TEST(ImageClock, AnotherRateIsFollowed) {
   std::vector<double> stamps{0};
   for (int i = 0; i < 180; ++i) {
     stamps.push_back(stamps.back() + (i < 60 || i >= 120 ? kPeriod : 2 * kPeriod));
@@ -131,7 +131,7 @@ TEST(PictureClock, AnotherRateIsFollowed) {
 }
 
 /// Pictures taken now and then, such as the keyframes of another recording.
-TEST(PictureClock, WithoutARateTheStampsCount) {
+TEST(ImageClock, WithoutARateTheStampsCount) {
   std::mt19937 random(4);
   std::vector<double> stamps{0};
   for (int i = 0; i < 200; ++i) {
@@ -141,7 +141,7 @@ TEST(PictureClock, WithoutARateTheStampsCount) {
   int other = 0;
   for (std::size_t i = 0; i < times.size(); ++i) other += times[i] != stamps[i] ? 1 : 0;
   EXPECT_LT(other, 20);
-  PictureClock clock;
+  ImageClock clock;
   int regular = 0;
   for (const double stamp : stamps) {
     clock.time_of(stamp);
@@ -150,7 +150,7 @@ TEST(PictureClock, WithoutARateTheStampsCount) {
   EXPECT_LT(regular, 60);
 }
 
-TEST(PictureClock, ALongGapBeginsAnew) {
+TEST(ImageClock, ALongGapBeginsAnew) {
   std::vector<double> stamps;
   for (int i = 0; i < 40; ++i) stamps.push_back(kPeriod * i);
   for (int i = 0; i < 40; ++i) stamps.push_back(1000.03 + kPeriod / 3 * i);
