@@ -164,6 +164,23 @@ def test_stored_segments_take_the_place_of_the_network(sequence, frames, tmp_pat
     assert "mode: verified" in (tmp_path / "one" / "config.yaml").read_text()
 
 
+def test_a_failure_in_a_run_is_one_warning_and_the_same_bytes(sequence, frames, tmp_path, capfd):
+    stored = tmp_path / "stored"
+    stored.mkdir()
+    for frame in frames[::2]:
+        kys_slam.write_prior(stored / f"{frame.name}.kysp", all_road(frame))
+    damaged = stored / "000004.kysp"
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    texts = []
+    for name in ("one", "two"):
+        assert kys_slam_run(sequence, "--segment", stored, "--segment-every", 2, "--segment-lag", 1,
+                            "--output", tmp_path / name) == 0
+        said = [line for line in capfd.readouterr().err.splitlines() if "000004" in line]
+        assert len(said) == 1 and "the run goes on without segments" in said[0]
+        texts.append((tmp_path / name / "trajectory.tum").read_bytes())
+    assert texts[0] == texts[1] and len(texts[0].splitlines()) == len(frames)
+
+
 @pytest.mark.parametrize("arguments, what", [
     (["--segment-every", "2"], "--segment-every needs --segment"),
     (["--save-priors", "x"], "--save-priors needs --segment"),
