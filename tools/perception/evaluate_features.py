@@ -18,7 +18,7 @@ import sys
 import numpy as np
 
 import kys_slam
-from kys_slam import InputError
+from kys_slam import InputError, binarise
 from kys_slam.feature_network import FeatureNetwork
 from kys_slam.feature_pairs import flow_field, hamming, mutual_matches, partners, stereo_field
 from kys_slam.segment_network import NetworkError
@@ -62,6 +62,8 @@ def distances(a, b, features):
     x, y = (features.bits(f["descriptors"]) for f in (a, b))
     for bits in (256, 128, 64):
         result[f"{bits} bits"] = hamming(x[:, :bits // 8], y[:, :bits // 8])
+    signs = (binarise(f["descriptors"], features.seed, features.centre or None) for f in (a, b))
+    result["256 signs"] = hamming(*signs)
     return result
 
 
@@ -117,7 +119,7 @@ def measure(args):
     print(f"{recording.name}: precision, recall (%) of mutual nearest neighbours; {network.most} features, "
           f"frames {args.later} apart")
     for kind in ("stereo", "frames"):
-        for name in ("floats", "256 bits", "128 bits", "64 bits", "ORB"):
+        for name in ("floats", "256 bits", "128 bits", "64 bits", "256 signs", "ORB"):
             if (kind, name) in table:
                 print(f"{kind:7} {name:9} {table[kind, name]}")
 
