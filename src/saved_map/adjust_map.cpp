@@ -10,10 +10,10 @@ namespace kys_slam {
 
 namespace {
 
-constexpr double kFarthest = 1e6;  // m, of a coordinate
+constexpr double kFarthestPoint = 1e6;  // m, of a coordinate
 
 bool is_place(const Eigen::Vector3d& p_w) {
-  return p_w.allFinite() && p_w.cwiseAbs().maxCoeff() < kFarthest;
+  return p_w.allFinite() && p_w.cwiseAbs().maxCoeff() < kFarthestPoint;
 }
 
 void check(const Map& map, const MapObservations& adjusted) {
