@@ -1,35 +1,41 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "optimization/rig_kernels.h"
 
+#include <cstring>
+
 namespace kys_slam::rig {
 namespace {
 
-// At any multiple of 8 bytes.
-using Loose __attribute__((vector_size(32), aligned(8), may_alias)) = double;
-using LoosePair __attribute__((vector_size(16), aligned(8), may_alias)) = double;
+using Pair = double __attribute__((vector_size(16), aligned(16)));
 
-KYS_ALWAYS_INLINE const Loose& lane(const double* row, int l) {
-  return *reinterpret_cast<const Loose*>(row + std::ptrdiff_t{kLanes} * l);
+// At any multiple of 8 bytes. By copies: Clang takes what a function returns a reference to for
+// aligned, whatever the attributes of its type say.
+template <typename Vector>
+KYS_ALWAYS_INLINE void load(const double* from, Vector& to) {
+  std::memcpy(&to, from, sizeof to);
 }
-KYS_ALWAYS_INLINE Loose& lane(double* row, int l) {
-  return *reinterpret_cast<Loose*>(row + std::ptrdiff_t{kLanes} * l);
-}
-KYS_ALWAYS_INLINE const LoosePair& pair(const double* at) {
-  return *reinterpret_cast<const LoosePair*>(at);
-}
-KYS_ALWAYS_INLINE LoosePair& pair(double* at) {
-  return *reinterpret_cast<LoosePair*>(at);
+template <typename Vector>
+KYS_ALWAYS_INLINE void store(const Vector& from, double* to) {
+  std::memcpy(to, &from, sizeof from);
 }
 
 /// H -= a^T b of 3x6 matrices by rows.
 KYS_ALWAYS_INLINE void subtract_product(const double* a, const double* b, std::ptrdiff_t stride,
                                         double* H) {
-  const Lanes top[] = {lane(a, 0), lane(a + 6, 0), lane(a + 12, 0)};
-  const LoosePair bottom[] = {pair(a + 4), pair(a + 10), pair(a + 16)};
+  Lanes top[3], upper;
+  Pair bottom[3], lower;
+  for (std::ptrdiff_t r = 0; r < 3; ++r) {
+    load(a + 6 * r, top[r]);
+    load(a + 6 * r + kLanes, bottom[r]);
+  }
   for (std::ptrdiff_t c = 0; c < 6; ++c) {
     double* column = H + stride * c;
-    lane(column, 0) -= top[0] * b[c] + top[1] * b[c + 6] + top[2] * b[c + 12];
-    pair(column + 4) -= bottom[0] * b[c] + bottom[1] * b[c + 6] + bottom[2] * b[c + 12];
+    load(column, upper);
+    load(column + kLanes, lower);
+    upper -= top[0] * b[c] + top[1] * b[c + 6] + top[2] * b[c + 12];
+    lower -= bottom[0] * b[c] + bottom[1] * b[c + 6] + bottom[2] * b[c + 12];
+    store(upper, column);
+    store(lower, column + kLanes);
   }
 }
 
@@ -38,18 +44,18 @@ KYS_ALWAYS_INLINE void subtract_product(const double* a, const double* b, std::p
 KYS_VECTOR_CLONES
 void add_squares(const double* J, const double* weighted, std::size_t count, int lanes, double* H) {
   const std::ptrdiff_t size = std::ptrdiff_t{kLanes} * lanes;
-  for (int group = 0; group < lanes; ++group) {  // of four columns
-    double* columns = H + size * kLanes * group;
-    for (int l = group; l < lanes; ++l) {
-      Lanes sums[] = {lane(columns, l), lane(columns + size, l), lane(columns + 2 * size, l),
-                      lane(columns + 3 * size, l)};
+  for (std::ptrdiff_t first = 0; first < size; first += kLanes) {  // of four columns
+    for (std::ptrdiff_t at = first; at < size; at += kLanes) {
+      Lanes sums[kLanes];
+      for (std::ptrdiff_t c = 0; c < kLanes; ++c) load(H + size * (first + c) + at, sums[c]);
       for (std::size_t row = 0; row < count; ++row) {
-        const auto at = static_cast<std::ptrdiff_t>(row) * size;
-        const Lanes j = lane(J + at, l);
-        const double* factors = weighted + at + std::ptrdiff_t{kLanes} * group;
-        for (int c = 0; c < kLanes; ++c) sums[c] += j * broadcast(factors[c]);
+        const std::ptrdiff_t begin = static_cast<std::ptrdiff_t>(row) * size;
+        Lanes j;
+        load(J + begin + at, j);
+        const double* factors = weighted + begin + first;
+        for (std::ptrdiff_t c = 0; c < kLanes; ++c) sums[c] += j * factors[c];
       }
-      for (int c = 0; c < kLanes; ++c) lane(columns + size * c, l) = sums[c];
+      for (std::ptrdiff_t c = 0; c < kLanes; ++c) store(sums[c], H + size * (first + c) + at);
     }
   }
 }
@@ -57,28 +63,31 @@ void add_squares(const double* J, const double* weighted, std::size_t count, int
 KYS_VECTOR_CLONES
 void add_rows(const double* rows, const double* factors, std::size_t count, int lanes, double* b) {
   const std::ptrdiff_t size = std::ptrdiff_t{kLanes} * lanes;
-  for (int l = 0; l < lanes; ++l) {
-    Lanes sum = lane(b, l);
+  for (std::ptrdiff_t at = 0; at < size; at += kLanes) {
+    Lanes sum, x;
+    load(b + at, sum);
     for (std::size_t row = 0; row < count; ++row) {
-      sum += lane(rows + static_cast<std::ptrdiff_t>(row) * size, l) * broadcast(factors[row]);
+      load(rows + static_cast<std::ptrdiff_t>(row) * size + at, x);
+      sum += x * factors[row];
     }
-    lane(b, l) = sum;
+    store(sum, b + at);
   }
 }
 
 KYS_VECTOR_CLONES
 void add_products(const double* rows, const double* columns, std::size_t count, int lanes,
                   double* mixed) {
-  constexpr int kColumns = 6;
+  constexpr std::ptrdiff_t kColumns = 6;
   const std::ptrdiff_t size = std::ptrdiff_t{kLanes} * lanes;
-  for (int l = 0; l < lanes; ++l) {
-    Lanes sums[kColumns];
-    for (int c = 0; c < kColumns; ++c) sums[c] = lane(mixed + size * c, l);
+  for (std::ptrdiff_t at = 0; at < size; at += kLanes) {
+    Lanes sums[kColumns], j;
+    for (std::ptrdiff_t c = 0; c < kColumns; ++c) load(mixed + size * c + at, sums[c]);
     for (std::size_t row = 0; row < count; ++row) {
-      const Lanes j = lane(rows + static_cast<std::ptrdiff_t>(row) * size, l);
-      for (int c = 0; c < kColumns; ++c) sums[c] += j * broadcast(columns[c + kColumns * row]);
+      const auto number = static_cast<std::ptrdiff_t>(row);
+      load(rows + number * size + at, j);
+      for (std::ptrdiff_t c = 0; c < kColumns; ++c) sums[c] += j * columns[kColumns * number + c];
     }
-    for (int c = 0; c < kColumns; ++c) lane(mixed + size * c, l) = sums[c];
+    for (std::ptrdiff_t c = 0; c < kColumns; ++c) store(sums[c], mixed + size * c + at);
   }
 }
 

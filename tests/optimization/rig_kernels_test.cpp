@@ -62,7 +62,7 @@ TEST(RigKernels, RowsAndProductsAreTheTextbookSums) {
 }
 
 TEST(RigKernels, PairsFillTheLowerTriangleOfFreePoses) {
-  constexpr std::ptrdiff_t kStride = 12;
+  constexpr std::ptrdiff_t kStride = 13;  // columns at any multiple of 8 bytes
   const std::vector<std::int32_t> place{6, -1, 0};
   const std::vector<double> Z = numbers(3 * 18, 8);
   std::vector<double> H(kStride * kStride, 0.0);
@@ -76,10 +76,10 @@ TEST(RigKernels, PairsFillTheLowerTriangleOfFreePoses) {
   };
   for (std::size_t r = 0; r < 6; ++r) {
     for (std::size_t s = 0; s < 6; ++s) {
-      EXPECT_EQ(H[12 * s + r], -product(2, 2, r, s));
-      EXPECT_EQ(H[12 * s + 6 + r], -product(0, 2, r, s));
-      EXPECT_EQ(H[12 * (6 + s) + 6 + r], -product(0, 0, r, s));
-      EXPECT_EQ(H[12 * (6 + s) + r], 0);  // above the diagonal
+      EXPECT_EQ(H[13 * s + r], -product(2, 2, r, s));
+      EXPECT_EQ(H[13 * s + 6 + r], -product(0, 2, r, s));
+      EXPECT_EQ(H[13 * (6 + s) + 6 + r], -product(0, 0, r, s));
+      EXPECT_EQ(H[13 * (6 + s) + r], 0);  // above the diagonal
     }
   }
 }
