@@ -33,9 +33,9 @@ std::uint32_t step_of(int at, int extent, int steps) {
   return static_cast<std::uint32_t>(static_cast<std::int64_t>(at) * steps / extent);
 }
 
-/// Puts the entries in the order of their keys, which are below `end`: one pass by the leading
-/// bits, then what shares these, which is little. Equal keys come in any order.
-void sort_by_key(std::vector<Entry>& entries, std::uint32_t end) {
+/// Puts the entries in the order of the leading bits of their keys, which are below `end`, in one
+/// pass. Those that share them come in any order. Returns the number of the bits below.
+int sort_by_key(std::vector<Entry>& entries, std::uint32_t end) {
   constexpr int kBits = 11;
   const int shift = std::max(0, static_cast<int>(std::bit_width(end - 1)) - kBits);
   std::array<std::uint32_t, (1u << kBits) + 1> start{};
@@ -43,14 +43,9 @@ void sort_by_key(std::vector<Entry>& entries, std::uint32_t end) {
   std::uint32_t sum = 0;
   for (std::uint32_t& s : start) s = sum += s;
   std::vector<Entry> other(entries.size());
-  std::array<std::uint32_t, 1u << kBits> next;
-  std::copy_n(start.begin(), next.size(), next.begin());
-  for (const Entry& e : entries) other[next[e.key >> shift]++] = e;
-  const auto less = [](const Entry& a, const Entry& b) { return a.key < b.key; };
-  for (std::size_t k = 0; k < next.size(); ++k) {
-    if (next[k] - start[k] > 1) std::sort(&other[start[k]], other.data() + next[k], less);
-  }
+  for (const Entry& e : entries) other[start[e.key >> shift]++] = e;
   entries.swap(other);
+  return shift;
 }
 
 class Quadtree {
@@ -80,10 +75,11 @@ class Quadtree {
       const std::uint32_t key = part(column, c.x - min_x) | part(row, c.y - min_y);
       entries_.push_back({key, c});
     }
-    sort_by_key(entries_, static_cast<std::uint32_t>(roots) << (2 * kDepth));
+    unsorted_bits_ = sort_by_key(entries_, static_cast<std::uint32_t>(roots) << (2 * kDepth));
     std::uint32_t first = 0;
     for (std::uint32_t root = 0; root < static_cast<std::uint32_t>(roots); ++root) {
-      first = add({first, static_cast<std::uint32_t>(entries_.size()), -1}, root + 1, 2 * kDepth);
+      first = add({first, static_cast<std::uint32_t>(entries_.size()), -1, false}, root + 1,
+                  2 * kDepth);
     }
   }
 
@@ -134,6 +130,7 @@ class Quadtree {
   struct Node {
     std::uint32_t first, last;  // range of entries_
     int depth;                  // splits below the root
+    bool sorted;                // by the whole key, not by its leading bits alone
 
     [[nodiscard]] std::uint32_t count() const { return last - first; }
   };
@@ -146,13 +143,18 @@ class Quadtree {
     const auto last = std::partition_point(
         from, to, [end, shift](const Entry& e) { return e.key >> shift < end; });
     const auto at = static_cast<std::uint32_t>(last - entries_.begin());
-    if (at > parent.first) nodes_.push_back({parent.first, at, parent.depth + 1});
+    if (at > parent.first) nodes_.push_back({parent.first, at, parent.depth + 1, parent.sorted});
     return at;
   }
 
   void split(std::uint32_t index) {
     Node rest = nodes_[index];
     const int shift = 2 * (kDepth - 1 - rest.depth);
+    if (shift < unsorted_bits_ && !rest.sorted) {  // few nodes are split so far
+      std::sort(entries_.begin() + rest.first, entries_.begin() + rest.last,
+                [](const Entry& a, const Entry& b) { return a.key < b.key; });
+      rest.sorted = true;
+    }
     const std::uint32_t path = entries_[rest.first].key >> shift & ~3u;
     for (std::uint32_t quarter = 1; quarter <= 4; ++quarter) {
       rest.first = add(rest, path + quarter, shift);
@@ -162,6 +164,7 @@ class Quadtree {
   }
 
   std::vector<Entry> entries_;
+  int unsorted_bits_ = 0;  // below those that the entries are in order of
   std::vector<Node> nodes_;
 };
 

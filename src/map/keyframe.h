@@ -37,6 +37,7 @@ struct KeyFrame {
   std::int64_t frame_index = 0;
   double timestamp = 0;  ///< s
   Rigid3 T_c_w;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< m, T_c_w.inverse_t(); set by the map
   std::shared_ptr<const FrameFeatures> features;
   std::vector<LandmarkId> landmarks;     ///< per feature; invalid: none
   std::vector<Covisible> covisible;      ///< all with weight >= 1, by id

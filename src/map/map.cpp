@@ -83,6 +83,7 @@ void Map::add_keyframe(KeyFrame keyframe) {
   if (keyframe.features->rig() != rig()) {
     keyframe.features = std::make_shared<const FrameFeatures>(keyframe.features->with_rig(rig()));
   }
+  keyframe.centre = keyframe.T_c_w.inverse_t();
   keyframe.landmarks.assign(keyframe.features->size(), LandmarkId{});
   keyframe.covisible.clear();
   keyframe.children.clear();
@@ -119,7 +120,9 @@ void Map::add_loop_edge(KeyFrameId a, KeyFrameId b) {
 }
 
 void Map::set_pose(KeyFrameId id, const Rigid3& T_c_w) {
-  keyframes_.at(id).T_c_w = T_c_w;
+  KeyFrame& keyframe = keyframes_.at(id);
+  keyframe.T_c_w = T_c_w;
+  keyframe.centre = T_c_w.inverse_t();
   touch(id);
 }
 

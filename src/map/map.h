@@ -168,8 +168,6 @@ class Map {
   void restore_culled(const std::vector<CulledKeyFrame>& culled);
   void restore_landmarks(std::vector<Landmark> landmarks);
   void restore_covisibility();
-  template <typename CentreOf>
-  void refresh_geometry(LandmarkId id, const CentreOf& centre_of);
   void change_covisibility(KeyFrameId a, KeyFrameId b, int by);
   void touch(KeyFrameId id) {
     if (id.value >= is_dirty_.size()) is_dirty_.resize(std::size_t{id.value} + 1, 0);
@@ -203,6 +201,10 @@ class Map {
   std::vector<LandmarkId> erased_landmarks_;
   std::vector<std::pair<LandmarkId, LandmarkId>> replaced_;
   std::vector<CulledKeyFrame> newly_culled_;
+
+  // Of refresh_landmark(), kept for their memory.
+  std::vector<const kys::Descriptor*> compared_;
+  std::vector<std::uint16_t> distances_;
 };
 
 }  // namespace kys_slam

@@ -48,6 +48,7 @@ void check_observations(const Map& map, KeyFrameId id, const KeyFrame& k,
                         std::vector<int>& shared) {
   require(k.id == id, id, " is stored under another id");
   require(k.T_c_w.is_finite(), id, " has a pose that is not finite");
+  require(k.centre == k.T_c_w.inverse_t(), id, " has the centre of another pose");
   require(k.landmarks.size() == k.features->size(), id, " has a list of wrong length");
   std::size_t neighbours = 0;
   for (std::size_t f = 0; f < k.landmarks.size(); ++f) {

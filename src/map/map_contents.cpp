@@ -85,6 +85,7 @@ MapContents Map::contents() const {
                                   .frame_index = k.frame_index,
                                   .timestamp = k.timestamp,
                                   .T_c_w = k.T_c_w,
+                                  .centre = k.centre,
                                   .features = k.features,
                                   .landmarks = {},
                                   .covisible = {},
@@ -120,6 +121,7 @@ Map::Map(MapContents contents)
 
 void Map::restore_keyframes(std::vector<KeyFrame> keyframes) {
   for (KeyFrame& k : keyframes) {
+    k.centre = k.T_c_w.inverse_t();
     k.landmarks.assign(k.features->size(), LandmarkId{});
     k.covisible.clear();
     k.children.clear();

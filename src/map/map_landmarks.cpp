@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -18,11 +17,14 @@ namespace kys_slam {
 namespace {
 
 /// Index of the observation whose descriptor has the least median distance to all of them.
-std::size_t representative(std::span<const kys::Descriptor* const> descriptors) {
+/// \param distances scratch
+std::size_t representative(std::span<const kys::Descriptor* const> descriptors,
+                           std::vector<std::uint16_t>& distances) {
   const std::size_t n = descriptors.size();
   if (n <= 2) return 0;
-  std::vector<std::uint16_t> distances(n * n, 0);
+  distances.resize(n * n);
   for (std::size_t i = 0; i < n; ++i) {
+    distances[i * n + i] = 0;
     for (std::size_t j = 0; j < i; ++j) {
       distances[i * n + j] = distances[j * n + i] =
           static_cast<std::uint16_t>(kys::hamming(*descriptors[i], *descriptors[j]));
@@ -148,13 +150,12 @@ void Map::replace_landmark(LandmarkId from, LandmarkId into) {
 void Map::refresh_landmark(LandmarkId id) {
   Landmark& landmark = landmarks_.at(id);
   if (landmark.observations.empty()) return;
-  std::vector<const kys::Descriptor*> descriptors;
-  descriptors.reserve(landmark.observations.size());
+  compared_.clear();
   for (const Observation& o : landmark.observations) {
-    descriptors.push_back(&keyframe(o.keyframe).features->descriptor(o.feature));
-    __builtin_prefetch(descriptors.back());
+    compared_.push_back(&keyframe(o.keyframe).features->descriptor(o.feature));
+    __builtin_prefetch(compared_.back());
   }
-  const Observation& best = landmark.observations[representative(descriptors)];
+  const Observation& best = landmark.observations[representative(compared_, distances_)];
   const Observation& recent = landmark.observations.back();
   landmark.descriptor = keyframe(best.keyframe).features->descriptor(best.feature);
   const std::int32_t instance_before = landmark.prior.instance;
@@ -168,40 +169,28 @@ void Map::refresh_landmark(LandmarkId id) {
   refresh_geometry(id);
 }
 
-/// \param centre_of camera centre (m, world) of a keyframe
-template <typename CentreOf>
-void Map::refresh_geometry(LandmarkId id, const CentreOf& centre_of) {
+void Map::refresh_geometry(LandmarkId id) {
   Landmark& landmark = landmarks_.at(id);
   if (landmark.observations.empty()) return;
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   const Observation* reference = &landmark.observations.front();
   for (const Observation& o : landmark.observations) {
-    sum += (landmark.p_w - centre_of(o.keyframe)).normalized();
+    sum += (landmark.p_w - keyframe(o.keyframe).centre).normalized();
     if (o.keyframe == landmark.reference) reference = &o;
   }
   landmark.normal = sum.normalized().cast<float>();
-  const KeyFrame& keyframe = keyframes_.at(reference->keyframe);
-  const int octave = keyframe.features->keypoint(reference->feature).octave;
-  const double distance = (landmark.p_w - centre_of(reference->keyframe)).norm();
+  const KeyFrame& from = keyframe(reference->keyframe);
+  const int octave = from.features->keypoint(reference->feature).octave;
+  const double distance = (landmark.p_w - from.centre).norm();
   const ScaleLevels::DistanceRange range = scales_.distance_range(distance, octave);
   landmark.min_distance = range.min;
   landmark.max_distance = range.max;
   touch_geometry(id);
 }
 
-void Map::refresh_geometry(LandmarkId id) {
-  refresh_geometry(id, [this](KeyFrameId k) { return keyframe(k).T_c_w.inverse_t(); });
-}
-
 void Map::refresh_geometry(std::span<const LandmarkId> ids) {
-  std::vector<std::optional<Eigen::Vector3d>> centres(keyframes_.id_end());
-  const auto centre_of = [&](KeyFrameId k) -> const Eigen::Vector3d& {
-    std::optional<Eigen::Vector3d>& centre = centres[k.value];
-    if (!centre) centre = keyframe(k).T_c_w.inverse_t();
-    return *centre;
-  };
   for (const LandmarkId id : ids) {
-    if (has(id)) refresh_geometry(id, centre_of);
+    if (has(id)) refresh_geometry(id);
   }
 }
 

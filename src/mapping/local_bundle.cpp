@@ -74,10 +74,14 @@ Window choose_window(const Map& map, KeyFrameId current, const LocalBundleOption
 std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyFrameId>& poses,
                                           const std::vector<LandmarkId>& landmarks,
                                           BundleProblem& problem) {
-  const auto pose_index = [&](KeyFrameId id) {
-    const auto at = std::lower_bound(poses.begin(), poses.end(), id);
-    return at != poses.end() && *at == id ? static_cast<std::int32_t>(at - poses.begin()) : -1;
+  struct Pose {
+    const FrameFeatures* features = nullptr;  // null: not among the poses
+    std::uint32_t index = 0;
   };
+  std::vector<Pose> pose_of(map.keyframe_id_end());
+  for (std::uint32_t k = 0; k < poses.size(); ++k) {
+    pose_of[poses[k].value] = {map.keyframe(poses[k]).features.get(), k};
+  }
   if (!poses.empty()) {  // those of a run are all alike
     problem.ratio = map.keyframe(poses.back()).features->ratio();
   }
@@ -95,12 +99,14 @@ std::vector<ObservationRef> add_landmarks(const Map& map, const std::vector<KeyF
     if (map.keeps_beliefs()) problem.weights.push_back(map.weight(landmark));
     problem.add_point(landmark.p_w);
     for (const Observation& o : landmark.observations) {
-      const std::int32_t pose = pose_index(o.keyframe);
-      if (pose < 0) continue;
-      const FrameFeatures& features = *map.keyframe(o.keyframe).features;
-      const StereoPixel pixel = features.stereo_pixel(o.feature, map.scales());
+      const Pose& pose = pose_of[o.keyframe.value];
+      if (pose.features == nullptr) continue;
+      const FrameFeatures& features = *pose.features;
+      const Keypoint& k = features.keypoint(o.feature);
+      const float u_right =
+          features.has_stereo(o.feature) ? features.u_right(o.feature) : StereoPixel{}.u_right;
       problem.add_observation(
-          {pixel.u, pixel.v, pixel.u_right, static_cast<std::uint32_t>(pose),
+          {k.x, k.y, u_right, pose.index,
            static_cast<std::uint32_t>(features.noise(o.feature, map.scales()))});
       observations.push_back({id, o.keyframe, o.feature});
     }
