@@ -2,14 +2,15 @@
 #include "motion/object_tracks.h"
 
 #include <kys_slam/check_options.h>
-#include <kys_slam/error.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <string>
+#include <optional>
 #include <tuple>
+#include <utility>
+
+#include "motion/object_assignment.h"
+#include "motion/object_filter.h"
 
 namespace kys_slam {
 
@@ -41,333 +42,9 @@ void describe(kys::OptionList& list, ObjectTrackOptions& o) {
   list.add("objects.min_observations", o.min_observations, {1, 1000000}, "",
            "observations below which a track is dropped");
 }
-
 namespace {
 
-using State = Eigen::Matrix<double, 6, 1>;  // position (m), velocity (m/s)
-using Covariance = Eigen::Matrix<double, 6, 6>;
-
-constexpr int kRobustRounds = 10;
-constexpr double kQuarterWeight =
-    9;  // chi-square at which an observation has a quarter of its weight
-
-constexpr double kOtherVelocity = 16.3;  // chi-square of 3 degrees of freedom, 99.9 %
-constexpr double kFar = 100;             // m, standard deviation of a place before it is seen
-
-struct Gaussian {
-  State mean = State::Zero();
-  Covariance covariance = Covariance::Zero();
-};
-
-Covariance transition(double dt) {
-  Covariance F = Covariance::Identity();
-  F.topRightCorner<3, 3>().diagonal().setConstant(dt);
-  return F;
-}
-
-/// Vehicles keep their velocity for a second and more, and what changes it is unknown: a constant
-/// velocity with white acceleration has one parameter, and gives the right growth of uncertainty
-/// for any interval between images. White acceleration, integrated exactly.
-Gaussian predict(const Gaussian& from, double dt, double density) {
-  const Covariance F = transition(dt);
-  Gaussian to{F * from.mean, F * from.covariance * F.transpose()};
-  to.covariance.topLeftCorner<3, 3>().diagonal().array() += density * dt * dt * dt / 3;
-  to.covariance.topRightCorner<3, 3>().diagonal().array() += density * dt * dt / 2;
-  to.covariance.bottomLeftCorner<3, 3>().diagonal().array() += density * dt * dt / 2;
-  to.covariance.bottomRightCorner<3, 3>().diagonal().array() += density * dt;
-  return to;
-}
-
-/// `value` observes the position (offset 0) or the velocity (offset 3).
-void update(Gaussian& state, int offset, const Eigen::Vector3d& value, const Eigen::Matrix3d& R) {
-  const Eigen::Matrix<double, 6, 3> PHt = state.covariance.middleCols<3>(offset);
-  const Eigen::Matrix3d S = PHt.middleRows<3>(offset) + R;
-  const Eigen::Matrix<double, 6, 3> K = S.ldlt().solve(PHt.transpose()).transpose();
-  state.mean += K * (value - state.mean.segment<3>(offset));
-  const Covariance P = state.covariance - K * PHt.transpose();
-  state.covariance = 0.5 * (P + P.transpose());
-}
-
-struct Place {
-  Eigen::Vector3d value;
-  Eigen::Matrix3d covariance;
-};
-Place world_place(const ObjectFrame& frame, const ObservedPlace& seen,
-                  const ObjectTrackOptions& options) {
-  const Eigen::Matrix3d R = frame.T_w_c->R();
-  Eigen::Matrix3d covariance = R * seen.covariance * R.transpose();
-  covariance.diagonal().array() += options.surface_sigma * options.surface_sigma;
-  return {*frame.T_w_c * seen.centre_c, covariance};
-}
-Place world_velocity(const ObjectFrame& frame, const ObservedVelocity& seen,
-                     const ObjectTrackOptions& options) {
-  const Eigen::Matrix3d R = frame.T_w_c->R();
-  Eigen::Matrix3d covariance = R * seen.covariance * R.transpose();
-  covariance.diagonal().array() += options.speed_sigma * options.speed_sigma;
-  return {R * seen.velocity_c, covariance};
-}
-
-struct Seen {
-  std::size_t frame = 0;
-  std::size_t observation = 0;
-  bool used = true;  // for position and velocity
-};
-
-/// An object that is tracked. The first observations may be without place: they came before the one
-/// that started it.
-struct Track {
-  std::int32_t identity = 0;
-  std::int32_t instance = 0;  // the name under which it was seen last
-  std::uint16_t label = 0;
-  std::vector<Seen> seen;
-  std::vector<Seen> astray;                          // after these, of its name, elsewhere
-  double time = 0;                                   // s, of the last one seen
-  Gaussian state;                                    // then
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // m, seen last, in the world
-};
-
-/// Assigns observations to tracks, frame by frame.
-class Assigner {
- public:
-  Assigner(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options)
-      : frames_(frames), options_(options) {}
-
-  std::vector<Track> run() {
-    for (std::size_t k = 0; k < frames_.size(); ++k) {
-      if (frames_[k].T_w_c) step(k);
-    }
-    for (Track& track : active_) end(std::move(track));
-    return std::move(ended_);
-  }
-
- private:
-  /// How well an observation continues a track: nothing when it cannot; less is better. The middle
-  /// of what is seen is compared with where it should be now; the same name is worth half the gate.
-  /// The gate grows with time without observation, with the uncertainty of the velocity (1 sigma)
-  /// and of the place (2 sigma): of a far car few keypoints are seen, and their middle jumps.
-  [[nodiscard]] std::optional<double> cost(const Track& track, const ObjectFrame& frame,
-                                           const ObjectObservation& seen) const {
-    if (!seen.place) return std::nullopt;
-    const bool named = track.instance == seen.instance;
-    if (!named && track.label != seen.label) return std::nullopt;
-    const double dt = frame.taken - track.time;
-    const Eigen::Matrix3d& P = track.state.covariance.bottomRightCorner<3, 3>();
-    const double gate = options_.gate + options_.gate_growth * dt + dt * std::sqrt(P.trace()) +
-                        2 * std::sqrt(seen.place->covariance.trace());
-    const double distance = jump(track, frame, *seen.place);
-    if (distance > gate || (!track.astray.empty() && contradicts(track, frame, seen))) {
-      return std::nullopt;
-    }
-    return distance / gate - (named ? 0.5 : 0.0);
-  }
-
-  /// Whether an observation near where a track should be has another velocity: after others that
-  /// went astray, it is one of those.
-  [[nodiscard]] bool contradicts(const Track& track, const ObjectFrame& frame,
-                                 const ObjectObservation& seen) const {
-    if (!seen.velocity) return false;
-    const Gaussian state =
-        predict(track.state, frame.taken - track.time, options_.acceleration_density);
-    const Place velocity = world_velocity(frame, *seen.velocity, options_);
-    const Eigen::Vector3d away = velocity.value - state.mean.tail<3>();
-    const Eigen::Matrix3d S = velocity.covariance + state.covariance.bottomRightCorner<3, 3>();
-    return away.dot(S.ldlt().solve(away)) > kOtherVelocity;
-  }
-
-  /// m, from where the middle of what is seen of a track should be now.
-  [[nodiscard]] static double jump(const Track& track, const ObjectFrame& frame,
-                                   const ObservedPlace& seen) {
-    const double dt = frame.taken - track.time;
-    const Eigen::Vector3d expected = track.centre + dt * track.state.mean.tail<3>();
-    return (*frame.T_w_c * seen.centre_c - expected).norm();
-  }
-
-  /// Assigns greedily, the least cost first. Objects are few and metres apart; names decide where
-  /// two of a class pass each other.
-  void step(std::size_t k) {
-    const ObjectFrame& frame = frames_[k];
-    end_old(frame.taken);
-    std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;  // cost, track, observation
-    for (std::size_t t = 0; t < active_.size(); ++t) {
-      for (std::size_t o = 0; o < frame.observations.size(); ++o) {
-        if (const auto c = cost(active_[t], frame, frame.observations[o])) {
-          pairs.emplace_back(*c, t, o);
-        }
-      }
-    }
-    std::sort(pairs.begin(), pairs.end());
-    std::vector<bool> continued(active_.size(), false);
-    std::vector<bool> taken(frame.observations.size(), false);
-    for (const auto& [c, t, o] : pairs) {
-      if (continued[t] || taken[o]) continue;
-      continued[t] = taken[o] = true;
-      extend(active_[t], k, o);
-    }
-    for (std::size_t o = 0; o < frame.observations.size(); ++o) {
-      if (!taken[o]) go_by_name(k, o, continued);
-    }
-  }
-
-  /// An observation that no track expects where it is. An object that comes out from behind another
-  /// shows the edge of that one first, then its own front: the middle jumps by metres, while the
-  /// priors keep its name. Up to `restart_gate` it keeps its identity with a new filter; farther
-  /// away the name is wrong.
-  void go_by_name(std::size_t k, std::size_t o, std::vector<bool>& continued) {
-    const ObjectFrame& frame = frames_[k];
-    const ObjectObservation& seen = frame.observations[o];
-    std::size_t t = 0;
-    while (t < continued.size() && (continued[t] || active_[t].instance != seen.instance)) ++t;
-    if (t == continued.size()) {
-      seen.place ? start(k, o, free_identity(seen.instance)) : wait(k, o);
-      return;
-    }
-    continued[t] = true;
-    if (!seen.place) {
-      pass_over_astray(active_[t]);
-      active_[t].seen.push_back({k, o});
-    } else {
-      go_astray(t, k, o);
-    }
-  }
-
-  /// An object is elsewhere than it should be: once, because its keypoints are on something else,
-  /// or from now on. Only the latter starts its motion anew.
-  void go_astray(std::size_t t, std::size_t k, std::size_t o) {
-    Track& track = active_[t];
-    if (!track.astray.empty() && !follows(track.astray.back(), {k, o})) pass_over_astray(track);
-    track.astray.push_back({k, o});
-    if (track.astray.size() < static_cast<std::size_t>(options_.restart_observations)) return;
-    const std::vector<Seen> elsewhere = std::move(track.astray);
-    track.astray.clear();
-    const ObjectFrame& frame = frames_[elsewhere.front().frame];
-    const ObjectObservation& seen = frame.observations[elsewhere.front().observation];
-    const bool keeps = jump(track, frame, *seen.place) <= options_.restart_gate;
-    const std::int32_t identity = keeps ? track.identity : free_identity(seen.instance);
-    Track again = started(elsewhere.front().frame, elsewhere.front().observation, identity);
-    for (std::size_t i = 1; i < elsewhere.size(); ++i) {
-      note_next(again, elsewhere[i].frame, elsewhere[i].observation);
-    }
-    if (keeps) {
-      ended_.push_back(std::move(track));
-      active_[t] = std::move(again);
-    } else {
-      active_.push_back(std::move(again));
-    }
-  }
-
-  /// Whether an object can be at the two places.
-  [[nodiscard]] bool follows(const Seen& before, const Seen& now) const {
-    const auto place = [&](const Seen& s) {
-      return *frames_[s.frame].T_w_c * frames_[s.frame].observations[s.observation].place->centre_c;
-    };
-    const double dt = frames_[now.frame].taken - frames_[before.frame].taken;
-    return (place(now) - place(before)).norm() <= options_.gate + options_.start_speed * dt;
-  }
-
-  /// What was astray was so for a moment: it says that the object is there, not where.
-  static void pass_over_astray(Track& track) {
-    for (Seen& seen : track.astray) {
-      seen.used = false;
-      track.seen.push_back(seen);
-    }
-    track.astray.clear();
-  }
-
-  void end(Track track) {
-    pass_over_astray(track);
-    ended_.push_back(std::move(track));
-  }
-
-  /// Without a place nothing starts; kept for when the object is seen better.
-  void wait(std::size_t k, std::size_t o) {
-    auto& waiting = waiting_[frames_[k].observations[o].instance];
-    if (!waiting.empty() &&
-        frames_[k].taken - frames_[waiting.back().frame].taken > options_.max_gap) {
-      waiting.clear();
-    }
-    waiting.push_back({k, o});
-  }
-
-  void end_old(double now) {
-    std::vector<Track> kept;
-    for (Track& track : active_) {
-      if (now - track.time > options_.max_gap) {
-        end(std::move(track));
-      } else {
-        kept.push_back(std::move(track));
-      }
-    }
-    active_ = std::move(kept);
-  }
-
-  void extend(Track& track, std::size_t k, std::size_t o) {
-    waiting_.erase(frames_[k].observations[o].instance);  // what waited was in the track's place
-    pass_over_astray(track);
-    note_next(track, k, o);
-  }
-
-  void note_next(Track& track, std::size_t k, std::size_t o) {
-    const ObjectFrame& frame = frames_[k];
-    track.state = predict(track.state, frame.taken - track.time, options_.acceleration_density);
-    note(track, k, o, frame, frame.observations[o]);
-  }
-
-  void note(Track& track, std::size_t k, std::size_t o, const ObjectFrame& frame,
-            const ObjectObservation& seen) {
-    const Place place = world_place(frame, *seen.place, options_);
-    update(track.state, 0, place.value, place.covariance);
-    if (seen.velocity) {
-      const Place velocity = world_velocity(frame, *seen.velocity, options_);
-      update(track.state, 3, velocity.value, velocity.covariance);
-    }
-    track.seen.push_back({k, o});
-    track.time = frame.taken;
-    track.instance = seen.instance;
-    track.label = seen.label;
-    track.centre = place.value;
-  }
-
-  void start(std::size_t k, std::size_t o, std::int32_t identity) {
-    active_.push_back(started(k, o, identity));
-  }
-
-  Track started(std::size_t k, std::size_t o, std::int32_t identity) {
-    const ObjectFrame& frame = frames_[k];
-    const ObjectObservation& seen = frame.observations[o];
-    Track track;
-    track.identity = identity;
-    if (const auto waiting = waiting_.find(seen.instance); waiting != waiting_.end()) {
-      const std::size_t last = waiting->second.back().frame;
-      if (frame.taken - frames_[last].taken <= options_.max_gap) {
-        track.seen = std::move(waiting->second);
-      }
-      waiting_.erase(waiting);
-    }
-    const Place place = world_place(frame, *seen.place, options_);
-    track.state.mean.head<3>() = place.value;
-    track.state.covariance.topLeftCorner<3, 3>() = place.covariance;
-    track.state.covariance.bottomRightCorner<3, 3>().diagonal().setConstant(options_.start_speed *
-                                                                            options_.start_speed);
-    track.time = frame.taken;
-    note(track, k, o, frame, seen);
-    return track;
-  }
-
-  /// The priors' own name, unless a tracked object has it: then one that priors never use
-  /// (those of the left camera are below 2^30, those of the right one are not used).
-  std::int32_t free_identity(std::int32_t instance) {
-    const bool used = std::any_of(active_.begin(), active_.end(),
-                                  [&](const Track& t) { return t.identity == instance; });
-    return used ? next_identity_++ : instance;
-  }
-
-  std::span<const ObjectFrame> frames_;
-  const ObjectTrackOptions& options_;
-  std::vector<Track> active_;
-  std::vector<Track> ended_;
-  std::map<std::int32_t, std::vector<Seen>> waiting_;  // without place, of names that no track has
-  std::int32_t next_identity_ = 1 << 30;
-};
+using namespace objects;
 
 /// What is used for the motion of a track.
 struct Support {
@@ -465,13 +142,6 @@ void trim(std::span<const ObjectFrame> frames, const ObjectTrackOptions& options
                    track.seen.end());
 }
 
-/// What is observed of a track, per frame in which it is seen.
-struct TrackData {
-  std::vector<double> times;                   // s
-  std::vector<std::optional<Place>> places;    // m
-  std::vector<std::vector<Place>> velocities;  // m/s, each in the middle of its span
-};
-
 TrackData data_of(std::span<const ObjectFrame> frames, const Track& track,
                   const ObjectTrackOptions& options) {
   const std::size_t count = track.seen.size();
@@ -497,69 +167,13 @@ TrackData data_of(std::span<const ObjectFrame> frames, const Track& track,
   return data;
 }
 
-/// Filters a track forward, then smooths it backward (Rauch, Tung, Striebel). The state after each
-/// observation, in their order.
-std::vector<Gaussian> smooth(const TrackData& data, const ObjectTrackOptions& options) {
-  const std::size_t count = data.times.size();
-  const auto time = [&](std::size_t i) { return data.times[i]; };
-  const auto& places = data.places;
-  std::vector<Gaussian> predicted(count);
-  std::vector<Gaussian> filtered(count);
-  predicted[0].mean.head<3>() = (*std::find_if(places.begin(), places.end(), [](const auto& p) {
-                                  return p.has_value();
-                                }))->value;
-  predicted[0].covariance.diagonal().head<3>().setConstant(kFar * kFar);
-  predicted[0].covariance.diagonal().tail<3>().setConstant(options.start_speed *
-                                                           options.start_speed);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (i > 0) {
-      predicted[i] = predict(filtered[i - 1], time(i) - time(i - 1), options.acceleration_density);
-    }
-    filtered[i] = predicted[i];
-    if (places[i]) update(filtered[i], 0, places[i]->value, places[i]->covariance);
-    for (const Place& v : data.velocities[i]) update(filtered[i], 3, v.value, v.covariance);
-  }
-  std::vector<Gaussian> smoothed = filtered;
-  for (std::size_t i = count - 1; i-- > 0;) {
-    const Covariance F = transition(time(i + 1) - time(i));
-    const Covariance G =
-        predicted[i + 1].covariance.ldlt().solve(F * filtered[i].covariance).transpose();
-    smoothed[i].mean += G * (smoothed[i + 1].mean - predicted[i + 1].mean);
-    smoothed[i].covariance +=
-        G * (smoothed[i + 1].covariance - predicted[i + 1].covariance) * G.transpose();
-  }
-  return smoothed;
-}
-
-/// The same where some observations are wrong: each counts the less the farther it is from the
-/// states that all give together (weights of Geman and McClure). Of an object that comes into view
-/// the edge of what hides it is seen first, and moves otherwise.
-std::vector<Gaussian> smooth_robustly(const TrackData& data, const ObjectTrackOptions& options) {
-  std::vector<Gaussian> states = smooth(data, options);
-  for (int round = 0; round < kRobustRounds; ++round) {
-    TrackData weighted = data;
-    const auto weigh = [](Place& seen, const Eigen::Vector3d& value) {
-      const Eigen::Vector3d away = seen.value - value;
-      const double chi2 = away.dot(seen.covariance.ldlt().solve(away));
-      const double less = 1 + chi2 / kQuarterWeight;
-      seen.covariance *= less * less;
-    };
-    for (std::size_t i = 0; i < states.size(); ++i) {
-      if (weighted.places[i]) weigh(*weighted.places[i], states[i].mean.head<3>());
-      for (Place& velocity : weighted.velocities[i]) weigh(velocity, states[i].mean.tail<3>());
-    }
-    states = smooth(weighted, options);
-  }
-  return states;
-}
-
 }  // namespace
 
 std::vector<ObjectEstimate> track_objects(std::span<const ObjectFrame> frames,
                                           const ObjectTrackOptions& options) {
   check_options(options);
   std::vector<ObjectEstimate> estimates;
-  std::vector<Track> tracks = Assigner(frames, options).run();
+  std::vector<Track> tracks = assign_observations(frames, options);
   keep_names(frames, options, tracks);
   join_restarts(frames, options, tracks);
   for (std::size_t k = 0; k < tracks.size(); ++k) {

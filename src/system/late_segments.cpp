@@ -20,8 +20,9 @@ LateSegments::LateSegments(const StereoCamera& camera, const ScaleLevels& scales
       start_(start),
       is_thing_(std::move(is_thing)),
       memory_(memory),
-      base_{InstanceTracker(camera, scales, options, start, model), {}, {}},
-      live_{base_} {}
+      live_{{InstanceTracker(camera, scales, options, start, model), {}, {}}, {}} {
+  before_ = std::make_shared<const State>(live_);
+}
 
 void LateSegments::continue_after(std::int32_t instance_end) {
   next_identity_ = std::max(next_identity_, instance_end);
@@ -29,15 +30,18 @@ void LateSegments::continue_after(std::int32_t instance_end) {
 
 /// Another world, or another place in it.
 void LateSegments::forget() {
+  const auto forgotten = [](State state) {
+    state.judged.instances.forget_frames();
+    state.judged.instances.forget_velocities();
+    state.judged.poses.clear();
+    state.carried.reset();
+    return state;
+  };
+  before_ =
+      std::make_shared<const State>(forgotten(frames_.empty() ? *before_ : *frames_.back().after));
+  live_ = forgotten(std::move(live_));
   frames_.clear();
-  at_base_.reset();
-  carried_.reset();
   older_.clear();
-  for (Judged* judged : {&base_, &live_}) {
-    judged->instances.forget_frames();
-    judged->instances.forget_velocities();
-    judged->poses.clear();
-  }
 }
 
 /// A pose by constant velocity.
@@ -144,9 +148,9 @@ void LateSegments::take_names(const Carried& before, const SegmentCarrier& now, 
 }
 
 /// The last segmentation gives way to a new one.
-void LateSegments::keep_older() {
-  if (!at_base_) return;
-  older_.push_front(std::move(*at_base_));
+void LateSegments::keep_older(const std::optional<Carried>& last) {
+  if (!last) return;
+  older_.push_front(*last);
   if (older_.size() > kOlder) older_.pop_back();
 }
 
@@ -189,19 +193,20 @@ void LateSegments::judge(Judged& judged, const Frame& frame, const std::vector<k
   judged.T_c_w = T_c_w;
 }
 
-/// The frames first..end-1 of those kept, with priors carried to them.
-void LateSegments::replay(Judged& judged, Carried& carried, std::size_t first, std::size_t end,
-                          const Tracker& tracker, std::vector<LatePriors>* late) const {
-  for (std::size_t i = first; i < end; ++i) {
-    const Frame& frame = frames_[i];
+/// The frames from `first` on, with priors carried to them.
+void LateSegments::replay(State& state, std::size_t first, const Tracker& tracker,
+                          std::vector<LatePriors>& late) {
+  for (std::size_t i = first; i < frames_.size(); ++i) {
+    Frame& frame = frames_[i];
     std::vector<kys::Prior> priors;
     if (frame.pose) {
-      priors = priors_at(carried, frame.taken, tracker.current_pose(*frame.pose), *frame.features,
-                         judged.instances, tracker);
+      priors = priors_at(*state.carried, frame.taken, tracker.current_pose(*frame.pose),
+                         *frame.features, state.judged.instances, tracker);
     }
-    judge(judged, frame, priors, {}, tracker);
-    advance(carried, frame.taken, judged.instances);
-    if (late != nullptr && frame.pose) late->push_back({frame.index, frame.keyframe, priors});
+    judge(state.judged, frame, priors, {}, tracker);
+    advance(*state.carried, frame.taken, state.judged.instances);
+    frame.after = std::make_shared<const State>(state);
+    if (frame.pose) late.push_back({frame.index, frame.keyframe, std::move(priors)});
   }
 }
 
@@ -215,29 +220,27 @@ bool LateSegments::arrive(std::int64_t index, std::shared_ptr<const SegmentImage
     frame.taken = timestamp;
     frame.features = features;
     own_named_ = name(*image, frame, expected.value_or(Rigid3{}), beliefs(tracker),
-                      expected && carried_ ? &*carried_ : nullptr, tracker);
+                      expected && live_.carried ? &*live_.carried : nullptr, tracker);
     own_image_ = std::move(image);
     return true;
   }
   const auto at = std::ranges::find(frames_, index, &Frame::index);
   if (at == frames_.end() || !at->pose) return false;
   const auto s = static_cast<std::size_t>(at - frames_.begin());
-  const auto after = std::ranges::upper_bound(frames_, base_frame_, {}, &Frame::index);
-  const auto first = static_cast<std::size_t>(after - frames_.begin());
-  if (at_base_) replay(base_, *at_base_, first, s, tracker, nullptr);
+  State state = s > 0 ? *frames_[s - 1].after : *before_;
+  const std::optional<Carried> last = std::move(state.carried);
   std::vector<kys::Prior> named = name(*image, *at, tracker.current_pose(*at->pose),
-                                       base_.instances, at_base_ ? &*at_base_ : nullptr, tracker);
-  keep_older();
-  at_base_ = begin(std::move(image), *at, std::move(named));
-  std::vector<LatePriors> late{
-      {index, at->keyframe, at_base_->segments->priors_of(at_base_->segments->own())}};
-  judge(base_, *at, late.front().priors, at_base_->segments->segments(), tracker);
+                                       state.judged.instances, last ? &*last : nullptr, tracker);
+  keep_older(last);
+  state.carried = begin(std::move(image), *at, std::move(named));
+  const SegmentCarrier& segments = *state.carried->segments;
+  std::vector<LatePriors> late{{index, at->keyframe, segments.priors_of(segments.own())}};
+  judge(state.judged, *at, late.front().priors, segments.segments(), tracker);
+  at->after = std::make_shared<const State>(state);
   base_frame_ = index;
-  live_ = base_;
-  (void)base_.instances.take_changed_beliefs();
-  carried_ = at_base_;
-  replay(live_, *carried_, s + 1, frames_.size(), tracker, &late);
-  tracker.apply(std::move(late), live_.instances, live_.poses);
+  replay(state, s + 1, tracker, late);
+  live_ = std::move(state);
+  tracker.apply(std::move(late), live_.judged.instances, live_.judged.poses);
   return true;
 }
 
@@ -249,10 +252,10 @@ std::vector<kys::Prior> LateSegments::carry(double timestamp, const FrameFeature
                              std::make_shared<const FrameFeatures>(features), is_thing_, false);
     return own.priors_of(own.own());
   }
-  if (!carried_ || timestamp - carried_->taken > memory_) return {};
+  if (!live_.carried || timestamp - live_.carried->taken > memory_) return {};
   const std::optional<Rigid3> expected = expected_pose(timestamp, tracker);
   if (!expected) return {};
-  return priors_at(*carried_, timestamp, *expected, features, beliefs(tracker), tracker);
+  return priors_at(*live_.carried, timestamp, *expected, features, beliefs(tracker), tracker);
 }
 
 void LateSegments::add(std::int64_t index, const TrackResult& tracked,
@@ -270,30 +273,30 @@ void LateSegments::add(std::int64_t index, const TrackResult& tracked,
     if (tracked.keyframe) frame.keyframe = tracked.keyframe->id;
   }
   frames_.push_back(std::move(frame));
-  if (frames_.size() > kMostFrames) frames_.pop_front();
-  const Frame& last = frames_.back();
+  if (frames_.size() > kMostFrames) {
+    before_ = frames_.front().after;
+    frames_.pop_front();
+  }
+  Frame& last = frames_.back();
   if (!tracker.instances().in_use()) {
     const auto priors = last.features->priors();
-    judge(live_, last, {priors.begin(), priors.end()}, {}, tracker);
+    judge(live_.judged, last, {priors.begin(), priors.end()}, {}, tracker);
   }
   const std::shared_ptr<const SegmentImage> image = std::exchange(own_image_, nullptr);
   std::vector<kys::Prior> named = std::exchange(own_named_, {});
   if (image && last.pose) {
-    keep_older();
-    carried_ = at_base_ = begin(image, last, std::move(named));
+    keep_older(live_.carried);
+    live_.carried = begin(image, last, std::move(named));
     base_frame_ = index;
-    if (!tracker.instances().in_use()) {
-      base_ = live_;
-    } else {
-      base_.instances = *tracker.instances().tracker();
-      base_.poses = tracker.instances().judged();
-    }
-    base_.T_c_w = tracked.T_c_w;
-    base_.taken = last.taken;
-    (void)base_.instances.take_changed_beliefs();
-  } else if (carried_ && last.pose) {
-    advance(*carried_, last.taken, beliefs(tracker));
+  } else if (live_.carried && last.pose) {
+    advance(*live_.carried, last.taken, beliefs(tracker));
   }
+  last.after = std::make_shared<const State>(
+      tracker.instances().in_use()
+          ? State{{*tracker.instances().tracker(), tracker.instances().judged(),
+                   lost ? Rigid3{} : tracked.T_c_w, last.taken},
+                  live_.carried}
+          : live_);
 }
 
 }  // namespace kys_slam

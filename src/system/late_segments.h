@@ -59,14 +59,6 @@ class LateSegments {
   static constexpr std::size_t kMostFrames = 100;
   static constexpr std::size_t kOlder = 2;  // segmentations that give names besides the last
 
-  struct Frame {
-    std::int64_t index = 0;
-    double taken = 0;  // s
-    std::shared_ptr<const FrameFeatures> features;
-    std::vector<LandmarkId> landmarks;   // per feature
-    std::optional<FramePose> pose;       // nothing: lost
-    std::optional<KeyFrameId> keyframe;  // that it became
-  };
   /// A segmentation, and how far its instances have moved since.
   struct Carried {
     std::shared_ptr<const SegmentCarrier> segments;
@@ -83,6 +75,19 @@ class LateSegments {
     Rigid3 T_c_w;                 // of the latest, then
     double taken = -1e300;        // s, of the latest
   };
+  struct State {
+    Judged judged;
+    std::optional<Carried> carried;  // nothing: no segmentation yet
+  };
+  struct Frame {
+    std::int64_t index = 0;
+    double taken = 0;  // s
+    std::shared_ptr<const FrameFeatures> features;
+    std::vector<LandmarkId> landmarks;   // per feature
+    std::optional<FramePose> pose;       // nothing: lost
+    std::optional<KeyFrameId> keyframe;  // that it became
+    std::shared_ptr<const State> after;  // it
+  };
 
   void forget();
   [[nodiscard]] Carried begin(std::shared_ptr<const SegmentImage> image, const Frame& frame,
@@ -93,7 +98,7 @@ class LateSegments {
   void take_names(const Carried& before, const SegmentCarrier& now, const Rigid3& T_c_w,
                   double taken, const InstanceTracker& beliefs, const Tracker& tracker,
                   std::vector<kys::Prior>& named) const;
-  void keep_older();
+  void keep_older(const std::optional<Carried>& last);
   [[nodiscard]] SegmentShifts shifts_at(const Carried& carried, double taken,
                                         const InstanceTracker& beliefs, const Rigid3& T_s_w) const;
   [[nodiscard]] std::vector<kys::Prior> priors_at(const Carried& carried, double taken,
@@ -104,11 +109,11 @@ class LateSegments {
   void advance(Carried& carried, double taken, const InstanceTracker& beliefs) const;
   void judge(Judged& judged, const Frame& frame, const std::vector<kys::Prior>& priors,
              std::span<const kys::Prior> segments, const Tracker& tracker) const;
-  void replay(Judged& judged, Carried& carried, std::size_t first, std::size_t end,
-              const Tracker& tracker, std::vector<LatePriors>* late) const;
+  void replay(State& state, std::size_t first, const Tracker& tracker,
+              std::vector<LatePriors>& late);
   [[nodiscard]] std::optional<Rigid3> expected_pose(double timestamp, const Tracker& tracker) const;
   [[nodiscard]] const InstanceTracker& beliefs(const Tracker& tracker) const {
-    return tracker.instances().in_use() ? *tracker.instances().tracker() : live_.instances;
+    return tracker.instances().in_use() ? *tracker.instances().tracker() : live_.judged.instances;
   }
 
   StereoCamera camera_;
@@ -118,13 +123,11 @@ class LateSegments {
   std::vector<std::uint8_t> is_thing_;
   double memory_;  // s
   std::int32_t next_identity_ = 65536 /* as in prior files */;
-  std::deque<Frame> frames_;  // oldest first
-  Judged base_;               // after the frame of the last segmentation
-  std::int64_t base_frame_ = -1;
-  Judged live_;                     // after the last frame; where the tracker keeps no beliefs
-  std::deque<Carried> older_;       // segmentations before the last, latest first
-  std::optional<Carried> at_base_;  // the last segmentation, at its own frame
-  std::optional<Carried> carried_;  // the same, at the last frame
+  std::deque<Frame> frames_;             // oldest first
+  std::shared_ptr<const State> before_;  // the first of these
+  std::int64_t base_frame_ = -1;         // of the last segmentation
+  State live_;                 // after the last frame; beliefs only where the tracker keeps none
+  std::deque<Carried> older_;  // segmentations before the last, latest first
   // Of the frame to be tracked next, when it has its own segmentation.
   std::shared_ptr<const SegmentImage> own_image_;
   std::vector<kys::Prior> own_named_;
