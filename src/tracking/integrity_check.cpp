@@ -2,8 +2,10 @@
 #include "tracking/integrity_check.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "geometry/image_cells.h"
+#include "tracking/passing_cells.h"
 #include "tracking/scene_support.h"
 
 namespace kys_slam {
@@ -71,6 +73,11 @@ void describe(kys::OptionList& list, IntegrityOptions& o) {
            "in which something keeps its place while the camera moves, until a warning names it "
            "and it takes "
            "no part any more");
+  list.add("integrity.passing_frames", o.passing, {1, 24}, "frames",
+           "in which a cell of the image flows by, while the camera stands by its poses, until it "
+           "counts as another motion");
+  list.add("integrity.passing_window", o.passing_window, {1, 24}, "frames",
+           "the last ones, in which these are counted");
 }
 
 namespace {
@@ -82,9 +89,9 @@ bool contradicts(const OtherMotion& other, const IntegrityOptions& o) {
   constexpr int kLead = 2;     // cells
   constexpr double kFlow = 4;  // times the shift that the pose predicts
   if (other.cells.empty()) return false;
-  const bool lies_behind = other.behind - other.in_front >= kLead;
-  const bool flows_by = other.in_front <= other.behind && other.shift > kFlow * o.still &&
-                        other.shift > kFlow * other.pose_shift;
+  const bool lies_behind = other.order.behind - other.order.in_front >= kLead;
+  const bool flows_by = other.order.in_front <= other.order.behind &&
+                        other.shift > kFlow * o.still && other.shift > kFlow * other.pose_shift;
   const double least = lies_behind || flows_by ? o.other_area_behind : o.other_area;
   return static_cast<double>(other.cells.size()) >= least * other.explained;
 }
@@ -110,9 +117,14 @@ IntegrityResult IntegrityCheck::check(const TrackingContext& c, const TrackedFra
   if (follows) {
     const OtherMotion other = find_other_motion(c, frame, known_, statistics);
     remember_still(c, other);
-    if (contradicts(other, o)) {
+    const std::size_t passing = remember_passing(c, frame, statistics);
+    const bool passes =
+        passing > 0 && static_cast<double>(passing) >= o.other_area_behind * other.explained;
+    if (contradicts(other, o) || passes) {
       flag(Integrity::kContradicted, IntegrityReason::kTwoMotions);
     }
+  } else {
+    passing_.clear();
   }
   result.keeps_place = has_still();
   if (c.beliefs.in_use()) {
@@ -150,6 +162,22 @@ void IntegrityCheck::remember_still(const TrackingContext& c, const OtherMotion&
     still_[cell] = std::max(0, still_[cell] + (here ? 1 : -1));
     if (still_[cell] >= o.still_frames) known_[cell] = 1;
   }
+}
+
+/// A few corners in a frame are weak evidence, the same cells in several frames are not: how many
+/// cells flow by a camera that stands by its poses.
+std::size_t IntegrityCheck::remember_passing(const TrackingContext& c, const TrackedFrame& frame,
+                                             kys::Statistics& statistics) {
+  const IntegrityOptions& o = c.options.integrity;
+  const ImageCells cells(c.camera, kAreaColumns);
+  passing_.resize(cells.size());
+  for (std::uint32_t& frames : passing_) frames <<= 1;
+  for (const std::size_t cell : find_passing_cells(c, frame, known_, statistics)) {
+    passing_[cell] |= 1;
+  }
+  const std::uint32_t window = (std::uint32_t{1} << o.passing_window) - 1;
+  return static_cast<std::size_t>(std::ranges::count_if(
+      passing_, [&](std::uint32_t frames) { return std::popcount(frames & window) >= o.passing; }));
 }
 
 bool IntegrityCheck::has_still() const {

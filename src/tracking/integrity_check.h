@@ -33,8 +33,11 @@ class IntegrityCheck {
 
  private:
   void remember_still(const TrackingContext& context, const OtherMotion& other);
+  std::size_t remember_passing(const TrackingContext& context, const TrackedFrame& frame,
+                               kys::Statistics& statistics);
   [[nodiscard]] bool has_still() const;
 
+  std::vector<std::uint32_t> passing_;  // per cell, a bit per frame: flowed by; the last one lowest
   // Per cell of the image: frames, less those without it, in which something kept its place there.
   std::vector<int> still_;
   std::vector<std::uint8_t> known_;  // 1: reported, takes no part any more

@@ -25,6 +25,9 @@ struct IntegrityOptions {
   int min_cells = 3;       ///< of the image that it must fit
   double still = 1;        ///< px, mean shift in the image of what keeps its place
   int still_frames = 10;   ///< frames in which something keeps its place until a warning names it
+  /// Of the last frames, those in which a cell has to flow by a camera that stands by its poses.
+  int passing = 3;
+  int passing_window = 10;
 };
 /// For check_options().
 void describe(kys::OptionList& list, IntegrityOptions& options);

@@ -6,48 +6,21 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <deque>
+#include <utility>
 
 #include "geometry/absolute_orientation.h"
-#include "geometry/image_cells.h"
 #include "geometry/ransac.h"
-#include "matching/descriptor_matcher.h"
 #include "optimization/pose_optimization.h"
+#include "tracking/open_cells.h"
 #include "tracking/pose_estimation.h"
 
 namespace kys_slam {
 namespace {
 
-constexpr double kReach = 2;     // factor on the error bound within which a match fits a motion
-constexpr int kFewest = 2;       // points of a cell that say something
-constexpr int kBeside = 2;       // cells to the left and right in which depths are compared
-constexpr double kNearer = 1.1;  // ratio of disparities that shows which of two surfaces is nearer
-
-/// Cells of the image, by what is in them.
-struct CellCounts {
-  std::vector<int> inliers;  // of the pose
-  std::vector<int> points;   // with a disparity, on nothing that is believed to move
-  [[nodiscard]] bool is_explained(std::size_t cell) const { return inliers[cell] >= kFewest; }
-  [[nodiscard]] bool is_open(std::size_t cell) const {
-    return inliers[cell] == 0 && points[cell] >= kFewest;
-  }
-};
+constexpr double kReach = 2;  // factor on the error bound within which a match fits a motion
 
 bool can_contradict(const TrackingContext& c, const FrameFeatures& features, std::size_t i) {
   return features.has_stereo(i) && c.beliefs.is_static(features.prior(i));
-}
-
-CellCounts count_cells(const TrackingContext& c, const TrackedFrame& frame, const ImageCells& cells,
-                       const std::vector<std::uint8_t>& ignored) {
-  CellCounts counts{std::vector<int>(cells.size()), std::vector<int>(cells.size())};
-  for (std::size_t i = 0; i < frame.features->size(); ++i) {
-    const Keypoint& k = frame.features->keypoint(i);
-    const std::size_t cell = cells.index(k.x, k.y);
-    if (!ignored.empty() && ignored[cell] != 0) continue;
-    if (frame.landmarks[i].valid()) ++counts.inliers[cell];
-    if (can_contradict(c, *frame.features, i)) ++counts.points[cell];
-  }
-  return counts;
 }
 
 /// What contradicts a pose is area without inliers, not the number of outliers: repeated texture
@@ -64,13 +37,7 @@ std::vector<std::size_t> open_points(const TrackingContext& c, const ImageCells&
       points.push_back(i);
     }
   }
-  const auto limit = static_cast<std::size_t>(c.options.integrity.points);
-  if (points.size() <= limit) return points;
-  std::vector<std::size_t> chosen;
-  for (std::size_t k = 0; k < limit; ++k) {
-    chosen.push_back(points[(2 * k + 1) * points.size() / (2 * limit)]);
-  }
-  return chosen;
+  return choose_evenly(std::move(points), static_cast<std::size_t>(c.options.integrity.points));
 }
 
 /// A point of the last frame that was found again.
@@ -86,16 +53,7 @@ std::vector<PointMatch> match_points(const TrackingContext& c, const TrackedFram
                                      kys::Statistics& statistics) {
   const FrameFeatures& before = *c.last->features;
   const FrameFeatures& now = *frame.features;
-  std::deque<kys::Prior> priors;
-  std::vector<DescriptorQuery> queries;
-  for (const std::size_t i : points) {
-    queries.push_back({&before.descriptor(i),
-                       &priors.emplace_back(c.beliefs.with_belief(before.prior(i))),
-                       before.keypoint(i).angle});
-  }
-  // Loose bounds: wrong matches do not agree in one motion.
-  const DescriptorMatchOptions options{80, 0.85f, true};
-  const auto found = match_descriptors(queries, now, options, c.model, statistics);
+  const auto found = find_again(c, frame, points, statistics);
   const Rigid3 T_w_last = c.last->T_c_w.inverse();
   std::vector<PointMatch> matches;
   for (std::size_t q = 0; q < found.size(); ++q) {
@@ -180,45 +138,6 @@ std::vector<PointMatch> common_motion(const TrackingContext& c,
   return errors.select(refined.T_c_w, true);
 }
 
-/// Median; values are reordered. 0: there are none.
-float median_of(std::vector<float>& values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-/// Compares the disparities of the other motion with those of the pose's inliers beside it.
-void compare_depths(const TrackedFrame& frame, const ImageCells& cells,
-                    const std::vector<PointMatch>& common, OtherMotion& other) {
-  const FrameFeatures& features = *frame.features;
-  const auto disparity = [&](std::size_t i) {
-    return features.keypoint(i).x - features.u_right(i);
-  };
-  std::vector<std::vector<float>> of_pose(cells.size()), of_other(cells.size());
-  for (std::size_t i = 0; i < features.size(); ++i) {
-    if (!frame.landmarks[i].valid() || !features.has_stereo(i)) continue;
-    of_pose[cells.index(features.keypoint(i).x, features.keypoint(i).y)].push_back(disparity(i));
-  }
-  for (const PointMatch& m : common) {
-    const Keypoint& k = features.keypoint(m.now);
-    of_other[cells.index(k.x, k.y)].push_back(disparity(m.now));
-  }
-  for (const std::size_t cell : other.cells) {
-    const int column = static_cast<int>(cell) % kAreaColumns;
-    std::vector<float> beside;
-    for (int c = std::max(0, column - kBeside); c <= std::min(kAreaColumns - 1, column + kBeside);
-         ++c) {
-      const std::vector<float>& there = of_pose[cell - static_cast<std::size_t>(column - c)];
-      beside.insert(beside.end(), there.begin(), there.end());
-    }
-    const double pose = median_of(beside), here = median_of(of_other[cell]);
-    if (pose <= 0 || here <= 0) continue;
-    if (pose > kNearer * here) ++other.behind;
-    if (here > kNearer * pose) ++other.in_front;
-  }
-}
-
 }  // namespace
 
 OtherMotion find_other_motion(const TrackingContext& c, const TrackedFrame& frame,
@@ -226,11 +145,11 @@ OtherMotion find_other_motion(const TrackingContext& c, const TrackedFrame& fram
                               kys::Statistics& statistics) {
   const IntegrityOptions& o = c.options.integrity;
   const ImageCells cells(c.camera, kAreaColumns);
-  CellCounts counts = count_cells(c, frame, cells, ignored);
+  const CellCounts counts = count_cells(c, frame, cells, ignored);
   OtherMotion result;
+  result.explained = counts.explained();
   int open = 0;
   for (std::size_t cell = 0; cell < cells.size(); ++cell) {
-    result.explained += counts.is_explained(cell) ? 1 : 0;
     open += counts.is_open(cell) ? 1 : 0;
   }
   if (open < o.unexplained * (open + result.explained)) return result;
@@ -241,7 +160,9 @@ OtherMotion find_other_motion(const TrackingContext& c, const TrackedFrame& fram
   if (others.size() < least) return result;
   const std::vector<PointMatch> common = common_motion(c, others);
   if (common.size() < least) return result;
+  std::vector<std::size_t> there;
   for (const PointMatch& m : common) {
+    there.push_back(m.now);
     const Keypoint& a = c.last->features->keypoint(m.before);
     const Keypoint& b = frame.features->keypoint(m.now);
     const Eigen::Vector3d p = c.camera.project_stereo(frame.T_c_w * m.observation.p_w);
@@ -253,7 +174,7 @@ OtherMotion find_other_motion(const TrackingContext& c, const TrackedFrame& fram
   std::sort(result.cells.begin(), result.cells.end());
   result.cells.erase(std::unique(result.cells.begin(), result.cells.end()), result.cells.end());
   if (result.cells.size() < static_cast<std::size_t>(o.min_cells)) result.cells.clear();
-  compare_depths(frame, cells, common, result);
+  result.order = compare_depths(frame, cells, there, result.cells);
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "tracking/open_cells.h"
 #include "tracking/tracking_context.h"
 
 namespace kys_slam {
@@ -14,9 +15,8 @@ namespace kys_slam {
 struct OtherMotion {
   int explained = 0;               ///< cells of the image that the pose explains
   std::vector<std::size_t> cells;  ///< those that one other rigid motion explains; empty: none
-  int behind = 0;    ///< of these, cells in which it is farther than what the pose explains beside
-  int in_front = 0;  ///< cells in which it is nearer
-  double shift = 0;  ///< px, mean shift in the image of the points that the other motion fits
+  DepthOrder order;
+  double shift = 0;       ///< px, mean shift in the image of the points that the other motion fits
   double pose_shift = 0;  ///< px, mean shift that the pose predicts for these points
 };
 

@@ -55,6 +55,42 @@ class IntegrityOfFrames : public ::testing::Test {
     }
     return frame.take();
   }
+  /// A camera whose own vehicle covers the rows from `bottom` on and that sees corners without a
+  /// disparity above, as those of trees, `metres` on its way.
+  std::shared_ptr<const FrameFeatures> under_trees(int index, double metres, float bottom) {
+    const auto seen = see(world_, index, weaving_pose(metres));
+    const auto bonnet = testing::random_features(testing::kitti_camera(), 2000, 5, 1.0);
+    SyntheticFrame frame;
+    for (std::size_t i = 0; i < seen.features->size(); ++i) {
+      if (seen.features->keypoint(i).y < bottom) {
+        frame.add(*seen.features, i, testing::kNoStereo);
+      }
+    }
+    for (std::size_t i = 0; i < bonnet->size(); ++i) {
+      if (bonnet->keypoint(i).y >= bottom) frame.add(*bonnet, i, 60);
+    }
+    return frame.take();
+  }
+  /// A standing camera in front of a scene of 2 to 40 px of disparity. In the middle columns
+  /// something of another disparity (px) goes by, 12 px per frame.
+  static std::shared_ptr<const FrameFeatures> with_passing(int index, float disparity_there) {
+    constexpr float kLeft = 490, kRight = 860;
+    const auto scene = testing::random_features(testing::kitti_camera(), 1500, 5, 1.0);
+    const auto passing = testing::random_features(testing::kitti_camera(), 1500, 6, 1.0);
+    SyntheticFrame frame;
+    for (std::size_t i = 0; i < scene->size(); ++i) {
+      const float x = scene->keypoint(i).x;
+      if (x < kLeft || x > kRight) frame.add(*scene, i, disparity(*scene, i));
+    }
+    for (std::size_t i = 0; i < passing->size(); ++i) {
+      const float x = passing->keypoint(i).x + 12 * static_cast<float>(index);
+      if (x < kLeft || x > kRight) continue;
+      frame.add(*passing, i, 0);
+      frame.left.keypoints.back().x = x;
+      frame.u_right.back() = x - disparity_there;
+    }
+    return frame.take();
+  }
   TrackResult track(int index, std::shared_ptr<const FrameFeatures> features) {
     return tracker_.track({index, 0.1 * index, std::move(features)}, 0);
   }
@@ -96,6 +132,52 @@ TEST_F(IntegrityOfFrames, AVehicleThatLeavesThePoseAloneIsToldAndContradictsNoth
     EXPECT_NE(result.integrity.reason, IntegrityReason::kTwoMotions) << i;
     // The first frame with a motion to compare is the second.
     EXPECT_EQ(result.integrity.keeps_place, i >= told_after) << i;
+  }
+}
+
+TEST_F(IntegrityOfFrames, ASceneWithoutDisparitiesThatPassesAVehicleContradictsItOverTime) {
+  const IntegrityOptions options;
+  for (int i = 0; i < options.passing_window + 4; ++i) {
+    const TrackResult result = track(i, under_trees(i, 0.4 * i, 170));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << result.reason;
+    if (i == 0) continue;
+    ASSERT_GT(error(result, 0.4 * i), 0.3) << "the test needs a pose that stands";
+    // The first frame with a motion to compare is the second.
+    if (i < options.passing) {
+      EXPECT_EQ(result.integrity.integrity, Integrity::kOk) << i;
+    } else if (i >= options.passing_window) {
+      EXPECT_EQ(result.integrity.integrity, Integrity::kContradicted) << i;
+      EXPECT_EQ(result.integrity.reason, IntegrityReason::kTwoMotions) << i;
+    }
+  }
+}
+
+TEST_F(IntegrityOfFrames, TreesThatKeepTheirPlaceContradictNothing) {
+  for (int i = 0; i < 12; ++i) {
+    const TrackResult result = track(i, under_trees(i, 0, 170));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << result.reason;
+    EXPECT_EQ(result.integrity.integrity, Integrity::kOk) << i;
+  }
+}
+
+TEST_F(IntegrityOfFrames, WhatPassesAStandingCameraInFrontOfTheSceneContradictsNothing) {
+  for (int i = 0; i < 12; ++i) {
+    const TrackResult result = track(i, with_passing(i, 30));
+    ASSERT_NE(result.status, TrackingStatus::kLost) << result.reason;
+    ASSERT_LT(result.T_c_w.t().norm(), 0.01)
+        << i << ", " << result.reason << ": the test needs a pose that stands";
+    EXPECT_EQ(result.integrity.integrity, Integrity::kOk)
+        << i << to_string(result.integrity.reason);
+  }
+}
+
+TEST_F(IntegrityOfFrames, WhatPassesAStandingCameraBehindTheSceneContradictsIt) {
+  for (int i = 0; i < 12; ++i) {
+    const TrackResult result = track(i, with_passing(i, 1));
+    ASSERT_LT(result.T_c_w.t().norm(), 0.01)
+        << i << ", " << result.reason << ": the test needs a pose that stands";
+    if (i < IntegrityOptions().passing) continue;
+    EXPECT_EQ(result.integrity.reason, IntegrityReason::kTwoMotions) << i;
   }
 }
 
