@@ -17,6 +17,7 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -41,10 +42,11 @@ class Component(NamedTuple):
     packages: List[str]  # of ours, into which it is compiled, or which are linked with it
 
 
-def read_components() -> List[Component]:
+def read_components(machine: str = platform.machine()) -> List[Component]:
+    """The rows for all architectures, and those for `machine` alone."""
     with open(HERE / "components.csv", encoding="ascii", newline="") as file:
         return [Component(r["name"], r["licence"], r["library"], r["source"], r["packages"].split())
-                for r in csv.DictReader(file)]
+                for r in csv.DictReader(file) if r["machine"] in ("", machine)]
 
 
 def output_of(*call: str) -> str:

@@ -11,6 +11,7 @@ namespace kys_slam::ros {
 ImageMessage from_ros(const sensor_msgs::msg::Image::ConstSharedPtr& message) {
   ImageMessage image;
   image.stamp = {message->header.stamp.sec, message->header.stamp.nanosec};
+  image.frame_id = message->header.frame_id;
   image.encoding = message->encoding;
   image.width = message->width;
   image.height = message->height;
@@ -19,6 +20,12 @@ ImageMessage from_ros(const sensor_msgs::msg::Image::ConstSharedPtr& message) {
   image.data = {message->data.data(), message->data.size()};
   image.owner = message;
   return image;
+}
+
+Rigid3 from_ros(const geometry_msgs::msg::Transform& transform) {
+  const auto& t = transform.translation;
+  const auto& q = transform.rotation;
+  return rigid_of({t.x, t.y, t.z}, {q.x, q.y, q.z, q.w});
 }
 
 CameraInfo from_ros(const sensor_msgs::msg::CameraInfo& m) {

@@ -18,6 +18,8 @@
 namespace kys_slam::ros {
 
 ImageMessage from_ros(const sensor_msgs::msg::Image::ConstSharedPtr& message);
+/// \throws InputError unless it is a rigid transformation
+Rigid3 from_ros(const geometry_msgs::msg::Transform& transform);
 CameraInfo from_ros(const sensor_msgs::msg::CameraInfo& message);
 
 builtin_interfaces::msg::Time to_ros(const Stamp& stamp);

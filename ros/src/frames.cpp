@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "frames.h"
 
+#include <kys_slam/error.h>
+
+#include <cmath>
+
 namespace kys_slam::ros {
 
 Rigid3 optical_to_body() {
@@ -15,6 +19,18 @@ Rigid3 base_from_camera(const Eigen::Vector3d& position, const Eigen::Vector3d& 
   const Eigen::Quaterniond q =
       so3_exp({0, 0, rpy.z()}) * so3_exp({0, rpy.y(), 0}) * so3_exp({rpy.x(), 0, 0});
   return Rigid3(q, position) * optical_to_body();
+}
+
+Rigid3 rigid_of(const Eigen::Vector3d& position, const Eigen::Vector4d& xyzw) {
+  constexpr double kTolerance = 1e-3;
+  if (!position.allFinite() || !xyzw.allFinite()) {
+    throw InputError("a transform has numbers that are not finite");
+  }
+  if (std::abs(xyzw.norm() - 1) > kTolerance) {
+    throw InputError("a transform has a quaternion of length " + std::to_string(xyzw.norm()) +
+                     ", not 1");
+  }
+  return {Eigen::Quaterniond(xyzw.w(), xyzw.x(), xyzw.y(), xyzw.z()), position};
 }
 
 RelativePose of_base(const RelativePose& of_camera, const Rigid3& T_base_camera) {

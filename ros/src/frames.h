@@ -19,6 +19,10 @@ Rigid3 optical_to_body();
 /// \return T_base_camera of the optical frame
 Rigid3 base_from_camera(const Eigen::Vector3d& position, const Eigen::Vector3d& rpy);
 
+/// A transform as ROS has it. \param xyzw quaternion
+/// \throws InputError when a number is not finite, or the quaternion is not of length 1 (to 1e-3)
+Rigid3 rigid_of(const Eigen::Vector3d& position, const Eigen::Vector4d& xyzw);
+
 /// Pose and velocity of one frame in ROS's frames.
 struct FramePoses {
   Rigid3 T_map_odom, T_odom_base, T_map_base;

@@ -30,6 +30,7 @@ const char* to_string(Side side);
 /// sensor_msgs/Image. The pixels stay those of the message.
 struct ImageMessage {
   Stamp stamp;
+  std::string frame_id;  ///< of the optical frame of its camera
   std::string encoding;  ///< "mono8", "rgb8", ..
   std::uint32_t width = 0, height = 0;
   std::uint32_t step = 0;  ///< bytes from row to row

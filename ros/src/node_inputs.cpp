@@ -91,11 +91,11 @@ void NodeLogic::take_masks(Run& run) {
   for (const Side side : {Side::kLeft, Side::kRight}) {
     const auto i = static_cast<std::size_t>(side);
     if (masks[i].empty()) continue;
-    if (masks[i].width() != run.width || masks[i].height() != run.height) {
+    if (masks[i].width() != run.images.width || masks[i].height() != run.images.height) {
       complain(std::string("the mask of the ") + to_string(side) + " camera has " +
                std::to_string(masks[i].width()) + "x" + std::to_string(masks[i].height()) +
-               " px, its images " + std::to_string(run.width) + "x" + std::to_string(run.height) +
-               ": it is not used");
+               " px, its images " + std::to_string(run.images.width) + "x" +
+               std::to_string(run.images.height) + ": it is not used");
       masks[i] = {};
       continue;
     }

@@ -18,14 +18,19 @@ constexpr std::size_t kMostImages = 256;
 
 }  // namespace
 
-NodeLogic::NodeLogic(const NodeOptions& options, const Settings& settings, NodeOutput& output)
+NodeLogic::NodeLogic(const NodeOptions& options, const Settings& settings, NodeOutput& output,
+                     TransformLookup look_up)
     : options_(options),
       settings_(settings),
       label_space_(kys::load_label_space(settings.get("control.label_space"))),
       output_(&output),
+      look_up_(std::move(look_up)),
       queue_(options.tolerance, static_cast<std::size_t>(options.queue), options.time_jump) {
   if (options.segments && settings.get("kys.mode") == "stock") {
     throw InputError("parameter segments needs a mode with priors, kys.mode is stock");
+  }
+  if (options.camera_pose == CameraPose::kTf && !look_up_) {
+    throw InputError("parameter camera_pose is tf, and there is no TF");
   }
 }
 
@@ -127,24 +132,33 @@ void NodeLogic::begin(std::shared_ptr<Run> run, const std::string& why) {
   if (!why.empty()) output_->log(NodeOutput::Level::kWarn, why);
 }
 
-std::shared_ptr<NodeLogic::Run> NodeLogic::make_run(int width, int height, int bits) {
+/// T_base_camera of the left camera of the messages.
+Rigid3 NodeLogic::base_from_camera_of(const ImageKind& images) const {
+  if (options_.camera_pose == CameraPose::kParameters) return options_.T_base_camera();
+  const bool is_given = !options_.camera_frame.empty();
+  const std::string& camera = is_given ? options_.camera_frame : images.frame_id;
+  if (camera.empty()) {
+    throw InputError(
+        "the left images have no frame_id; camera_pose tf needs it, or the parameter camera_frame");
+  }
+  return look_up_(options_.base_frame, camera);
+}
+
+std::shared_ptr<NodeLogic::Run> NodeLogic::make_run(const ImageKind& images) const {
   CameraInfos infos;
   {
     const std::lock_guard lock(mutex_);
     infos = infos_;
   }
-  auto run = std::make_shared<Run>(
-      calibrate(infos, options_.images == Images::kRectified, width, height), options_, settings_);
-  run->width = width;
-  run->height = height;
-  run->bits = bits;
-  return run;
+  const bool is_rectified = options_.images == Images::kRectified;
+  return std::make_shared<Run>(images, calibrate(infos, is_rectified, images.width, images.height),
+                               base_from_camera_of(images), options_.schedule, settings_);
 }
 
 void NodeLogic::start(const PairQueue::Pair& pair) {
   const ImageView left = view_of(pair.left), right = view_of(pair.right);
   const int bits = std::max(used_bits(left), used_bits(right));
-  auto run = make_run(left.width, left.height, bits);
+  auto run = make_run({left.width, left.height, bits, pair.left.frame_id});
   if (!options_.load_map.empty()) {
     run->system.load_map(options_.load_map, options_.localize_only);
   }

@@ -8,6 +8,7 @@
 #include <condition_variable>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -42,6 +43,10 @@ class NodeOutput {
   virtual void log(Level level, const std::string& text) = 0;
 };
 
+/// T_a_b of two frames of TF, as it is now.
+/// \throws InputError naming them, with the reason, while it is not known
+using TransformLookup = std::function<Rigid3(const std::string& a, const std::string& b)>;
+
 /// All that the node does: pairs, calibration, frames, services, diagnostics. Images come from any
 /// thread; one thread calls track_next() or run().
 class NodeLogic {
@@ -51,8 +56,11 @@ class NodeLogic {
     std::string message;
   };
 
-  /// \param output must outlive this object \throws InputError for options that cannot be
-  NodeLogic(const NodeOptions& options, const Settings& settings, NodeOutput& output);
+  /// \param output must outlive this object \param look_up for camera_pose tf: called at the start
+  ///        of each run, by the thread that tracks or calls a service
+  /// \throws InputError for options that cannot be
+  NodeLogic(const NodeOptions& options, const Settings& settings, NodeOutput& output,
+            TransformLookup look_up = {});
   NodeLogic(const NodeLogic&) = delete;
   NodeLogic& operator=(const NodeLogic&) = delete;
   ~NodeLogic();
@@ -84,13 +92,19 @@ class NodeLogic {
 
  private:
   struct Run;  // one system with its camera, from a start to a reset
+  struct ImageKind {
+    int width = 0, height = 0;  // px, of the messages
+    int bits = 0;               // of 16-bit images, 0: not known
+    std::string frame_id;       // of the left images
+  };
   struct FedImage {
     Stamp stamp;
     std::int64_t frame = 0;
   };
 
   void begin(std::shared_ptr<Run> run, const std::string& why);
-  [[nodiscard]] std::shared_ptr<Run> make_run(int width, int height, int bits);
+  [[nodiscard]] std::shared_ptr<Run> make_run(const ImageKind& images) const;
+  [[nodiscard]] Rigid3 base_from_camera_of(const ImageKind& images) const;
   void load(Run& run, const std::string& file, bool localize_only) const;
   void start(const PairQueue::Pair& pair);
   void track(const PairQueue::Pair& pair);
@@ -105,6 +119,7 @@ class NodeLogic {
   Settings settings_;
   kys::LabelSpace label_space_;
   NodeOutput* output_;
+  TransformLookup look_up_;
 
   std::mutex run_mutex_;  // held while a frame is tracked, and by services
   std::string warning_;   // of the last frame

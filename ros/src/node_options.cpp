@@ -34,8 +34,13 @@ void describe(kys::OptionList& list, NodeOptions& o) {
   list.add("map_frame", o.map_frame, "name of a frame");
   list.add("odom_frame", o.odom_frame, "name of a frame");
   list.add("base_frame", o.base_frame, "name of a frame");
-  list.add("camera_frame", o.camera_frame,
-           "optical frame of the left camera, published as static transform; empty: not published");
+  list.add(
+      "camera_frame", o.camera_frame,
+      "optical frame of the left camera. With camera_pose parameters it is published as static "
+      "transform, empty: not published; with tf it is looked up, empty: that of the images");
+  list.add("camera_pose", o.camera_pose, {"parameters", "tf"},
+           "where the left camera is on the robot: camera.x to camera.yaw, or the transform from "
+           "base_frame to the camera's optical frame at the start");
   list.add("camera.x", o.camera_x, {-kFar, kFar}, "m", "position of the left camera in base_link");
   list.add("camera.y", o.camera_y, {-kFar, kFar}, "m", "position of the left camera in base_link");
   list.add("camera.z", o.camera_z, {-kFar, kFar}, "m", "position of the left camera in base_link");
@@ -122,6 +127,12 @@ NodeOptions read_options(const GivenValue& given) {
   if (options.map_frame == options.odom_frame || options.odom_frame == options.base_frame ||
       options.map_frame == options.base_frame) {
     throw InputError("parameters map_frame, odom_frame and base_frame need different names");
+  }
+  const bool is_placed = options.camera_x != 0 || options.camera_y != 0 || options.camera_z != 0 ||
+                         options.camera_roll != 0 || options.camera_pitch != 0 ||
+                         options.camera_yaw != 0;
+  if (options.camera_pose == CameraPose::kTf && is_placed) {
+    throw InputError("parameters camera.x to camera.yaw are not used with camera_pose tf");
   }
   if (options.localize_only && options.load_map.empty()) {
     throw InputError("parameter localize_only needs load_map");

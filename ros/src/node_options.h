@@ -14,6 +14,7 @@
 namespace kys_slam::ros {
 
 enum class Images : std::uint8_t { kAuto, kRectified };
+enum class CameraPose : std::uint8_t { kParameters, kTf };
 enum class Reliability : std::uint8_t { kBestEffort, kReliable };
 
 /// The node's own parameters. All are read once, at the start.
@@ -28,6 +29,7 @@ struct NodeOptions {
   double time_jump = 1;
   Schedule schedule = Schedule::kRealtime;
   std::string map_frame = "map", odom_frame = "odom", base_frame = "base_link", camera_frame;
+  CameraPose camera_pose = CameraPose::kParameters;
   double camera_x = 0, camera_y = 0, camera_z = 0;
   double camera_roll = 0, camera_pitch = 0, camera_yaw = 0;
   bool publish_tf = true;
@@ -38,6 +40,7 @@ struct NodeOptions {
   bool localize_only = false;
   std::string output;
 
+  /// Of camera.x to camera.yaw.
   [[nodiscard]] Rigid3 T_base_camera() const;
 };
 void describe(kys::OptionList& list, NodeOptions& options);

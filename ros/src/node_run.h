@@ -10,14 +10,17 @@ namespace kys_slam::ros {
 
 /// One system with its camera, from a start to a reset.
 struct NodeLogic::Run {
-  Run(PairCalibration calibration_in, const NodeOptions& options, const Settings& settings)
-      : calibration(std::move(calibration_in)),
-        frames(options.T_base_camera() * calibration.T_raw_c),
-        system(calibration.camera, settings, options.schedule) {}
+  /// \param T_base_camera of the camera of the image messages
+  Run(const ImageKind& images_in, PairCalibration calibration_in, const Rigid3& T_base_camera,
+      Schedule schedule, const Settings& settings)
+      : images(images_in),
+        calibration(std::move(calibration_in)),
+        frames(T_base_camera * calibration.T_raw_c),
+        system(calibration.camera, settings, schedule) {}
 
   /// 8-bit grey and rectified.
   [[nodiscard]] GrayImage prepared(Side side, ImageView view) const {
-    view.bits = bits;
+    view.bits = images.bits;
     return rectified(side, to_gray(view));
   }
   [[nodiscard]] GrayImage rectified(Side side, GrayImage image) const {
@@ -26,9 +29,8 @@ struct NodeLogic::Run {
                                : calibration.rectifier->rectify_right(image);
   }
 
+  ImageKind images;
   PairCalibration calibration;
-  int width = 0, height = 0;  // px, of the image messages
-  int bits = 0;               // of 16-bit images, 0: not known
   Rep105Frames frames;
   StereoMasks masks;
   bool has_masks = false;  // `masks` are those of the node

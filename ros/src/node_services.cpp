@@ -29,7 +29,7 @@ NodeLogic::Answer NodeLogic::load_map(const std::string& file, bool localize_onl
             "start"};
   }
   try {
-    auto run = make_run(run_->width, run_->height, run_->bits);
+    auto run = make_run(run_->images);
     run->system.load_map(file, localize_only);
     begin(std::move(run), "the run starts again in " + file);
   } catch (const InputError& error) {

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "stereo_node.h"
 
+#include <kys_slam/error.h>
+#include <tf2/exceptions.h>
+#include <tf2/time.h>
+
 #include <chrono>
 #include <map>
 #include <rclcpp_components/register_node_macro.hpp>
@@ -22,8 +26,14 @@ StereoNode::StereoNode(const rclcpp::NodeOptions& options)
     : Node("kys_slam", options), tf_(*this), static_tf_(*this) {
   const GivenValue given = declare();
   options_ = read_options(given);
+  if (options_.camera_pose == CameraPose::kTf) {
+    tf_buffer_ = std::make_unique<tf2_ros::Buffer>(get_clock());
+    tf_listener_ = std::make_unique<tf2_ros::TransformListener>(*tf_buffer_);
+  }
   NodeOutput& output = *this;
-  logic_ = std::make_unique<NodeLogic>(options_, read_settings(options_, given), output);
+  logic_ = std::make_unique<NodeLogic>(
+      options_, read_settings(options_, given), output,
+      [this](const std::string& a, const std::string& b) { return look_up(a, b); });
   advertise();
   publish_camera_frame();
   subscribe();
@@ -77,8 +87,19 @@ void StereoNode::advertise() {
   diagnostics_ = create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", 10);
 }
 
+Rigid3 StereoNode::look_up(const std::string& a, const std::string& b) const {
+  const std::string name = "the transform from " + a + " to " + b + ": ";
+  try {
+    return from_ros(tf_buffer_->lookupTransform(a, b, tf2::TimePointZero).transform);
+  } catch (const tf2::TransformException& error) {
+    throw InputError(name + error.what());
+  } catch (const InputError& error) {
+    throw InputError(name + error.what());
+  }
+}
+
 void StereoNode::publish_camera_frame() {
-  if (options_.camera_frame.empty()) return;
+  if (options_.camera_pose == CameraPose::kTf || options_.camera_frame.empty()) return;
   static_tf_.sendTransform(
       transform_of(options_.T_base_camera(), {}, options_.base_frame, options_.camera_frame));
 }

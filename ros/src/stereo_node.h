@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <tf2_ros/buffer.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
+#include <tf2_ros/transform_listener.h>
 
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <geometry_msgs/msg/pose_stamped.hpp>
@@ -42,6 +44,7 @@ class StereoNode : public rclcpp::Node, private NodeOutput {
   void log(Level level, const std::string& text) override;
 
   [[nodiscard]] GivenValue declare();
+  [[nodiscard]] Rigid3 look_up(const std::string& a, const std::string& b) const;
   void publish_camera_frame();
   void advertise();
   void subscribe();
@@ -50,6 +53,9 @@ class StereoNode : public rclcpp::Node, private NodeOutput {
   void report();
 
   NodeOptions options_;
+  // For camera_pose tf alone.
+  std::unique_ptr<tf2_ros::Buffer> tf_buffer_;
+  std::unique_ptr<tf2_ros::TransformListener> tf_listener_;
   std::unique_ptr<NodeLogic> logic_;
   std::thread thread_;  // that tracks
 

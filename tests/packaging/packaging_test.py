@@ -100,6 +100,11 @@ class Tables(unittest.TestCase):
             self.assertTrue(row["licence"] and row["source"], row)
             self.assertTrue(row["library"] or row["packages"], row)
 
+    def test_what_one_architecture_needs_is_listed_there_alone(self):
+        names = [{c.name for c in sbom.read_components(m)} for m in ("x86_64", "aarch64")]
+        self.assertEqual(names[1] - names[0], {"SIMDe"})
+        self.assertEqual(names[0] - names[1], set())
+
     def test_the_gpl_is_in_the_package_that_says_so_alone(self):
         under = [c for c in sbom.read_components() if "GPL" in c.licence]
         self.assertEqual([c.name for c in under], ["SuiteSparse"])

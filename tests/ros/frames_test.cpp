@@ -3,6 +3,7 @@
 #include "frames.h"
 
 #include <gtest/gtest.h>
+#include <kys_slam/error.h>
 
 #include <cmath>
 #include <numbers>
@@ -63,6 +64,20 @@ TEST(Rep103, ACameraThatLooksDownOrToTheLeft) {
   // Rolled to the right by a quarter: its right side is down.
   const Rigid3 rolled = base_from_camera({0, 0, 0}, {kQuarter, 0, 0});
   EXPECT_LT((rolled * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0, 0, -1)).norm(), 1e-12);
+}
+
+TEST(Rep103, ATransformOfRosIsCheckedBeforeItCounts) {
+  const double h = std::sqrt(0.5);
+  // A quarter about z: x becomes y.
+  const Rigid3 T = rigid_of({1, 2, 3}, {0, 0, h, h});
+  EXPECT_LT((T * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(), 1e-12);
+  // The optical frame as robot descriptions have it: roll -90, yaw -90 degrees.
+  expect_near(rigid_of({0, 0, 0}, {-0.5, 0.5, -0.5, 0.5}), optical_to_body());
+  expect_near(rigid_of({0, 0, 0}, {0, 0, 0, 1.0005}), {});
+  EXPECT_THROW(rigid_of({0, 0, 0}, {0, 0, 0, 0}), InputError);
+  EXPECT_THROW(rigid_of({0, 0, 0}, {0, 0, 0, 1.01}), InputError);
+  EXPECT_THROW(rigid_of({std::nan(""), 0, 0}, {0, 0, 0, 1}), InputError);
+  EXPECT_THROW(rigid_of({0, 0, 0}, {0, 0, 0, HUGE_VAL}), InputError);
 }
 
 TEST(Rep105, ForwardIsXAndUpIsZ) {

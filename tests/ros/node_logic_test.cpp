@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <numbers>
 #include <thread>
 
 #include "io/temporary_folder.h"
@@ -57,6 +58,7 @@ ImageMessage message_of(const GrayImage& image, const Stamp& stamp) {
   const auto owner = std::make_shared<const GrayImage>(image);
   ImageMessage m;
   m.stamp = stamp;
+  m.frame_id = "cam0_optical";
   m.encoding = "mono8";
   m.width = static_cast<std::uint32_t>(image.width());
   m.height = static_cast<std::uint32_t>(image.height());
@@ -89,7 +91,7 @@ class NodeLogicTest : public ::testing::Test {
   explicit NodeLogicTest() { options.schedule = Schedule::kSequential; }
 
   NodeLogic& node() {
-    if (!logic_) logic_ = std::make_unique<NodeLogic>(options, settings, output);
+    if (!logic_) logic_ = std::make_unique<NodeLogic>(options, settings, output, look_up);
     return *logic_;
   }
   void give_infos() {
@@ -114,6 +116,7 @@ class NodeLogicTest : public ::testing::Test {
   NodeOptions options;
   Settings settings = Settings::indoor();
   Recorder output;
+  TransformLookup look_up;
 
  private:
   std::unique_ptr<NodeLogic> logic_;
@@ -143,6 +146,73 @@ TEST_F(NodeLogicTest, PosesInRosFramesWithTheStampsOfTheImages) {
   EXPECT_EQ(value_of(state, "frames"), "6");
   EXPECT_EQ(value_of(state, "lost frames"), "0");
   EXPECT_EQ(node().diagnostics().level, Diagnostics::Level::kStale);  // nothing came since
+}
+
+/// The camera looks to the left of the robot, which drives sideways: base_link moves along its y.
+/// The transform comes after two pairs.
+TEST_F(NodeLogicTest, ThePoseOfTheCameraFromTf) {
+  options.camera_pose = CameraPose::kTf;
+  int calls = 0;
+  look_up = [&](const std::string& a, const std::string& b) -> Rigid3 {
+    EXPECT_EQ(a, "base_link");
+    EXPECT_EQ(b, "cam0_optical");
+    if (++calls <= 2) throw InputError("base_link is not known");
+    return base_from_camera({0.2, 0.1, 0.5}, {0, 0, 0.5 * std::numbers::pi});
+  };
+  give_infos();
+  track(0, 2);
+  EXPECT_TRUE(output.poses.empty());
+  EXPECT_EQ(output.count("base_link is not known"), 1);
+  EXPECT_EQ(node().diagnostics().message, "base_link is not known");
+  track(2, kImages);
+  ASSERT_EQ(output.poses.size(), static_cast<std::size_t>(kImages - 2));
+  EXPECT_EQ(calls, 3);
+  for (int i = 2; i < kImages; ++i) {
+    const PoseOutput& pose = output.poses[static_cast<std::size_t>(i - 2)];
+    const Eigen::Vector3d expected(0, 0.3 * (i - 2), 0);
+    EXPECT_LT((pose.poses.T_odom_base.t() - expected).norm(), 0.03) << i;
+    if (i == 2) continue;
+    EXPECT_NEAR(pose.poses.twist.value().linear.y(), 3, 0.3);
+  }
+  EXPECT_TRUE(node().reset().success);
+  track(0, 1, 1800000000);
+  EXPECT_EQ(calls, 4);  // each run looks it up
+  EXPECT_LT(output.poses.back().poses.T_map_base.t().norm(), 1e-9);
+}
+
+TEST_F(NodeLogicTest, TheFrameOfTheCameraByParameter) {
+  options.camera_pose = CameraPose::kTf;
+  options.base_frame = "robot";
+  options.camera_frame = "left_eye";
+  std::vector<std::string> asked;
+  look_up = [&](const std::string& a, const std::string& b) {
+    asked = {a, b};
+    return optical_to_body();
+  };
+  give_infos();
+  track(0, 2);
+  EXPECT_EQ(asked, (std::vector<std::string>{"robot", "left_eye"}));
+  EXPECT_NEAR(output.poses.at(1).poses.T_odom_base.t().x(), 0.3, 0.03);
+}
+
+TEST_F(NodeLogicTest, ImagesWithoutAFrameHaveNoPlaceInTf) {
+  options.camera_pose = CameraPose::kTf;
+  look_up = [](const std::string&, const std::string&) { return Rigid3(); };
+  give_infos();
+  for (const Side side : {Side::kLeft, Side::kRight}) {
+    ImageMessage message = message_of(images()[0].left, stamp(0));
+    message.frame_id.clear();
+    node().add_image(side, message);
+  }
+  while (node().track_next()) {
+  }
+  EXPECT_EQ(output.count("no frame_id"), 1);
+  EXPECT_TRUE(output.poses.empty());
+}
+
+TEST_F(NodeLogicTest, TfIsAskedForWhereThereIsNone) {
+  options.camera_pose = CameraPose::kTf;
+  EXPECT_THROW(node(), InputError);
 }
 
 TEST_F(NodeLogicTest, WaitsForACalibrationThatIsOne) {

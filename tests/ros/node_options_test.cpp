@@ -120,6 +120,9 @@ TEST(NodeParameters, AreRefusedByName) {
             std::string::npos);
   EXPECT_NE(complaint({{"orb.features", "-1"}}).find("orb.features"), std::string::npos);
   EXPECT_NE(complaint({{"odom_frame", "map"}}).find("different names"), std::string::npos);
+  EXPECT_EQ(complaint({{"camera_pose", "tf"}}), "");
+  EXPECT_NE(complaint({{"camera_pose", "tf"}, {"camera.pitch", "0.1"}}).find("camera_pose tf"),
+            std::string::npos);
   EXPECT_NE(complaint({{"localize_only", "true"}}).find("needs load_map"), std::string::npos);
   EXPECT_NE(complaint({{"settings_file", "/nowhere.yaml"}}).find("/nowhere.yaml"),
             std::string::npos);

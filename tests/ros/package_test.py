@@ -58,7 +58,7 @@ class Package(unittest.TestCase):
 
     def test_headers_are_of_packages_that_are_declared(self):
         included = set(re.findall(r"#include <(\w+)/(?:msg|srv)/", self.source)) | set(
-            re.findall(r"#include <(rclcpp|rclcpp_components|image_transport|tf2_ros)/", self.source))
+            re.findall(r"#include <(rclcpp|rclcpp_components|image_transport|tf2|tf2_ros)/", self.source))
         self.assertGreater(len(included), 5)
         self.assertEqual(included - OWN - INDIRECT - self.declared("depend"), set())
 

@@ -27,6 +27,7 @@ StereoCamera node_camera() {
 sensor_msgs::msg::Image image_of(const GrayImage& image, int i) {
   sensor_msgs::msg::Image m;
   m.header.stamp = {kStart, 100000001u * static_cast<std::uint32_t>(i)};
+  m.header.frame_id = "cam0";
   m.width = static_cast<std::uint32_t>(image.width());
   m.height = static_cast<std::uint32_t>(image.height());
   m.encoding = "bgr8";
@@ -128,6 +129,47 @@ TEST_F(StereoNodeTest, PublishesWhatItTracks) {
   EXPECT_EQ(fixed[0].transform.translation.z, 1.5);
   EXPECT_NEAR(std::abs(fixed[0].transform.rotation.x), 0.5, 1e-12);
   EXPECT_EQ(Bus::get().all<geometry_msgs::msg::PoseStamped>("pose").back().header.frame_id, "map");
+}
+
+/// The camera is 1 m to the left of base_link and looks back; the robot drives backwards.
+TEST_F(StereoNodeTest, LooksUpWhereTheCameraIs) {
+  set("camera_pose", rclcpp::ParameterValue(std::string("tf")));
+  geometry_msgs::msg::TransformStamped mounted;
+  mounted.header.frame_id = "base_link";
+  mounted.child_frame_id = "cam0";
+  mounted.transform.translation.y = 1;
+  mounted.transform.rotation = {0.5, 0.5, -0.5, -0.5};  // x right is y left, z forward is x back
+  Bus::get().transforms = {mounted};
+  start();
+  drive(0, 3);
+  const auto poses = odometry();
+  ASSERT_EQ(poses.size(), 3u);
+  EXPECT_NEAR(poses[2].pose.pose.position.x, -0.6, 0.03);
+  EXPECT_NEAR(poses[2].pose.pose.position.y, 0, 0.03);
+  EXPECT_NEAR(poses[2].twist.twist.linear.x, -3, 0.3);
+  EXPECT_TRUE(Bus::get().all<geometry_msgs::msg::TransformStamped>("/tf_static").empty());
+}
+
+TEST_F(StereoNodeTest, SaysWhichTransformIsMissing) {
+  set("camera_pose", rclcpp::ParameterValue(std::string("tf")));
+  StereoNode& node = start();
+  for (const Side side : {Side::kLeft, Side::kRight}) {
+    Bus::get().give(std::string(to_string(side)) + "/camera_info", camera_info_of(side));
+    Bus::get().give(std::string(to_string(side)) + "/image", image_of(GrayImage(400, 122), 0));
+  }
+  const std::string expected =
+      "ERROR the transform from base_link to cam0: \"base_link\" passed to "
+      "lookupTransform does not exist.";
+  const auto is_logged = [&] {
+    const std::lock_guard lock(Bus::get().mutex);
+    return std::ranges::count(Bus::get().log, expected) == 1;
+  };
+  for (int k = 0; !is_logged() && k < 6000; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  EXPECT_TRUE(is_logged());
+  EXPECT_TRUE(node.finish());
+  EXPECT_TRUE(odometry().empty());
 }
 
 TEST_F(StereoNodeTest, ReportsOnceASecond) {

@@ -28,7 +28,8 @@ struct Bus {
   std::vector<std::function<void()>> timers;
   std::map<std::string, rcl_interfaces::msg::ParameterDescriptor> parameters;
   std::vector<std::string> log;
-  std::map<std::string, std::string> transports;  // of images, by topic
+  std::vector<geometry_msgs::msg::TransformStamped> transforms;  // of others
+  std::map<std::string, std::string> transports;                 // of images, by topic
 
   static Bus& get() {
     static Bus bus;
@@ -37,7 +38,7 @@ struct Bus {
   void clear() {
     const std::lock_guard lock(mutex);
     sent.clear(), handlers.clear(), services.clear(), timers.clear(), parameters.clear();
-    log.clear(), transports.clear();
+    log.clear(), transports.clear(), transforms.clear();
   }
   template <typename T>
   void give(const std::string& topic, const T& message) {
@@ -130,6 +131,9 @@ class Publisher {
   std::string topic_;
 };
 struct Logger {};
+struct Clock {
+  using SharedPtr = std::shared_ptr<Clock>;
+};
 
 class Node {
  public:
@@ -137,6 +141,7 @@ class Node {
   virtual ~Node() = default;
   [[nodiscard]] const char* get_name() const { return name_.c_str(); }
   [[nodiscard]] Logger get_logger() const { return {}; }
+  [[nodiscard]] Clock::SharedPtr get_clock() const { return std::make_shared<Clock>(); }
   [[nodiscard]] builtin_interfaces::msg::Time now() const { return {}; }
 
   const ParameterValue& declare_parameter(const std::string& name, const ParameterValue& value,
@@ -211,7 +216,31 @@ void substitute_log(const char* level, const char* format, Args... args) {
 #define RCLCPP_ERROR(logger, ...) ((void)(logger), substitute_log("ERROR ", __VA_ARGS__))
 #define RCLCPP_COMPONENTS_REGISTER_NODE(Class)
 
+namespace tf2 {
+using TimePoint = std::chrono::time_point<std::chrono::system_clock, std::chrono::nanoseconds>;
+inline constexpr TimePoint TimePointZero{};
+struct TransformException : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+}  // namespace tf2
+
 namespace tf2_ros {
+/// Knows what was sent to Bus::transforms, of neighbours alone.
+struct Buffer {
+  explicit Buffer(const rclcpp::Clock::SharedPtr&) {}
+  [[nodiscard]] geometry_msgs::msg::TransformStamped lookupTransform(const std::string& target,
+                                                                     const std::string& source,
+                                                                     const tf2::TimePoint&) const {
+    const std::lock_guard lock(Bus::get().mutex);
+    for (const auto& t : Bus::get().transforms) {
+      if (t.header.frame_id == target && t.child_frame_id == source) return t;
+    }
+    throw tf2::TransformException('"' + target + "\" passed to lookupTransform does not exist.");
+  }
+};
+struct TransformListener {
+  explicit TransformListener(Buffer&) {}
+};
 struct TransformBroadcaster {
   explicit TransformBroadcaster(rclcpp::Node&) {}
   void sendTransform(const std::vector<geometry_msgs::msg::TransformStamped>& transforms) {
