@@ -33,7 +33,7 @@ setup() {  # PACKAGE...
     mkdir -p "$(dirname "$root")"
     mmdebstrap --quiet --variant=minbase --architectures=arm64 --include="$(IFS=, && echo "${libraries[*]}")" \
       --dpkgopt='path-exclude=/usr/share/man/*' --dpkgopt='path-exclude=/usr/share/locale/*' \
-      --dpkgopt=force-unsafe-io bookworm "$root.part" "${DEBIAN_MIRROR:-http://deb.debian.org/debian}"
+      --dpkgopt=force-unsafe-io bookworm "$root.part" ${DEBIAN_MIRROR:+"$DEBIAN_MIRROR"}
     mv "$root.part" "$root"
   fi
   link_compiler

@@ -35,7 +35,7 @@ setup() {
     --include="$(IFS=, && echo "${libraries[*]}")" \
     --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
     --dpkgopt='path-exclude=/usr/share/locale/*' \
-    bookworm "$part" http://deb.debian.org/debian
+    bookworm "$part" ${DEBIAN_MIRROR:+"$DEBIAN_MIRROR"}
   mv "$part" "$sysroot"
 }
 
