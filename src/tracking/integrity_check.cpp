@@ -2,7 +2,6 @@
 #include "tracking/integrity_check.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "geometry/image_cells.h"
 #include "tracking/passing_cells.h"
@@ -170,14 +169,14 @@ std::size_t IntegrityCheck::remember_passing(const TrackingContext& c, const Tra
                                              kys::Statistics& statistics) {
   const IntegrityOptions& o = c.options.integrity;
   const ImageCells cells(c.camera, kAreaColumns);
-  passing_.resize(cells.size());
-  for (std::uint32_t& frames : passing_) frames <<= 1;
-  for (const std::size_t cell : find_passing_cells(c, frame, known_, statistics)) {
-    passing_[cell] |= 1;
+  passing_.push_back(find_passing_cells(c, frame, known_, statistics));
+  while (passing_.size() > static_cast<std::size_t>(o.passing_window)) passing_.pop_front();
+  std::vector<int> frames(cells.size());
+  for (const std::vector<std::size_t>& passed : passing_) {
+    for (const std::size_t cell : passed) ++frames[cell];
   }
-  const std::uint32_t window = (std::uint32_t{1} << o.passing_window) - 1;
-  return static_cast<std::size_t>(std::ranges::count_if(
-      passing_, [&](std::uint32_t frames) { return std::popcount(frames & window) >= o.passing; }));
+  return static_cast<std::size_t>(
+      std::ranges::count_if(frames, [&](int count) { return count >= o.passing; }));
 }
 
 bool IntegrityCheck::has_still() const {

@@ -4,7 +4,9 @@
 #include <kys/statistics.h>
 #include <kys_slam/report.h>
 
+#include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "tracking/other_motion.h"
@@ -37,7 +39,7 @@ class IntegrityCheck {
                                kys::Statistics& statistics);
   [[nodiscard]] bool has_still() const;
 
-  std::vector<std::uint32_t> passing_;  // per cell, a bit per frame: flowed by; the last one lowest
+  std::deque<std::vector<std::size_t>> passing_;  // of the last frames, the cells that flow by
   // Per cell of the image: frames, less those without it, in which something kept its place there.
   std::vector<int> still_;
   std::vector<std::uint8_t> known_;  // 1: reported, takes no part any more
