@@ -16,7 +16,7 @@ void add_phrase(std::string& text, const std::string& phrase) {
   if (!phrase.empty()) text += (text.empty() ? "" : "; ") + phrase;
 }
 
-std::string note_of_times(const std::vector<FrameReport>& reports) {
+std::string note_of_times(const FrameReports& reports) {
   constexpr std::size_t kFrames = 5;
   constexpr double kLongest = 10;  // s; what moves between is not tracked
   if (reports.size() != kFrames) return "";

@@ -4,9 +4,9 @@
 #include <kys_slam/report.h>
 
 #include <string>
-#include <vector>
 
 #include "map/frame_features.h"
+#include "system/private_access.h"
 #include "tracking/integrity_check.h"
 
 namespace kys_slam {
@@ -17,7 +17,7 @@ inline constexpr const char* kSameImage = "the left and the right image are the 
 void add_phrase(std::string& text, const std::string& phrase);
 
 /// After the first five frames: a warning when all of them are more than 10 s apart, "" else.
-std::string note_of_times(const std::vector<FrameReport>& reports);
+std::string note_of_times(const FrameReports& reports);
 
 /// How far a pose can be relied on, with a warning where a mask may help.
 void note_integrity(const IntegrityResult& result, FrameReport& report);

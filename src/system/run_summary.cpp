@@ -29,7 +29,7 @@ struct Spread {
 };
 
 /// Of the back end's stages only frames that became keyframes count.
-Spread spread(const std::vector<FrameReport>& reports, const Stage& stage) {
+Spread spread(const FrameReports& reports, const Stage& stage) {
   const bool back_end = stage.value == &StageTimes::local_mapping ||
                         stage.value == &StageTimes::local_bundle ||
                         stage.value == &StageTimes::loop;
@@ -47,7 +47,7 @@ Spread spread(const std::vector<FrameReport>& reports, const Stage& stage) {
 }
 
 /// What was wrong with frames, each once with how often and when first.
-std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports) {
+std::vector<std::string> frame_warnings(const FrameReports& reports) {
   std::map<std::string, std::pair<std::int64_t, std::int64_t>> found;  // frames, the first's index
   for (const FrameReport& r : reports) {
     if (!r.warning.empty()) ++found.try_emplace(r.warning, 0, r.index).first->second.first;
@@ -63,7 +63,7 @@ std::vector<std::string> frame_warnings(const std::vector<FrameReport>& reports)
 
 /// Of segments that came late: how many took effect, and how many frames after their own. Nothing
 /// without any.
-std::optional<nlohmann::ordered_json> segments_json(const std::vector<FrameReport>& reports) {
+std::optional<nlohmann::ordered_json> segments_json(const FrameReports& reports) {
   std::int64_t count = 0, sum = 0, most = 0;
   for (std::size_t i = 0; i < reports.size(); ++i) {
     if (reports[i].segments_of < 0) continue;
@@ -81,7 +81,7 @@ std::optional<nlohmann::ordered_json> segments_json(const std::vector<FrameRepor
 }
 
 /// Frames with a pose that are not sound, by reason.
-std::map<std::string, std::int64_t> unsound_frames(const std::vector<FrameReport>& reports) {
+std::map<std::string, std::int64_t> unsound_frames(const FrameReports& reports) {
   std::map<std::string, std::int64_t> found;
   for (const FrameReport& r : reports) {
     if (r.integrity == Integrity::kOk) continue;
@@ -118,14 +118,14 @@ std::string summary_json(const System& system, Schedule schedule, const RunInfo&
   json["missing_priors"] = info.missing_priors;
   json["rig"] = rig_json(system.rig());
   json["integrity"] = nlohmann::ordered_json::object();
-  for (const auto& [what, count] : unsound_frames(system.reports())) {
+  for (const auto& [what, count] : unsound_frames(reports_of(system))) {
     json["integrity"][what] = count;
   }
   json["left_out"] = nlohmann::ordered_json::object();
   for (const auto& [what, count] : info.left_out) json["left_out"][printable(what)] = count;
   json["warnings"] = nlohmann::ordered_json::array();
   for (const std::string& warning : info.warnings) json["warnings"].push_back(printable(warning));
-  for (const std::string& warning : frame_warnings(system.reports())) {
+  for (const std::string& warning : frame_warnings(reports_of(system))) {
     json["warnings"].push_back(warning);
   }
   if (const auto& a = outcome.accuracy) {
@@ -135,7 +135,7 @@ std::string summary_json(const System& system, Schedule schedule, const RunInfo&
     json["rpe_rotation_rmse_deg"] = a->rpe_rotation.rmse;
   }
   kys::Statistics statistics;
-  const std::vector<FrameReport> reports = system.reports();
+  const FrameReports& reports = reports_of(system);
   for (const FrameReport& report : reports) statistics += report.statistics;
   json["descriptor_pairs"] = statistics.total();
   if (const auto segments = segments_json(reports)) json["segments"] = *segments;
@@ -167,7 +167,7 @@ RunOutcome summarise_run(const System& system, const RunInfo& info) {
       outcome.accuracy.reset();
     }
   }
-  for (const FrameReport& report : system.reports()) {
+  for (const FrameReport& report : reports_of(system)) {
     outcome.tracked += report.status != FrameStatus::kLost ? 1 : 0;
     outcome.keyframes_made += report.keyframe ? 1 : 0;
     outcome.loops += report.loop == LoopEvent::kClosed ? 1 : 0;
@@ -218,7 +218,7 @@ std::string describe_run(const System& system, const RunInfo& info, const RunOut
   }
   if (const std::string rig = describe_rig(system.rig()); !rig.empty()) row("calibration", rig);
   for (const auto& [what, count] : info.left_out) row(what.c_str(), std::to_string(count));
-  const std::vector<FrameReport> reports = system.reports();
+  const FrameReports& reports = reports_of(system);
   for (const Stage& stage : kStages) {
     const Spread s = spread(reports, stage);
     if (s.mean <= 0) continue;

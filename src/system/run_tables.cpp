@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <map>
 
+#include "system/private_access.h"
+
 namespace kys_slam {
 
 std::string frames_csv(const System& system, const std::vector<FrameEstimate>& estimates) {
@@ -21,7 +23,7 @@ std::string frames_csv(const System& system, const std::vector<FrameEstimate>& e
   for (const char* tier : kTiers) text += fmt::format(",pairs_{0},accepted_{0}", tier);
   for (const Stage& stage : kStages) text += fmt::format(",ms_{}", stage.name);
   text += ",resident_mb\n";
-  const std::vector<FrameReport> reports = system.reports();
+  const FrameReports& reports = reports_of(system);
   for (std::size_t k = 0; k < estimates.size(); ++k) {
     const FrameReport& r = reports[k];
     text +=
@@ -61,7 +63,7 @@ std::string covariance_csv(const System& system) {
     }
     text += "\n";
   };
-  for (const FrameReport& r : system.reports()) {
+  for (const FrameReport& r : reports_of(system)) {
     if (r.local) add(r, "local", *r.local);
     if (r.motion) add(r, "motion", *r.motion);
   }
@@ -85,7 +87,7 @@ std::string objects_csv(const System& system, const std::string& label_space) {
   const std::vector<ObjectEstimate> objects = system.objects();
   if (objects.empty()) return text;
   const kys::LabelSpace labels = kys::load_label_space(label_space);
-  const std::vector<FrameReport> reports = system.reports();
+  const FrameReports& reports = reports_of(system);
   for (const ObjectEstimate& o : objects) {
     const FrameReport& report = reports.at(static_cast<std::size_t>(o.frame));
     text += fmt::format("{},{},{:.9f},{},{},{:.4f},{}", report.index, csv_field(report.name),

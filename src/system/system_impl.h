@@ -118,7 +118,7 @@ struct System::Impl {
   };
   std::vector<HeldFrame> held;  // the last frames
   ObjectLog objects;
-  std::vector<FrameReport> reports;
+  FrameReports reports;
   RelativeFramePoses frame_poses;  // of every frame fed
   std::vector<std::int64_t>
       keyframe_frames;           // indices of frames, by keyframe id from first_keyframe

@@ -124,11 +124,15 @@ MapSnapshot System::snapshot() const {
 
 std::vector<FrameReport> System::reports() const {
   const std::lock_guard lock(impl_->mutex);
-  return impl_->reports;
+  return {impl_->reports.begin(), impl_->reports.end()};
 }
 
 const Map& PrivateAccess::map(const System& system) {
   return system.impl_->runner.map();
+}
+
+const FrameReports& PrivateAccess::reports(const System& system) {
+  return system.impl_->reports;
 }
 
 }  // namespace kys_slam
