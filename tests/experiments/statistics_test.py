@@ -10,8 +10,8 @@ import tempfile
 import unittest
 import unittest.mock
 
-SOURCE = pathlib.Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(SOURCE / "tools" / "experiments"))
+from experiment_code import SOURCE, touch
+
 try:
     import numpy as np
 
@@ -31,11 +31,6 @@ try:
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
-
-
-def touch(path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("")
 
 
 class Published(unittest.TestCase):
