@@ -20,9 +20,8 @@ LateSegments::LateSegments(const StereoCamera& camera, const ScaleLevels& scales
       start_(start),
       is_thing_(std::move(is_thing)),
       memory_(memory),
-      live_{{InstanceTracker(camera, scales, options, start, model), {}, {}}, {}} {
-  before_ = std::make_shared<const State>(live_);
-}
+      before_(std::make_shared<const State>(
+          State{{InstanceTracker(camera, scales, options, start, model), {}, {}}, {}})) {}
 
 void LateSegments::continue_after(std::int32_t instance_end) {
   next_identity_ = std::max(next_identity_, instance_end);
@@ -30,16 +29,12 @@ void LateSegments::continue_after(std::int32_t instance_end) {
 
 /// Another world, or another place in it.
 void LateSegments::forget() {
-  const auto forgotten = [](State state) {
-    state.judged.instances.forget_frames();
-    state.judged.instances.forget_velocities();
-    state.judged.poses.clear();
-    state.carried.reset();
-    return state;
-  };
-  before_ =
-      std::make_shared<const State>(forgotten(frames_.empty() ? *before_ : *frames_.back().after));
-  live_ = forgotten(std::move(live_));
+  State state = latest_state();
+  state.judged.instances.forget_frames();
+  state.judged.instances.forget_velocities();
+  state.judged.poses.clear();
+  state.carried.reset();
+  before_ = std::make_shared<const State>(std::move(state));
   frames_.clear();
   older_.clear();
 }
@@ -216,11 +211,12 @@ bool LateSegments::arrive(std::int64_t index, std::shared_ptr<const SegmentImage
   if (index <= base_frame_ || index > now) return false;
   if (index == now) {
     const std::optional<Rigid3> expected = expected_pose(timestamp, tracker);
+    const std::optional<Carried>& carried = latest_state().carried;
     Frame frame;
     frame.taken = timestamp;
     frame.features = features;
     own_named_ = name(*image, frame, expected.value_or(Rigid3{}), beliefs(tracker),
-                      expected && live_.carried ? &*live_.carried : nullptr, tracker);
+                      expected && carried ? &*carried : nullptr, tracker);
     own_image_ = std::move(image);
     return true;
   }
@@ -239,8 +235,7 @@ bool LateSegments::arrive(std::int64_t index, std::shared_ptr<const SegmentImage
   at->after = std::make_shared<const State>(state);
   base_frame_ = index;
   replay(state, s + 1, tracker, late);
-  live_ = std::move(state);
-  tracker.apply(std::move(late), live_.judged.instances, live_.judged.poses);
+  tracker.apply(std::move(late), state.judged.instances, std::move(state.judged.poses));
   return true;
 }
 
@@ -252,10 +247,11 @@ std::vector<kys::Prior> LateSegments::carry(double timestamp, const FrameFeature
                              std::make_shared<const FrameFeatures>(features), is_thing_, false);
     return own.priors_of(own.own());
   }
-  if (!live_.carried || timestamp - live_.carried->taken > memory_) return {};
+  const std::optional<Carried>& carried = latest_state().carried;
+  if (!carried || timestamp - carried->taken > memory_) return {};
   const std::optional<Rigid3> expected = expected_pose(timestamp, tracker);
   if (!expected) return {};
-  return priors_at(*live_.carried, timestamp, *expected, features, beliefs(tracker), tracker);
+  return priors_at(*carried, timestamp, *expected, features, beliefs(tracker), tracker);
 }
 
 void LateSegments::add(std::int64_t index, const TrackResult& tracked,
@@ -272,31 +268,30 @@ void LateSegments::add(std::int64_t index, const TrackResult& tracked,
     frame.landmarks.assign(landmarks.begin(), landmarks.end());
     if (tracked.keyframe) frame.keyframe = tracked.keyframe->id;
   }
+  const FrameInstances& live = tracker.instances();
+  std::optional<Carried> carried = latest_state().carried;
+  Judged judged = live.in_use() ? Judged{*live.tracker(), live.judged(),
+                                         lost ? Rigid3{} : tracked.T_c_w, frame.taken}
+                                : latest_state().judged;
+  if (!live.in_use()) {
+    const auto priors = frame.features->priors();
+    judge(judged, frame, {priors.begin(), priors.end()}, {}, tracker);
+  }
+  const std::shared_ptr<const SegmentImage> image = std::exchange(own_image_, nullptr);
+  std::vector<kys::Prior> named = std::exchange(own_named_, {});
+  if (image && frame.pose) {
+    keep_older(carried);
+    carried = begin(image, frame, std::move(named));
+    base_frame_ = index;
+  } else if (carried && frame.pose) {
+    advance(*carried, frame.taken, judged.instances);
+  }
+  frame.after = std::make_shared<const State>(State{std::move(judged), std::move(carried)});
   frames_.push_back(std::move(frame));
   if (frames_.size() > kMostFrames) {
     before_ = frames_.front().after;
     frames_.pop_front();
   }
-  Frame& last = frames_.back();
-  if (!tracker.instances().in_use()) {
-    const auto priors = last.features->priors();
-    judge(live_.judged, last, {priors.begin(), priors.end()}, {}, tracker);
-  }
-  const std::shared_ptr<const SegmentImage> image = std::exchange(own_image_, nullptr);
-  std::vector<kys::Prior> named = std::exchange(own_named_, {});
-  if (image && last.pose) {
-    keep_older(live_.carried);
-    live_.carried = begin(image, last, std::move(named));
-    base_frame_ = index;
-  } else if (live_.carried && last.pose) {
-    advance(*live_.carried, last.taken, beliefs(tracker));
-  }
-  last.after = std::make_shared<const State>(
-      tracker.instances().in_use()
-          ? State{{*tracker.instances().tracker(), tracker.instances().judged(),
-                   lost ? Rigid3{} : tracked.T_c_w, last.taken},
-                  live_.carried}
-          : live_);
 }
 
 }  // namespace kys_slam

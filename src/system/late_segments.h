@@ -113,7 +113,12 @@ class LateSegments {
               std::vector<LatePriors>& late);
   [[nodiscard]] std::optional<Rigid3> expected_pose(double timestamp, const Tracker& tracker) const;
   [[nodiscard]] const InstanceTracker& beliefs(const Tracker& tracker) const {
-    return tracker.instances().in_use() ? *tracker.instances().tracker() : live_.judged.instances;
+    return tracker.instances().in_use() ? *tracker.instances().tracker()
+                                        : latest_state().judged.instances;
+  }
+  /// After the last frame.
+  [[nodiscard]] const State& latest_state() const {
+    return frames_.empty() ? *before_ : *frames_.back().after;
   }
 
   StereoCamera camera_;
@@ -126,8 +131,7 @@ class LateSegments {
   std::deque<Frame> frames_;             // oldest first
   std::shared_ptr<const State> before_;  // the first of these
   std::int64_t base_frame_ = -1;         // of the last segmentation
-  State live_;                 // after the last frame; beliefs only where the tracker keeps none
-  std::deque<Carried> older_;  // segmentations before the last, latest first
+  std::deque<Carried> older_;            // segmentations before the last, latest first
   // Of the frame to be tracked next, when it has its own segmentation.
   std::shared_ptr<const SegmentImage> own_image_;
   std::vector<kys::Prior> own_named_;
